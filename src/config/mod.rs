@@ -1,0 +1,16 @@
+//! Strict reading of configuration: every problem of a file at once, each with line, key and the nearest right name.
+//!
+//! `serde` stops at the first unknown field, so a file is parsed to toml's spanned tree and each known key is
+//! *taken* from it; what was not taken is unknown. Nothing is repaired: a value out of range is a problem, and a
+//! file with one problem yields no checked form. Text in, values out; reading the disk is the caller's work.
+
+mod problem;
+mod section;
+mod settings;
+mod value;
+
+pub use problem::{Problem, Problems, nearest};
+pub use section::{Document, Section};
+pub use value::{Choice, Setting};
+
+pub(crate) use settings::{same, settings};

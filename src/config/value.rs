@@ -1,0 +1,117 @@
+//! How one value is read: its kind, its range, and the words for what is allowed.
+
+use std::ops::RangeInclusive;
+use toml::de::DeValue;
+
+/// A kind of value with its limits.
+pub trait Setting: Sized {
+    /// What bounds a value of this kind.
+    type Limits;
+
+    /// The value, or what was found and what is allowed.
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
+}
+
+fn found(value: &DeValue<'_>) -> String {
+    match value {
+        DeValue::String(text) => format!("the text \"{text}\""),
+        DeValue::Integer(number) => number.as_str().to_owned(),
+        DeValue::Float(number) => number.as_str().to_owned(),
+        DeValue::Boolean(flag) => flag.to_string(),
+        DeValue::Datetime(_) => "a date".to_owned(),
+        DeValue::Array(list) => format!("a list of {}", list.len()),
+        DeValue::Table(_) => "a table".to_owned(),
+    }
+}
+
+/// The number in a value; `None` where it is something else. NaN and infinite numbers come out as they are.
+pub(super) fn number(value: &DeValue<'_>) -> Option<f64> {
+    match value {
+        DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).ok().map(|n| n as f64),
+        DeValue::Float(number) => number.as_str().parse().ok(),
+        _ => None,
+    }
+}
+
+impl Setting for f64 {
+    type Limits = RangeInclusive<f64>;
+
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        // A NaN is in no range.
+        number(value).filter(|number| limits.contains(number)).ok_or_else(|| {
+            format!("found {}, allowed is a number from {} to {}", found(value), limits.start(), limits.end())
+        })
+    }
+}
+
+impl Setting for usize {
+    type Limits = RangeInclusive<usize>;
+
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        let whole = match value {
+            DeValue::Integer(number) => usize::from_str_radix(number.as_str(), number.radix()).ok(),
+            _ => None,
+        };
+        whole.filter(|number| limits.contains(number)).ok_or_else(|| {
+            format!("found {}, allowed is a whole number from {} to {}", found(value), limits.start(), limits.end())
+        })
+    }
+}
+
+impl Setting for bool {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        value.as_bool().ok_or_else(|| format!("found {}, allowed is true or false", found(value)))
+    }
+}
+
+impl Setting for String {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        value
+            .as_str()
+            .filter(|text| !text.trim().is_empty())
+            .map(str::to_owned)
+            .ok_or_else(|| format!("found {}, allowed is a text that is not empty", found(value)))
+    }
+}
+
+impl<T: Setting, const N: usize> Setting for [T; N] {
+    type Limits = T::Limits;
+
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        let list = value.as_array().filter(|list| list.len() == N);
+        let list = list.ok_or_else(|| format!("found {}, allowed is a list of {N}", found(value)))?;
+        let items: Result<Vec<T>, String> = list.iter().map(|item| T::parse(item.get_ref(), limits)).collect();
+        items?.try_into().map_err(|_| format!("allowed is a list of {N}"))
+    }
+}
+
+/// A key that may be absent; its default is `None`.
+impl<T: Setting> Setting for Option<T> {
+    type Limits = T::Limits;
+
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        T::parse(value, limits).map(Some)
+    }
+}
+
+/// A value that is one of a few words.
+pub trait Choice: Sized + Copy + 'static {
+    /// The words, with what they mean.
+    const WORDS: &'static [(&'static str, Self)];
+}
+
+impl<C: Choice> Setting for C {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let word = |text| C::WORDS.iter().find(|(word, _)| *word == text).map(|(_, choice)| *choice);
+        value.as_str().and_then(word).ok_or_else(|| {
+            let words: Vec<String> = C::WORDS.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+            format!("found {}, allowed is {}", found(value), words.join(" or "))
+        })
+    }
+}

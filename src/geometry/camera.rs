@@ -1,0 +1,161 @@
+//! The pinhole camera with Brown–Conrady distortion (thesis Eq. 3.5–3.13).
+//!
+//! A point (X, Y, Z) in the camera's frame has the undistorted image coordinates x = X/Z, y = Y/Z (Eq. 3.10) and,
+//! with r² = x² + y² and the radial factor ρ = 1 + k1 r² + k2 r⁴ + k3 r⁶ (Eq. 3.13), the distorted ones
+//!     x' = x ρ + 2 p1 x y + p2 (r² + 2x²),   y' = y ρ + p1 (r² + 2y²) + 2 p2 x y,                       (3.12)
+//! where the tangential terms use the undistorted coordinates, as OpenCV defines the coefficients it returns and
+//! unlike the thesis's print. Pixel: u = fx x' + cx, v = fy y' + cy (Eq. 3.11). Unprojection inverts (3.12) by
+//! Newton's method. One model for the whole program; equal to `cv::projectPoints`.
+
+use super::frames::Frame;
+use super::rigid::{Point, Vector};
+use super::units::Pixel;
+use nalgebra::{Matrix2, Vector2, Vector3};
+
+/// Intrinsic parameters of a camera: what a calibration finds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PinholeCamera {
+    /// Width of the picture, px.
+    pub width_px: usize,
+    /// Height of the picture, px.
+    pub height_px: usize,
+    /// Focal length along u, px.
+    pub fx_px: f64,
+    /// Focal length along v, px.
+    pub fy_px: f64,
+    /// Principal point, u, px.
+    pub cx_px: f64,
+    /// Principal point, v, px.
+    pub cy_px: f64,
+    /// Radial coefficient of r².
+    pub k1: f64,
+    /// Radial coefficient of r⁴.
+    pub k2: f64,
+    /// First tangential coefficient.
+    pub p1: f64,
+    /// Second tangential coefficient.
+    pub p2: f64,
+    /// Radial coefficient of r⁶.
+    pub k3: f64,
+}
+
+/// Newton steps before unprojection gives up; real lenses need three or four.
+const MAX_NEWTON_STEPS: usize = 20;
+
+impl PinholeCamera {
+    /// The pixel that sees this point; `None` behind the camera. The pixel may lie outside the picture.
+    pub fn project<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
+        let p = point.mm;
+        (p.z > 1e-6).then(|| {
+            let distorted = self.distort(Vector2::new(p.x / p.z, p.y / p.z)); // Eq. 3.10
+            Pixel::at(self.fx_px * distorted.x + self.cx_px, self.fy_px * distorted.y + self.cy_px) // Eq. 3.11
+        })
+    }
+
+    /// The pixel that sees this point, or `None` where it lies outside the picture or behind the camera.
+    pub fn project_inside<F: Frame>(&self, point: Point<F>) -> Option<Pixel> {
+        self.project(point).filter(|pixel| pixel.whole(self.width_px, self.height_px).is_some())
+    }
+
+    /// The ray through a pixel, as the vector (x, y, 1): multiply by a depth to get a point. `None` where the
+    /// distortion has no inverse, far outside of the picture.
+    pub fn unproject<F: Frame>(&self, pixel: Pixel) -> Option<Vector<F>> {
+        let distorted = Vector2::new((pixel.u - self.cx_px) / self.fx_px, (pixel.v - self.cy_px) / self.fy_px);
+        let mut undistorted = distorted;
+        for _ in 0..MAX_NEWTON_STEPS {
+            let residual = self.distort(undistorted) - distorted;
+            if residual.norm() < 1e-13 {
+                return Some(Vector::new(Vector3::new(undistorted.x, undistorted.y, 1.0)));
+            }
+            undistorted -= self.distortion_jacobian(undistorted).try_inverse()? * residual;
+        }
+        None
+    }
+
+    /// How pixel (u, v) moves when the point moves by 1 mm along camera x and y, at this depth in mm: the diagonal
+    /// of the image Jacobian, without distortion.
+    pub fn px_per_mm_at(&self, depth_mm: f64) -> (f64, f64) {
+        (self.fx_px / depth_mm, self.fy_px / depth_mm)
+    }
+
+    // Eq. 3.12 and 3.13
+    fn distort(&self, undistorted: Vector2<f64>) -> Vector2<f64> {
+        let (x, y) = (undistorted.x, undistorted.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        Vector2::new(
+            x * radial + 2.0 * self.p1 * x * y + self.p2 * (r2 + 2.0 * x * x),
+            y * radial + self.p1 * (r2 + 2.0 * y * y) + 2.0 * self.p2 * x * y,
+        )
+    }
+
+    fn distortion_jacobian(&self, undistorted: Vector2<f64>) -> Matrix2<f64> {
+        let (x, y) = (undistorted.x, undistorted.y);
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3));
+        let slope = 2.0 * (self.k1 + r2 * (2.0 * self.k2 + 3.0 * r2 * self.k3)); // dρ/dx = slope · x
+        let cross = slope * x * y + 2.0 * self.p1 * x + 2.0 * self.p2 * y;
+        Matrix2::new(
+            radial + slope * x * x + 2.0 * self.p1 * y + 6.0 * self.p2 * x,
+            cross,
+            cross,
+            radial + slope * y * y + 6.0 * self.p1 * y + 2.0 * self.p2 * x,
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frames::Camera;
+    use super::*;
+    use proptest::prelude::*;
+
+    const LENS: PinholeCamera = PinholeCamera {
+        width_px: 1944,
+        height_px: 1200,
+        fx_px: 1785.0,
+        fy_px: 1784.0,
+        cx_px: 972.0,
+        cy_px: 600.0,
+        k1: -0.1,
+        k2: 0.12,
+        p1: 0.0006,
+        p2: -0.0004,
+        k3: -0.02,
+    };
+
+    /// By hand: x = 0.2, y = 0.1, r² = 0.05; with k1 = −0.1, p1 = 0.01 alone ρ = 0.995,
+    /// x' = 0.199 + 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.
+    #[test]
+    fn distortion_by_hand() {
+        let camera = PinholeCamera {
+            fx_px: 1000.0,
+            fy_px: 1000.0,
+            cx_px: 500.0,
+            cy_px: 400.0,
+            k1: -0.1,
+            k2: 0.0,
+            p1: 0.01,
+            p2: 0.0,
+            k3: 0.0,
+            ..LENS
+        };
+        let pixel = camera.project(Point::<Camera>::at(200.0, 100.0, 1000.0)).expect("in front");
+        assert!((pixel.u - 699.4).abs() < 1e-9 && (pixel.v - 500.2).abs() < 1e-9, "{pixel:?}");
+    }
+
+    #[test]
+    fn behind_the_camera_is_no_pixel() {
+        assert_eq!(LENS.project(Point::<Camera>::at(0.0, 0.0, -700.0)), None);
+        assert_eq!(LENS.project_inside(Point::<Camera>::at(500.0, 0.0, 700.0)), None);
+    }
+
+    proptest! {
+        #[test]
+        fn unprojection_inverts_projection(u in 0.0..1944.0f64, v in 0.0..1200.0f64, depth_mm in 300.0..1300.0f64) {
+            let ray = LENS.unproject::<Camera>(Pixel::at(u, v)).expect("inside the picture");
+            let pixel = LENS.project(Point::<Camera>::new((ray.mm * depth_mm).into())).expect("in front");
+            prop_assert!(pixel.distance_px(Pixel::at(u, v)) < 1e-8);
+        }
+    }
+}

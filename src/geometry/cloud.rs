@@ -1,0 +1,184 @@
+//! The organised cloud: one point and one colour for each pixel of a 3D camera.
+//!
+//! A missing point is stored as NaN, and NaN never leaves this type: every access answers `Option`. What a file
+//! or camera delivers as NaN, infinite or (0, 0, 0) is missing.
+
+use super::frames::Frame;
+use super::picture::ColorPicture;
+use super::rigid::{Point, Rigid};
+
+const MISSING: [f32; 3] = [f32::NAN; 3];
+
+/// Points and colours on the pixel grid of the camera that took them, row by row; coordinates in frame `F`, mm.
+#[derive(Debug, Clone)]
+pub struct OrganizedCloud<F: Frame> {
+    width: usize,
+    height: usize,
+    points_mm: Vec<[f32; 3]>,
+    colors: Vec<[u8; 3]>,
+    frame: std::marker::PhantomData<F>,
+}
+
+/// Why points do not make an organised cloud.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CloudError {
+    /// The numbers of points, colours and pixels differ.
+    #[error("a cloud of {width}×{height} needs {} points and colours, found {points} and {colors}", width * height)]
+    Size {
+        /// Columns asked for.
+        width: usize,
+        /// Rows asked for.
+        height: usize,
+        /// Points found.
+        points: usize,
+        /// Colours found.
+        colors: usize,
+    },
+    /// A single row is a list, not a picture.
+    #[error(
+        "the cloud is not organised ({width}×{height}); export it as an ordered cloud, one point for each pixel"
+    )]
+    NotOrganized {
+        /// Columns found.
+        width: usize,
+        /// Rows found.
+        height: usize,
+    },
+}
+
+impl<F: Frame> OrganizedCloud<F> {
+    /// A cloud from points and colours row by row.
+    ///
+    /// # Errors
+    /// Where the counts differ from `width`·`height`, or the cloud has fewer than two rows or columns.
+    pub fn new(
+        width: usize,
+        height: usize,
+        mut points_mm: Vec<[f32; 3]>,
+        colors: Vec<[u8; 3]>,
+    ) -> Result<Self, CloudError> {
+        if width < 2 || height < 2 {
+            return Err(CloudError::NotOrganized { width, height });
+        }
+        if points_mm.len() != width * height || colors.len() != width * height {
+            return Err(CloudError::Size { width, height, points: points_mm.len(), colors: colors.len() });
+        }
+        for point in &mut points_mm {
+            if !point.iter().all(|n| n.is_finite()) || *point == [0.0; 3] {
+                *point = MISSING;
+            }
+        }
+        Ok(OrganizedCloud { width, height, points_mm, colors, frame: std::marker::PhantomData })
+    }
+
+    /// Columns.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// The point seen by this pixel, `None` where it is missing.
+    pub fn point(&self, column: usize, row: usize) -> Option<Point<F>> {
+        self.point_at(row * self.width + column)
+    }
+
+    /// The point at this index, counted row by row.
+    pub fn point_at(&self, index: usize) -> Option<Point<F>> {
+        let [x, y, z] = self.points_mm[index];
+        (!x.is_nan()).then(|| Point::at(x.into(), y.into(), z.into()))
+    }
+
+    /// The colour at this index, counted row by row.
+    pub fn color_at(&self, index: usize) -> [u8; 3] {
+        self.colors[index]
+    }
+
+    /// All points that are not missing, with their index, row by row.
+    pub fn valid(&self) -> impl Iterator<Item = (usize, Point<F>)> + '_ {
+        (0..self.points_mm.len()).filter_map(|index| Some((index, self.point_at(index)?)))
+    }
+
+    /// The colours as a picture.
+    pub fn picture(&self) -> ColorPicture {
+        ColorPicture { width: self.width, height: self.height, rgb: self.colors.clone() }
+    }
+
+    /// The same cloud with its coordinates in another frame; the pixel grid stays.
+    pub fn moved<To: Frame>(&self, to_from_f: &Rigid<To, F>) -> OrganizedCloud<To> {
+        let (rotation, shift) = (to_from_f.rotation(), to_from_f.origin().mm.coords);
+        let moved = |&[x, y, z]: &[f32; 3]| {
+            let p = rotation * nalgebra::Vector3::new(f64::from(x), f64::from(y), f64::from(z)) + shift;
+            [p.x as f32, p.y as f32, p.z as f32]
+        };
+        OrganizedCloud {
+            width: self.width,
+            height: self.height,
+            points_mm: self.points_mm.iter().map(moved).collect(),
+            colors: self.colors.clone(),
+            frame: std::marker::PhantomData,
+        }
+    }
+
+    /// For writers: coordinates of each pixel, NaN where missing.
+    pub fn raw_points_mm(&self) -> &[[f32; 3]] {
+        &self.points_mm
+    }
+
+    /// The surface that one pixel stands for, mm²: half the sum of the cross products of its neighbours' steps.
+    /// `None` at the border of the picture or beside a missing point.
+    pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
+        if column == 0 || row == 0 || column + 1 >= self.width || row + 1 >= self.height {
+            return None;
+        }
+        let across = (self.point(column + 1, row)? - self.point(column - 1, row)?).mm / 2.0;
+        let down = (self.point(column, row + 1)? - self.point(column, row - 1)?).mm / 2.0;
+        Some(across.cross(&down).norm())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frames::{Base, Camera};
+    use super::*;
+    use nalgebra::{Isometry3, Vector3};
+
+    fn grid(width: usize, height: usize) -> OrganizedCloud<Camera> {
+        let at = |i: usize| [(i % width) as f32 * 2.0, (i / width) as f32 * 3.0, 700.0];
+        OrganizedCloud::new(width, height, (0..width * height).map(at).collect(), vec![[1, 2, 3]; width * height])
+            .expect("counts agree")
+    }
+
+    /// By hand: pixels 2 mm apart across and 3 mm down stand for 6 mm² each.
+    #[test]
+    fn a_pixel_stands_for_its_share_of_the_surface() {
+        let cloud = grid(4, 4);
+        assert!((cloud.pixel_area_mm2(1, 2).expect("inside") - 6.0).abs() < 1e-9);
+        assert_eq!(cloud.pixel_area_mm2(0, 2), None);
+    }
+
+    #[test]
+    fn missing_points_never_come_out() {
+        let points = vec![[f32::NAN; 3], [0.0; 3], [1.0, f32::INFINITY, 2.0], [1.0, 2.0, 3.0]];
+        let cloud = OrganizedCloud::<Camera>::new(2, 2, points, vec![[0; 3]; 4]).expect("counts agree");
+        assert_eq!(cloud.valid().map(|(index, _)| index).collect::<Vec<_>>(), [3]);
+        assert_eq!(cloud.point(1, 0), None);
+    }
+
+    #[test]
+    fn a_list_is_refused_and_says_what_to_do() {
+        let error = OrganizedCloud::<Camera>::new(4, 1, vec![[1.0; 3]; 4], vec![[0; 3]; 4]).expect_err("a list");
+        assert!(error.to_string().contains("ordered cloud"), "{error}");
+    }
+
+    #[test]
+    fn moving_keeps_the_pixel_grid() {
+        let base_from_camera: Rigid<Base, Camera> =
+            Rigid::claim(Isometry3::new(Vector3::new(0.0, 0.0, 100.0), Vector3::zeros()));
+        let moved = grid(3, 3).moved(&base_from_camera);
+        assert!(moved.point(2, 1).expect("there").distance_mm(Point::at(4.0, 3.0, 800.0)) < 1e-4);
+    }
+}

@@ -1,0 +1,37 @@
+//! The coordinate frames of the cell, as types.
+//!
+//! A frame is where something is measured from. Every point, direction and transform carries its frame, so
+//! that adding a camera point to a base point does not compile. What types cannot tell: the same frame at two
+//! times. `Panel` before and after somebody bumped it is one type and two places, hence tokens and Verify.
+
+/// A coordinate frame; implemented only by the markers of this module.
+pub trait Frame: Copy + std::fmt::Debug + PartialEq + Send + Sync + 'static {
+    /// The name used in messages.
+    const NAME: &'static str;
+}
+
+macro_rules! frames {
+    ($($(#[$doc:meta])* $name:ident = $text:literal;)*) => {$(
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub enum $name {}
+        impl Frame for $name { const NAME: &'static str = $text; }
+    )*};
+}
+
+frames! {
+    /// The robot's base; the world, as in thesis 3.3. X forward, Z up, mm.
+    Base = "base";
+    /// The panel. At its nominal place it coincides with `Base` (thesis 3.8).
+    Panel = "panel";
+    /// The fixed 3D camera: x right, y down, z out of the lens.
+    Camera = "camera";
+    /// The 2D camera on the flange: x right, y down, z out of the lens.
+    FlangeCamera = "flange camera";
+    /// The robot's mounting flange; Z away from the arm.
+    Flange = "flange";
+    /// The sanding tool; Z out of the pad, into the panel.
+    Tool = "tool";
+    /// A calibration board; origin in its first inner corner, Z away from the viewer.
+    Board = "board";
+}

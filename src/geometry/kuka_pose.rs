@@ -1,0 +1,133 @@
+//! KUKA's pose, X Y Z A B C: the form of wires, logs and files.
+//!
+//! `R = Rz(A)·Ry(B)·Rx(C)` (thesis Eq. 3.4 as corrected: r22 = cA cC + sA sB sC). Back again
+//! `A = atan2(r21, r11)`, `B = atan2(−r31, hypot(r11, r21))`, `C = atan2(r32, r33)` (Eq. 3.3 as corrected). At
+//! |B| = 90° only A ± C is defined: A is set to 0 and C carries the turn. A pose is never multiplied; it is
+//! turned into a [`Rigid`] first. Angles near the pole are noise: compare rotations, not angles.
+
+use super::frames::Frame;
+use super::rigid::Rigid;
+use super::units::Degrees;
+use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// Position in mm and Z-Y′-X″ angles in degrees, as the controller writes them.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct KukaPose {
+    /// X, mm.
+    pub x_mm: f64,
+    /// Y, mm.
+    pub y_mm: f64,
+    /// Z, mm.
+    pub z_mm: f64,
+    /// Turn about Z, degrees.
+    pub a_deg: f64,
+    /// Turn about the new Y, degrees.
+    pub b_deg: f64,
+    /// Turn about the newest X, degrees.
+    pub c_deg: f64,
+}
+
+/// Below this cosine of B the angles A and C are not separable.
+const POLE: f64 = 1e-9;
+
+impl KukaPose {
+    /// The transform that this pose stands for, between frames that the caller claims.
+    pub fn to_rigid<To: Frame, From: Frame>(self) -> Rigid<To, From> {
+        let turn = |axis: nalgebra::Unit<Vector3<f64>>, deg: f64| {
+            UnitQuaternion::from_axis_angle(&axis, Degrees(deg).rad())
+        };
+        let rotation = turn(Vector3::z_axis(), self.a_deg)
+            * turn(Vector3::y_axis(), self.b_deg)
+            * turn(Vector3::x_axis(), self.c_deg);
+        Rigid::claim(Isometry3::from_parts(Translation3::new(self.x_mm, self.y_mm, self.z_mm), rotation))
+    }
+
+    /// The pose that stands for this transform.
+    pub fn from_rigid<To: Frame, From: Frame>(rigid: &Rigid<To, From>) -> Self {
+        let position = rigid.origin().mm;
+        let [a_deg, b_deg, c_deg] = angles_deg(&rigid.rotation());
+        KukaPose { x_mm: position.x, y_mm: position.y, z_mm: position.z, a_deg, b_deg, c_deg }
+    }
+
+    /// True where no number is NaN or infinite.
+    pub fn is_finite(&self) -> bool {
+        [self.x_mm, self.y_mm, self.z_mm, self.a_deg, self.b_deg, self.c_deg].iter().all(|n| n.is_finite())
+    }
+}
+
+// Eq. 3.3, corrected
+fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
+    let r = rotation.matrix();
+    let cos_b = r[(0, 0)].hypot(r[(1, 0)]);
+    let b_rad = (-r[(2, 0)]).atan2(cos_b);
+    let (a_rad, c_rad) = if cos_b < POLE {
+        // With A = 0: r22 = cos C and r23 = −sin C.
+        (0.0, (-r[(1, 2)]).atan2(r[(1, 1)]))
+    } else {
+        (r[(1, 0)].atan2(r[(0, 0)]), r[(2, 1)].atan2(r[(2, 2)]))
+    };
+    [a_rad, b_rad, c_rad].map(f64::to_degrees)
+}
+
+impl std::fmt::Display for KukaPose {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(
+            f,
+            "X {:.3} Y {:.3} Z {:.3} mm, A {:.4} B {:.4} C {:.4}°",
+            self.x_mm, self.y_mm, self.z_mm, self.a_deg, self.b_deg, self.c_deg
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frames::{Base, Tool};
+    use super::super::rigid::Point;
+    use super::*;
+    use nalgebra::Point3;
+    use proptest::prelude::*;
+
+    /// By hand: Ry(90)·ẑ = x̂, then Rz(90)·x̂ = ŷ. Wrong order would give x̂; A and C swapped, −ŷ.
+    #[test]
+    fn tool_axis_follows_a_then_b() {
+        let pose = KukaPose { x_mm: 100.0, a_deg: 90.0, b_deg: 90.0, ..KukaPose::default() };
+        let tip = pose.to_rigid::<Base, Tool>() * Point::<Tool>::at(0.0, 0.0, 10.0);
+        assert!((tip.mm - Point3::new(100.0, 10.0, 0.0)).norm() < 1e-9, "{tip:?}");
+    }
+
+    /// By hand, A = 30°, B = 20°, C = 10°: r22 = cA cC + sA sB sC = 0.8529 + 0.0297 = 0.8826, not 0.8232 as printed.
+    #[test]
+    fn equation_3_4_carries_the_corrected_sign() {
+        let pose = KukaPose { a_deg: 30.0, b_deg: 20.0, c_deg: 10.0, ..KukaPose::default() };
+        let r = pose.to_rigid::<Base, Tool>().rotation();
+        assert!((r.matrix()[(1, 1)] - 0.882_564).abs() < 1e-6, "{r}");
+        assert!((r.matrix()[(2, 0)] + 0.342_020).abs() < 1e-6);
+    }
+
+    /// At B = 90° the pose (40, 90, 10) is the rotation of (0, 90, −30): only C − A counts.
+    #[test]
+    fn at_the_pole_a_is_zero_and_the_rotation_stays() {
+        for (b_deg, c_expected_deg) in [(90.0, -30.0), (-90.0, 50.0)] {
+            let pose = KukaPose { a_deg: 40.0, b_deg, c_deg: 10.0, ..KukaPose::default() };
+            let rigid = pose.to_rigid::<Base, Tool>();
+            let back = KukaPose::from_rigid(&rigid);
+            assert_eq!(back.a_deg, 0.0);
+            assert!((back.c_deg - c_expected_deg).abs() < 1e-6, "{back}");
+            assert!((back.to_rigid::<Base, Tool>().rotation().matrix() - rigid.rotation().matrix()).norm() < 1e-9);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn angles_and_rotation_agree_both_ways(
+            a_deg in -180.0..180.0f64, b_deg in -89.99..89.99f64, c_deg in -180.0..180.0f64,
+        ) {
+            let pose = KukaPose { x_mm: 1.0, y_mm: -2.0, z_mm: 3.0, a_deg, b_deg, c_deg };
+            let back = KukaPose::from_rigid(&pose.to_rigid::<Base, Tool>());
+            prop_assert!((back.a_deg - a_deg).abs() < 1e-7 && (back.b_deg - b_deg).abs() < 1e-7);
+            prop_assert!((back.c_deg - c_deg).abs() < 1e-7 && (back.y_mm + 2.0).abs() < 1e-12);
+        }
+    }
+}

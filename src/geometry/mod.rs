@@ -1,0 +1,21 @@
+//! Where things are: frames, units, transforms, KUKA poses, the camera model, organised clouds, pictures.
+//!
+//! Pure types and their algebra; everything else in the program stands on these and adds no second version.
+//! Lengths in mm, angles in degrees, pixels with whole numbers at pixel centres.
+
+mod camera;
+mod cloud;
+mod frames;
+mod kuka_pose;
+mod picture;
+pub mod polygon;
+mod rigid;
+mod units;
+
+pub use camera::PinholeCamera;
+pub use cloud::{CloudError, OrganizedCloud};
+pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
+pub use kuka_pose::KukaPose;
+pub use picture::{ColorPicture, GrayPicture, Mask};
+pub use rigid::{Point, Rigid, Vector};
+pub use units::{Degrees, Pixel};

@@ -1,0 +1,217 @@
+//! Frame-tagged points, directions and rigid transforms.
+//!
+//! `Rigid<To, From>` is the thesis's `ᵀᵒT_From` (Eq. 3.1): it maps a point of frame `From` to frame `To`.
+//! Products read by cancelling neighbours, `base_from_panel = base_from_camera * camera_from_panel`; every
+//! other order does not compile. [`Rigid::claim`] is the one place where numbers are declared to be a
+//! transform between two frames: `grep claim` is the list to review.
+
+use super::frames::Frame;
+use super::units::Degrees;
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use std::marker::PhantomData;
+use std::ops::{Add, Mul, Sub};
+
+/// A point measured in frame `F`, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point<F: Frame> {
+    /// Coordinates, mm.
+    pub mm: Point3<f64>,
+    frame: PhantomData<F>,
+}
+
+impl<F: Frame> Point<F> {
+    /// The point with these coordinates, mm.
+    pub fn at(x_mm: f64, y_mm: f64, z_mm: f64) -> Self {
+        Self::new(Point3::new(x_mm, y_mm, z_mm))
+    }
+
+    /// The point with these coordinates, mm.
+    pub fn new(mm: Point3<f64>) -> Self {
+        Point { mm, frame: PhantomData }
+    }
+
+    /// Distance to another point of the same frame, mm.
+    pub fn distance_mm(self, other: Self) -> f64 {
+        (self.mm - other.mm).norm()
+    }
+}
+
+/// A displacement measured in frame `F`, mm. A direction is a vector of length 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Vector<F: Frame> {
+    /// Components, mm (or no unit where it is a direction).
+    pub mm: Vector3<f64>,
+    frame: PhantomData<F>,
+}
+
+impl<F: Frame> Vector<F> {
+    /// The vector with these components, mm.
+    pub fn new(mm: Vector3<f64>) -> Self {
+        Vector { mm, frame: PhantomData }
+    }
+
+    /// The direction of this vector; `None` where it is too short to have one.
+    pub fn direction(self) -> Option<Self> {
+        self.mm.try_normalize(1e-12).map(Self::new)
+    }
+
+    /// The angle between two vectors of the same frame.
+    pub fn angle_to(self, other: Self) -> Degrees {
+        Degrees::from_rad(self.mm.angle(&other.mm))
+    }
+}
+
+impl<F: Frame> Sub for Point<F> {
+    type Output = Vector<F>;
+    fn sub(self, other: Self) -> Vector<F> {
+        Vector::new(self.mm - other.mm)
+    }
+}
+
+impl<F: Frame> Add<Vector<F>> for Point<F> {
+    type Output = Point<F>;
+    fn add(self, step: Vector<F>) -> Point<F> {
+        Point::new(self.mm + step.mm)
+    }
+}
+
+impl<F: Frame> Mul<f64> for Vector<F> {
+    type Output = Vector<F>;
+    fn mul(self, factor: f64) -> Vector<F> {
+        Vector::new(self.mm * factor)
+    }
+}
+
+/// The rigid transform that maps points of `From` to `To`; translation in mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rigid<To: Frame, From: Frame> {
+    isometry: Isometry3<f64>,
+    frames: PhantomData<(To, From)>,
+}
+
+impl<To: Frame, From: Frame> Rigid<To, From> {
+    /// Declares that these numbers map points of `From` to `To`.
+    pub fn claim(isometry: Isometry3<f64>) -> Self {
+        Rigid { isometry, frames: PhantomData }
+    }
+
+    /// The inverse, which maps points of `To` to `From`.
+    pub fn inverse(self) -> Rigid<From, To> {
+        Rigid::claim(self.isometry.inverse())
+    }
+
+    /// The bare numbers, for a kernel.
+    pub fn isometry(&self) -> &Isometry3<f64> {
+        &self.isometry
+    }
+
+    /// The rotation alone.
+    pub fn rotation(&self) -> Rotation3<f64> {
+        self.isometry.rotation.to_rotation_matrix()
+    }
+
+    /// Where the origin of `From` stands in `To`.
+    pub fn origin(&self) -> Point<To> {
+        Point::new(Point3::from(self.isometry.translation.vector))
+    }
+
+    /// The whole angle of the rotation, 0…180°.
+    pub fn turn(&self) -> Degrees {
+        Degrees::from_rad(self.isometry.rotation.angle())
+    }
+
+    /// The same transform followed by a displacement measured in `To`.
+    pub fn displaced(self, step: Vector<To>) -> Self {
+        Self::claim(Translation3::from(step.mm) * self.isometry)
+    }
+
+    /// How far this transform puts a point of `From` from where `other` puts it, mm.
+    pub fn distance_at_mm(self, other: Self, point: Point<From>) -> f64 {
+        (self * point).distance_mm(other * point)
+    }
+}
+
+impl<F: Frame> Rigid<F, F> {
+    /// The transform that moves nothing.
+    pub fn identity() -> Self {
+        Self::claim(Isometry3::identity())
+    }
+}
+
+impl<To: Frame, From: Frame> Rigid<To, From> {
+    /// The transform whose columns are the axes of `From` seen in `To` (thesis Eq. 3.17). The axes must be
+    /// orthonormal and right-handed; the caller has made them so.
+    pub fn from_axes(axes: [Vector<To>; 3], origin: Point<To>) -> Self {
+        let basis = nalgebra::Matrix3::from_columns(&axes.map(|axis| axis.mm));
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(basis));
+        Self::claim(Isometry3::from_parts(Translation3::from(origin.mm.coords), rotation))
+    }
+}
+
+impl<To: Frame, Via: Frame, From: Frame> Mul<Rigid<Via, From>> for Rigid<To, Via> {
+    type Output = Rigid<To, From>;
+    fn mul(self, other: Rigid<Via, From>) -> Rigid<To, From> {
+        Rigid::claim(self.isometry * other.isometry)
+    }
+}
+
+impl<To: Frame, From: Frame> Mul<Point<From>> for Rigid<To, From> {
+    type Output = Point<To>;
+    fn mul(self, point: Point<From>) -> Point<To> {
+        Point::new(self.isometry * point.mm)
+    }
+}
+
+impl<To: Frame, From: Frame> Mul<Vector<From>> for Rigid<To, From> {
+    type Output = Vector<To>;
+    fn mul(self, vector: Vector<From>) -> Vector<To> {
+        Vector::new(self.isometry * vector.mm)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frames::{Base, Camera, Panel};
+    use super::*;
+    use proptest::prelude::*;
+
+    fn rigid<To: Frame, From: Frame>(numbers: [f64; 6]) -> Rigid<To, From> {
+        let [x, y, z, rx, ry, rz] = numbers;
+        Rigid::claim(Isometry3::new(Vector3::new(x, y, z), Vector3::new(rx, ry, rz)))
+    }
+
+    /// By hand: a quarter turn about Z sends x̂ to ŷ, then the translation (100, 0, 0) is added.
+    #[test]
+    fn a_transform_turns_first_and_shifts_then() {
+        let base_from_panel: Rigid<Base, Panel> = rigid([100.0, 0.0, 0.0, 0.0, 0.0, std::f64::consts::FRAC_PI_2]);
+        let moved = base_from_panel * Point::<Panel>::at(10.0, 0.0, 0.0);
+        assert!((moved.mm - Point3::new(100.0, 10.0, 0.0)).norm() < 1e-12);
+        let axis = base_from_panel * Vector::<Panel>::new(Vector3::x());
+        assert!((axis.mm - Vector3::y()).norm() < 1e-12, "a direction is turned, not shifted");
+    }
+
+    #[test]
+    fn axes_become_columns() {
+        let axes = [Vector3::y(), Vector3::z(), Vector3::x()].map(Vector::<Base>::new);
+        let base_from_panel: Rigid<Base, Panel> = Rigid::from_axes(axes, Point::at(1.0, 2.0, 3.0));
+        let moved = base_from_panel * Point::<Panel>::at(5.0, 0.0, 0.0);
+        assert!((moved.mm - Point3::new(1.0, 7.0, 3.0)).norm() < 1e-12);
+    }
+
+    proptest! {
+        #[test]
+        fn inverse_undoes_and_products_associate(
+            a in prop::array::uniform6(-3.0..3.0f64),
+            b in prop::array::uniform6(-3.0..3.0f64),
+            p in prop::array::uniform3(-500.0..500.0f64),
+        ) {
+            let base_from_panel: Rigid<Base, Panel> = rigid(a);
+            let panel_from_camera: Rigid<Panel, Camera> = rigid(b);
+            let point = Point::<Camera>::at(p[0], p[1], p[2]);
+            let there = (base_from_panel * panel_from_camera) * point;
+            prop_assert!(there.distance_mm(base_from_panel * (panel_from_camera * point)) < 1e-9);
+            let back = (base_from_panel * panel_from_camera).inverse() * there;
+            prop_assert!(back.distance_mm(point) < 1e-9);
+        }
+    }
+}

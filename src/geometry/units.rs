@@ -1,0 +1,77 @@
+//! Angles and pixels as types, so that no public function takes two bare numbers side by side.
+//!
+//! Lengths are `f64` in mm with the unit in their name, inside tagged points and transforms. Angles cross
+//! every boundary in degrees; [`Degrees::rad`] is the one way into a kernel.
+
+use serde::{Deserialize, Serialize};
+
+/// An angle in degrees.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Degrees(pub f64);
+
+impl Degrees {
+    /// The same angle in radians, for use inside a kernel.
+    pub fn rad(self) -> f64 {
+        self.0.to_radians()
+    }
+
+    /// An angle that a kernel computed in radians.
+    pub fn from_rad(angle_rad: f64) -> Self {
+        Degrees(angle_rad.to_degrees())
+    }
+}
+
+impl std::fmt::Display for Degrees {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:.3}°", self.0)
+    }
+}
+
+/// A place in a picture, px. Whole numbers are pixel centres, as in OpenCV; u to the right, v down.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Pixel {
+    /// Column, px.
+    pub u: f64,
+    /// Row, px.
+    pub v: f64,
+}
+
+impl Pixel {
+    /// The pixel at column `u`, row `v`.
+    pub fn at(u: f64, v: f64) -> Self {
+        Pixel { u, v }
+    }
+
+    /// Distance to another pixel, px.
+    pub fn distance_px(self, other: Pixel) -> f64 {
+        (self.u - other.u).hypot(self.v - other.v)
+    }
+
+    /// The nearest whole pixel inside a picture of this size, or `None` outside of it.
+    pub fn whole(self, width: usize, height: usize) -> Option<(usize, usize)> {
+        let (column, row) = (self.u.round(), self.v.round());
+        let inside = column >= 0.0 && row >= 0.0 && column < width as f64 && row < height as f64;
+        inside.then_some((column as usize, row as usize))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 180° is π.
+    #[test]
+    fn degrees_become_radians_and_back() {
+        assert!((Degrees(180.0).rad() - std::f64::consts::PI).abs() < 1e-15);
+        assert!((Degrees::from_rad(std::f64::consts::FRAC_PI_6).0 - 30.0).abs() < 1e-12);
+    }
+
+    /// Pixel (−0.4, 1.6) is column 0, row 2; half a pixel beyond the last column is outside.
+    #[test]
+    fn whole_pixels_end_half_a_pixel_outside_the_centres() {
+        assert_eq!(Pixel::at(-0.4, 1.6).whole(4, 3), Some((0, 2)));
+        assert_eq!(Pixel::at(3.6, 1.0).whole(4, 3), None);
+        assert_eq!(Pixel::at(f64::NAN, 1.0).whole(4, 3), None);
+    }
+}

@@ -1,0 +1,98 @@
+//! The recipe: one TOML file for each kind of panel, checked into a form that holds only allowed values.
+//!
+//! Each table is declared in [`tables`], key by key with range, default and meaning; this file joins them and
+//! checks what concerns several keys. See `config/` for the reading itself.
+
+mod tables;
+
+pub use tables::{Corner, CornerName, Inspect, Locate, Method, Path, Process, Region, Surface};
+
+use crate::config::{Document, Problems};
+
+/// A checked recipe.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recipe {
+    panel: String,
+    process: Process,
+    locate: Locate,
+    corner: Corner,
+    region: Region,
+    inspect: Inspect,
+    surface: Surface,
+    path: Path,
+}
+
+impl Recipe {
+    /// Checks the text of a recipe; `file` is its name in messages.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        let document = Document::parse(file, text);
+        let checked = Self::take(&document);
+        document.finish(checked)
+    }
+
+    fn take(document: &Document<'_>) -> Option<Self> {
+        let top = document.top();
+        let panel = top.take::<String>("panel", (), None);
+        let process = Process::take(top.section("process"));
+        let locate = tables::take_locate(top.section("locate"));
+        let corner = tables::take_corner(top.section("corner"));
+        let region = tables::take_region(top.section("region"));
+        let inspect = tables::take_inspect(top.section("inspect"));
+        let surface = Surface::take(top.section("surface"));
+        let path = tables::take_path(top.section("path"));
+        top.done();
+        Some(Recipe {
+            panel: panel?,
+            process: process?,
+            locate: locate?,
+            corner: corner?,
+            region: region?,
+            inspect: inspect?,
+            surface: surface?,
+            path: path?,
+        })
+    }
+
+    /// The panel's name, under which the store keeps what was taught.
+    pub fn panel(&self) -> &str {
+        &self.panel
+    }
+
+    /// The water-break test as a process.
+    pub fn process(&self) -> &Process {
+        &self.process
+    }
+
+    /// Where the panel is searched and what is accepted.
+    pub fn locate(&self) -> &Locate {
+        &self.locate
+    }
+
+    /// How the corner picture is read.
+    pub fn corner(&self) -> &Corner {
+        &self.corner
+    }
+
+    /// The region to inspect and abrade.
+    pub fn region(&self) -> &Region {
+        &self.region
+    }
+
+    /// How a broken film is seen.
+    pub fn inspect(&self) -> &Inspect {
+        &self.inspect
+    }
+
+    /// How the surface is fitted.
+    pub fn surface(&self) -> &Surface {
+        &self.surface
+    }
+
+    /// How the tool moves.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}

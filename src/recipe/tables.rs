@@ -1,0 +1,230 @@
+//! The tables of a recipe: every key with its range, default and meaning.
+
+use crate::config::{Choice, Section, settings};
+
+settings! {
+    /// `[process]`: the water-break test and the abrasion as a process.
+    pub struct Process {
+        /// How long the film is watched after it is fully wet, s (ASTM F22: up to a minute).
+        observation_s: f64, 5.0..=600.0, default 60.0;
+        /// Pictures a second while the film is watched.
+        frames_per_second: f64, 0.5..=30.0, default 5.0;
+        /// How often one grid may be abraded in a cycle.
+        max_passes_per_grid: usize, 1..=10, default 2;
+    }
+}
+
+settings! {
+    /// `[locate]`: where the panel is searched, and what is accepted (thesis 3.8).
+    pub struct Locate {
+        /// Lower corner of the search box in the base frame, mm.
+        box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Upper corner of the search box in the base frame, mm.
+        box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Largest shift of the panel's centre from its nominal place, mm.
+        max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
+        /// Largest turn in the panel's plane, degrees.
+        turn_limit_deg: f64, 0.0..=180.0, default 15.0;
+        /// Largest tilt of the panel's normal, degrees.
+        max_tilt_deg: f64, 0.0..=45.0, default 15.0;
+        /// Largest root mean square of the point-to-plane residuals, mm.
+        max_rms_mm: f64, 0.001..=5.0, default 0.25;
+        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1.
+        min_overlap: f64, 0.0..=1.0, default 0.9;
+    }
+}
+
+pub(super) fn take_locate(section: Section<'_, '_>) -> Option<Locate> {
+    // Checked through the section's path, since the section itself is consumed.
+    let check = section.alike();
+    let locate = Locate::take(section)?;
+    let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
+    if (0..3).any(|axis| low[axis] >= high[axis]) {
+        check.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
+        return None;
+    }
+    Some(locate)
+}
+
+/// Which corner of the panel, as the flange camera sees it at the taught pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CornerName {
+    /// Up and to the left.
+    TopLeft,
+    /// Up and to the right.
+    TopRight,
+    /// Down and to the right.
+    BottomRight,
+    /// Down and to the left.
+    BottomLeft,
+}
+
+impl Choice for CornerName {
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("top-left", CornerName::TopLeft),
+        ("top-right", CornerName::TopRight),
+        ("bottom-right", CornerName::BottomRight),
+        ("bottom-left", CornerName::BottomLeft),
+    ];
+}
+
+settings! {
+    /// `[corner]`: how the corner picture is read (thesis 3.9, Fig. 3.17).
+    pub struct Corner {
+        /// Which corner of the panel the taught picture shows.
+        which: CornerName, (), default CornerName::TopLeft;
+        /// Neighbourhood of the bilateral filter, px.
+        bilateral_diameter_px: usize, 3..=31, default 9;
+        /// How far two brightnesses may differ and still be averaged.
+        bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
+        /// Darkest brightness that is panel.
+        panel_gray_min: usize, 0..=255, default 0;
+        /// Brightest brightness that is panel.
+        panel_gray_max: usize, 0..=255, default 110;
+        /// Length of edge beside the corner that is left out, for its rounding, mm.
+        rounding_mm: f64, 0.0..=100.0, default 8.0;
+        /// Length of each edge that is fitted, mm.
+        edge_mm: f64, 2.0..=200.0, default 25.0;
+        /// Largest correction in the camera's plane, mm.
+        max_correction_mm: f64, 0.1..=50.0, default 8.0;
+    }
+}
+
+pub(super) fn take_corner(section: Section<'_, '_>) -> Option<Corner> {
+    let check = section.alike();
+    let corner = Corner::take(section)?;
+    if corner.panel_gray_min() >= corner.panel_gray_max() {
+        check.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
+        return None;
+    }
+    Some(corner)
+}
+
+settings! {
+    /// `[region]`: what is inspected and abraded, chosen in the taught scan's picture (thesis 4.4, Fig. 4.18).
+    pub struct Region {
+        /// The four corners of the region, px; columns of grids run from the first to the second, rows from the
+        /// first to the fourth.
+        corners_px: [[f64; 2]; 4], 0.0..=20_000.0, required;
+        /// Rows of grids.
+        rows: usize, 1..=50, required;
+        /// Columns of grids.
+        columns: usize, 1..=50, required;
+    }
+}
+
+pub(super) fn take_region(section: Section<'_, '_>) -> Option<Region> {
+    let check = section.alike();
+    let region = Region::take(section)?;
+    let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
+    if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
+        check.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
+        return None;
+    }
+    Some(region)
+}
+
+fn turn_at(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
+    let [a, b, c] = [corners_px[index], corners_px[(index + 1) % 4], corners_px[(index + 2) % 4]];
+    (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0])
+}
+
+/// How a broken film is seen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// The thesis's pipeline (4.3): subtraction, thresholds, HSV.
+    Thesis,
+}
+
+impl Choice for Method {
+    const WORDS: &'static [(&'static str, Self)] = &[("thesis", Method::Thesis)];
+}
+
+settings! {
+    /// `[inspect]`: how a broken film is seen (thesis 4.3, Fig. 4.9).
+    pub struct Inspect {
+        /// The method.
+        method: Method, (), default Method::Thesis;
+        /// Gain α of Eq. 4.2.
+        gain: f64, 0.1..=50.0, default 3.0;
+        /// Bias β of Eq. 4.2.
+        bias: f64, -255.0..=255.0, default 0.0;
+        /// Width of the median blur, px, odd.
+        median_px: usize, 3..=31, default 5;
+        /// How often the median blur is applied.
+        median_passes: usize, 1..=5, default 2;
+        /// Smallest adjusted difference of a changed pixel.
+        threshold: usize, 1..=255, default 60;
+        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them.
+        hsv_min: [usize; 3], 0..=255, default [0, 0, 0];
+        /// Upper bounds of a dry pixel.
+        hsv_max: [usize; 3], 0..=255, default [179, 255, 255];
+        /// Broken film from which a grid fails, mm²; overrides the cell's.
+        min_break_mm2: Option<f64>, 0.1..=10_000.0, default None;
+        /// Pictures in a row that must show a break before it counts.
+        persist_frames: usize, 1..=100, default 2;
+    }
+}
+
+pub(super) fn take_inspect(section: Section<'_, '_>) -> Option<Inspect> {
+    let check = section.alike();
+    let inspect = Inspect::take(section)?;
+    if inspect.median_px() % 2 == 0 {
+        check.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
+        return None;
+    }
+    if (0..3).any(|channel| inspect.hsv_min()[channel] > inspect.hsv_max()[channel]) {
+        check.problem("hsv_max", "must not be below hsv_min in any channel");
+        return None;
+    }
+    Some(inspect)
+}
+
+settings! {
+    /// `[surface]`: how the B-spline surface is fitted (thesis 4.5).
+    pub struct Surface {
+        /// Distance between control points, mm.
+        control_spacing_mm: f64, 5.0..=200.0, default 25.0;
+        /// Largest root mean square of the fit's residuals, mm.
+        max_rms_mm: f64, 0.001..=5.0, default 0.2;
+        /// Largest share of the region's pixels without a point, percent.
+        max_missing_percent: f64, 0.0..=50.0, default 10.0;
+    }
+}
+
+settings! {
+    /// `[path]`: how the tool moves (thesis 4.6–4.8).
+    pub struct Path {
+        /// Diameter of the disc's contact, mm.
+        disc_diameter_mm: f64, 2.0..=300.0, default 30.0;
+        /// Largest distance between neighbouring rows, on the surface, mm.
+        step_over_mm: f64, 0.5..=200.0, default 12.0;
+        /// Distance between waypoints along a row, mm.
+        waypoint_spacing_mm: f64, 1.0..=100.0, default 10.0;
+        /// How far the disc may reach beyond the panel's outline, mm.
+        edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
+        /// Feed along the surface, mm/s.
+        feed_mm_s: f64, 1.0..=500.0, default 60.0;
+        /// Height of approach and retract above the surface, mm.
+        approach_mm: f64, 5.0..=300.0, default 40.0;
+        /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] takes each grid's feed axis.
+        reference_axis: [f64; 3], -1.0..=1.0, default [0.0, 0.0, 0.0];
+    }
+}
+
+pub(super) fn take_path(section: Section<'_, '_>) -> Option<Path> {
+    let check = section.alike();
+    let path = Path::take(section)?;
+    if path.step_over_mm() > path.disc_diameter_mm() {
+        check.problem(
+            "step_over_mm",
+            format!(
+                "found {}, allowed is at most disc_diameter_mm, {}: wider rows leave stripes",
+                path.step_over_mm(),
+                path.disc_diameter_mm()
+            ),
+        );
+        return None;
+    }
+    Some(path)
+}
