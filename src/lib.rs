@@ -1,9 +1,15 @@
 //! Panelprep: finds a free-form panel, watches water run off it, abrades where the film broke.
+//!
+//! The map of the house. Each paragraph of `pub mod` lines is a layer; a module may name only modules of earlier
+//! paragraphs. `tests/layers.rs` reads this file and the code and holds both to it.
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 pub mod geometry;
 
 pub mod config;
+pub mod imaging;
 pub mod verdict;
 
 pub mod recipe;
+
+pub mod panel;

@@ -1,0 +1,100 @@
+//! The plane through a pixel's neighbourhood: a local point and normal from an organised cloud.
+//!
+//! The normal is the direction of least scatter of the neighbours (the eigenvector of the smallest eigenvalue of
+//! their covariance), turned towards the viewer.
+
+use super::cloud::OrganizedCloud;
+use super::frames::Frame;
+use super::rigid::{Point, Vector};
+use nalgebra::{Matrix3, Vector3};
+
+/// Neighbours farther than this from the middle one belong to another surface, for each pixel of distance, mm.
+const MAX_STEP_MM_PER_PX: f64 = 1.5;
+/// A plane through fewer points is an accident.
+const MIN_POINTS: usize = 8;
+
+/// A plane by a point on it and its normal, a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plane<F: Frame> {
+    /// The centroid of the neighbours.
+    pub point: Point<F>,
+    /// Unit normal, towards the viewer.
+    pub normal: Vector<F>,
+}
+
+impl<F: Frame> Plane<F> {
+    /// Where the ray from `origin` along `ray` meets the plane; `None` for a ray that runs along it or away.
+    pub fn meet(&self, origin: Point<F>, ray: Vector<F>) -> Option<Point<F>> {
+        let slope = self.normal.mm.dot(&ray.mm);
+        let distance = self.normal.mm.dot(&(self.point - origin).mm) / slope;
+        (distance.is_finite() && distance > 0.0).then(|| origin + ray * distance)
+    }
+}
+
+/// The plane through the points within `half_width_px` pixels of a pixel; `None` where there are too few. `viewer` is
+/// where the camera stands.
+pub fn local_plane<F: Frame>(
+    cloud: &OrganizedCloud<F>,
+    (column, row): (usize, usize),
+    half_width_px: usize,
+    viewer: Point<F>,
+) -> Option<Plane<F>> {
+    let middle = nearest_valid(cloud, (column, row), half_width_px)?;
+    let reach_mm = MAX_STEP_MM_PER_PX * (half_width_px + 1) as f64;
+    let (mut count, mut sum, mut squares) = (0usize, Vector3::zeros(), Matrix3::zeros());
+    for v in row.saturating_sub(half_width_px)..=(row + half_width_px).min(cloud.height() - 1) {
+        for u in column.saturating_sub(half_width_px)..=(column + half_width_px).min(cloud.width() - 1) {
+            let Some(point) = cloud.point(u, v) else { continue };
+            let offset = (point - middle).mm;
+            if offset.norm() <= reach_mm {
+                count += 1;
+                sum += offset;
+                squares += offset * offset.transpose();
+            }
+        }
+    }
+    if count < MIN_POINTS {
+        return None;
+    }
+    let mean = sum / count as f64;
+    let eigen = (squares / count as f64 - mean * mean.transpose()).symmetric_eigen();
+    let normal = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned();
+    let point = middle + Vector::new(mean);
+    let outward = if normal.dot(&(viewer - point).mm) < 0.0 { -normal } else { normal };
+    Some(Plane { point, normal: Vector::new(outward) })
+}
+
+fn nearest_valid<F: Frame>(
+    cloud: &OrganizedCloud<F>,
+    (column, row): (usize, usize),
+    half_width_px: usize,
+) -> Option<Point<F>> {
+    (0..=half_width_px).find_map(|reach| {
+        let columns = column.saturating_sub(reach)..=(column + reach).min(cloud.width() - 1);
+        let rows = row.saturating_sub(reach)..=(row + reach).min(cloud.height() - 1);
+        rows.flat_map(|v| columns.clone().map(move |u| (u, v))).find_map(|(u, v)| cloud.point(u, v))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::frames::Camera;
+    use super::*;
+
+    /// By hand: on z = 700 + x/2 the normal towards the viewer at the origin is (1/2, 0, −1)/√1.25.
+    #[test]
+    fn a_tilted_plane_has_its_normal_and_meets_a_ray() {
+        let point = |i: usize| {
+            let (x, y) = ((i % 21) as f32 * 0.4 - 4.0, (i / 21) as f32 * 0.4 - 4.0);
+            if i == 220 { [f32::NAN; 3] } else { [x, y, 700.0 + x / 2.0] }
+        };
+        let cloud = OrganizedCloud::<Camera>::new(21, 21, (0..441).map(point).collect(), vec![[0; 3]; 441])
+            .expect("counts agree");
+        let plane = local_plane(&cloud, (10, 10), 5, Point::at(0.0, 0.0, 0.0)).expect("a plane");
+        let expected = Vector3::new(0.5, 0.0, -1.0).normalize();
+        assert!((plane.normal.mm - expected).norm() < 1e-5, "{:?}", plane.normal);
+        let met = plane.meet(Point::at(0.0, 0.0, 0.0), Vector::new(Vector3::new(0.002, 0.0, 1.0))).expect("ahead");
+        // z = 700 + 0.002 z / 2, so z = 700 / 0.999.
+        assert!((met.mm.z - 700.700_700).abs() < 1e-3, "{met:?}");
+    }
+}

@@ -1,0 +1,62 @@
+//! A taught corner: where the flange camera stood, which pixel the corner had, and where that is on the panel.
+//!
+//! Nominal camera pose and reference pixel are taught together (thesis 3.9). The corner's place on the panel is
+//! where the reference pixel's ray meets the plane of the surface beside it; with it the expected pixel is known for
+//! any camera pose, not only for the nominal one.
+
+use super::{LearnError, TaughtPanel};
+use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector, local_plane};
+
+/// Half the width of the neighbourhood that gives the surface beside a corner, px.
+const BESIDE_HALF_WIDTH_PX: usize = 12;
+/// How far the ray may pass from the outline, mm; a rounded corner's apex lies a few mm off it.
+const MAX_DISTANCE_MM: f64 = 15.0;
+
+/// What a corner picture teaches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CornerTeaching {
+    /// The corner's pixel in the taught picture.
+    pub reference_px: Pixel,
+    /// Where the camera stood, `wT_nominalCP` of the thesis.
+    pub panel_from_camera: Rigid<Panel, FlangeCamera>,
+}
+
+/// A corner with its place on the panel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TaughtCorner {
+    /// What was taught.
+    pub teaching: CornerTeaching,
+    /// The corner: the intersection of its two edges, on the surface.
+    pub point: Point<Panel>,
+}
+
+impl TaughtPanel {
+    /// Finds the place of a taught corner on the panel.
+    ///
+    /// # Errors
+    /// Where the reference pixel's ray passes the panel's outline at more than a rounding's distance.
+    pub fn corner(&self, teaching: CornerTeaching, camera: &PinholeCamera) -> Result<TaughtCorner, LearnError> {
+        let Pixel { u, v } = teaching.reference_px;
+        let off = LearnError::CornerOffPanel { u, v };
+        let origin = teaching.panel_from_camera.origin();
+        let ray =
+            camera.unproject(teaching.reference_px).and_then(|ray| (teaching.panel_from_camera * ray).direction());
+        let ray: Vector<Panel> = ray.ok_or_else(|| off.clone())?;
+        let distance_mm = |point: &Point<Panel>| {
+            let offset = (*point - origin).mm;
+            (offset - ray.mm * offset.dot(&ray.mm)).norm()
+        };
+        let nearest = self
+            .outline_px
+            .iter()
+            .filter_map(|pixel| Some((*pixel, self.scan.point(pixel.u as usize, pixel.v as usize)?)))
+            .min_by(|a, b| distance_mm(&a.1).total_cmp(&distance_mm(&b.1)))
+            .filter(|(_, point)| distance_mm(point) <= MAX_DISTANCE_MM);
+        let (pixel, _) = nearest.ok_or_else(|| off.clone())?;
+        let viewer = self.panel_from_camera.origin();
+        let at = (pixel.u as usize, pixel.v as usize);
+        let plane = local_plane(&self.scan, at, BESIDE_HALF_WIDTH_PX, viewer).ok_or_else(|| off.clone())?;
+        let point = plane.meet(origin, ray).ok_or(off)?;
+        Ok(TaughtCorner { teaching, point })
+    }
+}

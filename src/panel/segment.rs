@@ -1,0 +1,83 @@
+//! Which pixels of a scan are one smooth object: the connected piece around a seed, or the largest piece.
+//!
+//! Two neighbouring pixels belong together where the depth between them changes by less than a step that no smooth
+//! panel makes from one pixel to the next. No shape is assumed.
+
+use crate::geometry::{Frame, Mask, OrganizedCloud};
+
+/// Neighbouring points farther apart than this are two objects, mm: five pixels' width at working distance, and far
+/// below the gap between a panel and its fixture.
+const MAX_STEP_MM: f64 = 2.5;
+
+/// The pieces of a scan that are connected, each as its pixel indices, largest first.
+pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
+    let (width, height) = (cloud.width(), cloud.height());
+    let mut free: Vec<bool> = (0..width * height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
+    let mut found = Vec::new();
+    for start in 0..width * height {
+        if !free[start] {
+            continue;
+        }
+        free[start] = false;
+        let mut piece = vec![start];
+        let mut next = 0;
+        while next < piece.len() {
+            let index = piece[next];
+            next += 1;
+            let Some(here) = cloud.point_at(index) else { continue };
+            for neighbour in neighbours(index, width, height) {
+                let near = free[neighbour]
+                    && cloud.point_at(neighbour).is_some_and(|there| there.distance_mm(here) < MAX_STEP_MM);
+                if near {
+                    free[neighbour] = false;
+                    piece.push(neighbour);
+                }
+            }
+        }
+        found.push(piece);
+    }
+    found.sort_by_key(|piece| std::cmp::Reverse(piece.len()));
+    found
+}
+
+fn neighbours(index: usize, width: usize, height: usize) -> impl Iterator<Item = usize> {
+    let (column, row) = (index % width, index / width);
+    [
+        (column > 0).then(|| index - 1),
+        (column + 1 < width).then(|| index + 1),
+        (row > 0).then(|| index.wrapping_sub(width)),
+        (row + 1 < height).then(|| index + width),
+    ]
+    .into_iter()
+    .flatten()
+}
+
+/// A piece as a mask.
+pub fn mask_of<F: Frame>(cloud: &OrganizedCloud<F>, piece: &[usize]) -> Mask {
+    let mut mask = Mask::empty(cloud.width(), cloud.height());
+    for &index in piece {
+        mask.inside[index] = true;
+    }
+    mask
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Camera;
+
+    /// A near block of 4 × 4 before a wall 60 mm behind: two pieces, the wall first.
+    #[test]
+    fn a_gap_in_depth_parts_two_objects() {
+        let point = |i: usize| {
+            let (column, row) = (i % 10, i / 10);
+            let near = (3..7).contains(&column) && (3..7).contains(&row);
+            [column as f32 * 0.4, row as f32 * 0.4, if near { 700.0 } else { 760.0 }]
+        };
+        let cloud = OrganizedCloud::<Camera>::new(10, 10, (0..100).map(point).collect(), vec![[0; 3]; 100])
+            .expect("counts agree");
+        let pieces = pieces(&cloud, |_| true);
+        assert_eq!(pieces.iter().map(Vec::len).collect::<Vec<_>>(), [84, 16]);
+        assert!(mask_of(&cloud, &pieces[1]).contains(4, 4));
+    }
+}
