@@ -1,0 +1,3 @@
+//! Pictures and pages for people: from results to something to look at. Computes nothing that decides.
+
+pub mod canvas;
