@@ -15,3 +15,5 @@ pub mod recipe;
 pub mod panel;
 
 pub mod report;
+
+pub mod cli;
