@@ -51,14 +51,18 @@ pub enum Command {
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd --json")]
     Locate(Locate),
     /// Correct the place found by what a corner picture shows.
-    #[command(after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(
+        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
-        --corner target/cell/corner.png --flange target/cell/flange.json")]
+        --corner target/cell/corner.png --flange target/cell/flange.json"
+    )]
     Refine(Refine),
     /// Test a clip of the wet panel for broken film.
-    #[command(after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(
+        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json --pictures target/cell/pictures")]
+        --located target/cell/located.json --pictures target/cell/pictures"
+    )]
     Inspect(Inspect),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \

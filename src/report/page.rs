@@ -90,7 +90,9 @@ impl Section {
             String::new()
         } else {
             let rows: String = self.rows.iter().map(row).collect();
-            format!("<table><thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead><tbody>{rows}</tbody></table>\n")
+            format!(
+                "<table><thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead><tbody>{rows}</tbody></table>\n"
+            )
         };
         let figures: String = self.figures.iter().map(Figure::html).collect();
         format!("<h2>{}</h2>\n<p>{}</p>\n{table}{figures}", escaped(&self.heading), escaped(&self.text))
@@ -101,7 +103,9 @@ impl Figure {
     fn html(&self) -> String {
         let caption = escaped(&self.caption);
         let data = STANDARD.encode(&self.jpeg);
-        format!("<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n")
+        format!(
+            "<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n"
+        )
     }
 }
 
