@@ -3,6 +3,8 @@
 
 pub mod geometry;
 
+pub mod sim;
+
 pub mod config;
 pub mod verdict;
 
