@@ -7,7 +7,7 @@ mod tables;
 
 pub use tables::{Corner, CornerName, Inspect, Locate, Method, Path, Process, Region, Surface};
 
-use crate::config::{Document, Problems};
+use crate::config::{self, Problems, Section};
 
 /// A checked recipe.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,21 +28,18 @@ impl Recipe {
     /// # Errors
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        let document = Document::parse(file, text);
-        let checked = Self::take(&document);
-        document.finish(checked)
+        config::check(file, text, Self::take)
     }
 
-    fn take(document: &Document<'_>) -> Option<Self> {
-        let top = document.top();
+    fn take(top: &Section<'_, '_>) -> Option<Self> {
         let panel = top.take::<String>("panel", (), None);
-        let process = Process::take(top.section("process"));
-        let locate = tables::take_locate(top.section("locate"));
-        let corner = tables::take_corner(top.section("corner"));
-        let region = tables::take_region(top.section("region"));
-        let inspect = tables::take_inspect(top.section("inspect"));
-        let surface = Surface::take(top.section("surface"));
-        let path = tables::take_path(top.section("path"));
+        let process = Process::take(&top.section("process"));
+        let locate = tables::take_locate(&top.section("locate"));
+        let corner = tables::take_corner(&top.section("corner"));
+        let region = tables::take_region(&top.section("region"));
+        let inspect = tables::take_inspect(&top.section("inspect"));
+        let surface = Surface::take(&top.section("surface"));
+        let path = tables::take_path(&top.section("path"));
         top.done();
         Some(Recipe {
             panel: panel?,

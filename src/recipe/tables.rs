@@ -34,13 +34,11 @@ settings! {
     }
 }
 
-pub(super) fn take_locate(section: Section<'_, '_>) -> Option<Locate> {
-    // Checked through the section's path, since the section itself is consumed.
-    let check = section.alike();
+pub(super) fn take_locate(section: &Section<'_, '_>) -> Option<Locate> {
     let locate = Locate::take(section)?;
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     if (0..3).any(|axis| low[axis] >= high[axis]) {
-        check.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
+        section.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
         return None;
     }
     Some(locate)
@@ -90,11 +88,10 @@ settings! {
     }
 }
 
-pub(super) fn take_corner(section: Section<'_, '_>) -> Option<Corner> {
-    let check = section.alike();
+pub(super) fn take_corner(section: &Section<'_, '_>) -> Option<Corner> {
     let corner = Corner::take(section)?;
     if corner.panel_gray_min() >= corner.panel_gray_max() {
-        check.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
+        section.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
         return None;
     }
     Some(corner)
@@ -113,12 +110,11 @@ settings! {
     }
 }
 
-pub(super) fn take_region(section: Section<'_, '_>) -> Option<Region> {
-    let check = section.alike();
+pub(super) fn take_region(section: &Section<'_, '_>) -> Option<Region> {
     let region = Region::take(section)?;
     let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
-        check.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
+        section.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
         return None;
     }
     Some(region)
@@ -166,15 +162,14 @@ settings! {
     }
 }
 
-pub(super) fn take_inspect(section: Section<'_, '_>) -> Option<Inspect> {
-    let check = section.alike();
+pub(super) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
     let inspect = Inspect::take(section)?;
     if inspect.median_px() % 2 == 0 {
-        check.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
+        section.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
         return None;
     }
     if (0..3).any(|channel| inspect.hsv_min()[channel] > inspect.hsv_max()[channel]) {
-        check.problem("hsv_max", "must not be below hsv_min in any channel");
+        section.problem("hsv_max", "must not be below hsv_min in any channel");
         return None;
     }
     Some(inspect)
@@ -212,11 +207,10 @@ settings! {
     }
 }
 
-pub(super) fn take_path(section: Section<'_, '_>) -> Option<Path> {
-    let check = section.alike();
+pub(super) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
     let path = Path::take(section)?;
     if path.step_over_mm() > path.disc_diameter_mm() {
-        check.problem(
+        section.problem(
             "step_over_mm",
             format!(
                 "found {}, allowed is at most disc_diameter_mm, {}: wider rows leave stripes",
