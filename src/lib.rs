@@ -7,3 +7,5 @@ pub mod config;
 pub mod verdict;
 
 pub mod recipe;
+
+pub mod files;

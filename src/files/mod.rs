@@ -1,0 +1,10 @@
+//! Files as bytes: 3D shots, pictures, clips and poses, read strictly and written.
+//!
+//! Bytes in, bytes out: nothing here touches a disk. What cannot be read is refused with the line or byte, what was
+//! found there and what is allowed; nothing is repaired, and a reader never allocates much more than it was given.
+
+mod cloud_error;
+mod pcd;
+
+pub use cloud_error::CloudFileError;
+pub use pcd::{read_pcd, write_pcd};
