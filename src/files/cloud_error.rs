@@ -6,7 +6,9 @@ use crate::geometry::CloudError;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum CloudFileError {
     /// Neither form.
-    #[error("this is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} bytes)")]
+    #[error(
+        "this is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} bytes)"
+    )]
     NotACloud {
         /// What the header's last line begins with.
         end: &'static str,

@@ -5,6 +5,10 @@
 
 mod cloud_error;
 mod pcd;
+mod picture;
 
 pub use cloud_error::CloudFileError;
 pub use pcd::{read_pcd, write_pcd};
+pub use picture::{
+    PictureError, check_picture_size, read_color, read_gray, write_color_jpeg, write_color_png, write_gray_png,
+};

@@ -91,7 +91,10 @@ fn what_is_written_reads_back() {
 #[test]
 fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
     let cases = [
-        (good().replace("WIDTH 2\nHEIGHT 2", "WIDTH 4\nHEIGHT 1"), "not organised (4×1); export it as an ordered cloud"),
+        (
+            good().replace("WIDTH 2\nHEIGHT 2", "WIDTH 4\nHEIGHT 1"),
+            "not organised (4×1); export it as an ordered cloud",
+        ),
         (good().replace("HEIGHT 2", "HEIGHT 3"), "counts 4 points for a picture of 2×3"),
         (good().replace("WIDTH 2", "WIDTH two"), "header line 5, 'WIDTH two': invalid digit"),
         (good().replace("F U", "F X"), "header line 4, 'TYPE F F F X': Invalid type character \"X\""),
@@ -134,7 +137,8 @@ fn a_truncated_file_says_how_much_is_missing() {
 #[test]
 fn absurd_sizes_are_refused_at_once() {
     let big = |size: u64| {
-        good().replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
+        good()
+            .replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
     };
     assert!(refusal(big(1 << 20).as_bytes()).contains("allowed are 1073741824 bytes"));
     assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("allowed are"));
@@ -142,7 +146,8 @@ fn absurd_sizes_are_refused_at_once() {
     let wide = good().replace("WIDTH", "COUNT 1 1 1 18446744073709551615\nWIDTH");
     assert!(refusal(wide.as_bytes()).contains("points of 18446744073709551615 bytes"));
     let packed = big(8_000).replace("DATA ascii", "DATA binary_compressed");
-    let data = [&packed.as_bytes()[..packed.find("binary_compressed\n").expect("there") + 18], &[16, 0, 0, 0]].concat();
+    let data =
+        [&packed.as_bytes()[..packed.find("binary_compressed\n").expect("there") + 18], &[16, 0, 0, 0]].concat();
     let data = [&data[..], &1_024_000_000_u32.to_le_bytes(), &[0; 16]].concat();
     assert!(refusal(&data).contains("16 bytes cannot hold 1024000000"));
 }
