@@ -3,12 +3,16 @@
 //! Bytes in, bytes out: nothing here touches a disk. What cannot be read is refused with the line or byte, what was
 //! found there and what is allowed; nothing is repaired, and a reader never allocates much more than it was given.
 
+mod clip;
 mod cloud_error;
 mod pcd;
 mod picture;
+mod pose;
 
+pub use clip::{Clip, ClipEntry, ClipError, LineProblem, Phase, read_clip};
 pub use cloud_error::CloudFileError;
 pub use pcd::{read_pcd, write_pcd};
 pub use picture::{
     PictureError, check_picture_size, read_color, read_gray, write_color_jpeg, write_color_png, write_gray_png,
 };
+pub use pose::{PoseError, read_flange, read_located, write_pose};
