@@ -39,7 +39,9 @@ pub enum CloudFileError {
     #[error(transparent)]
     Organized(#[from] CloudError),
     /// Number of points and size of the picture disagree.
-    #[error("the header counts {points} points for a picture of {width}×{height}")]
+    #[error(
+        "the header counts {points} points for a picture of {width}×{height}; export it as an ordered cloud, one point for each pixel"
+    )]
     Count {
         /// Points counted.
         points: u64,
