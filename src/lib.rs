@@ -16,6 +16,10 @@ pub mod recipe;
 
 pub mod panel;
 
+pub mod files;
+
 pub mod report;
+
+pub mod store;
 
 pub mod cli;
