@@ -9,3 +9,5 @@ pub mod verdict;
 pub mod recipe;
 
 pub mod files;
+
+pub mod store;
