@@ -16,6 +16,8 @@ pub mod recipe;
 
 pub mod panel;
 
+pub mod locate;
+
 pub mod files;
 
 pub mod report;
