@@ -13,3 +13,5 @@ pub mod verdict;
 pub mod recipe;
 
 pub mod panel;
+
+pub mod inspect;
