@@ -19,6 +19,9 @@ use opencv::imgproc;
 /// A grid of which less than this share of its surface is in the picture was not seen; the rest is rounding at edges.
 const SEEN_SHARE: f64 = 0.99;
 
+/// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
+const MIN_MARGIN_PX: usize = 2;
+
 /// A rectangle of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Window {
@@ -98,7 +101,8 @@ impl Footprint {
             }
         }
         held.sort_by_key(|(place, _)| *place);
-        let window = window_around(&held, camera, margin_px).ok_or(InspectError::RegionNotInPicture)?;
+        let window =
+            window_around(&held, camera, margin_px.max(MIN_MARGIN_PX)).ok_or(InspectError::RegionNotInPicture)?;
         let starts = starts_of(&held, &window);
         let inside = closed(&window, |index| starts[index] < starts[index + 1])?;
         let grids = taught.grids.iter().enumerate().map(|(index, grid)| GridFootprint {

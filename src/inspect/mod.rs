@@ -18,6 +18,8 @@ mod footprint;
 mod gate;
 mod pieces;
 mod score;
+#[cfg(test)]
+mod tests;
 mod thesis;
 mod watch;
 

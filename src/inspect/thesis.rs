@@ -70,3 +70,65 @@ fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
     let (pixels, _) = hsv.data_bytes()?.as_chunks::<3>();
     Ok(pixels.to_vec())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{inspect_table, pseudo_random};
+    use super::*;
+
+    const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
+
+    /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
+    /// median of 3 × 3 takes the lone pixel and the block's four corners, which see 4 of 9 pixels.
+    #[test]
+    fn a_difference_by_hand() {
+        let reference = ColorPicture::filled(8, 8, [100, 100, 100]);
+        let mut test = reference.clone();
+        for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
+            test.rgb[index] = [100, 100, 130];
+        }
+        test.rgb[7] = [255; 3];
+        let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
+        let found = |threshold: usize| {
+            let table = format!("gain = 2\nbias = -20\nmedian_px = 3\nmedian_passes = 1\nthreshold = {threshold}");
+            let changed = changed(&inspect_table(&table), &reference, &test).expect("one size");
+            (0..64).filter(|&i| changed[i]).collect::<Vec<usize>>()
+        };
+        assert_eq!(found(40), [19, 20, 26, 27, 28, 29, 34, 35, 36, 37, 43, 44]);
+        assert_eq!(found(41), [0usize; 0]);
+    }
+
+    /// By hand, Eq. 4.3–4.5 in 8 bits: green 120°/2 = 60; (255, 0, 128) has 60·(0 − 128)/255 = −30.1°, which wraps to
+    /// 329.9°, half is 165; (100, 50, 50) has saturation 255·50/100 = 127.5 and value 100.
+    #[test]
+    fn colours_become_hue_saturation_value() {
+        let rgb = vec![[0, 255, 0], [255, 0, 128], [100, 50, 50], [0, 0, 0]];
+        let picture = ColorPicture { width: 4, height: 1, rgb };
+        let window = Window { left: 0, top: 0, width: 4, height: 1 };
+        let hsv = hue_saturation_value(&crop(&picture, &window).expect("a picture")).expect("three channels");
+        assert_eq!(hsv, [[60, 255, 255], [165, 255, 255], [0, 128, 100], [0, 0, 0]]);
+    }
+
+    #[test]
+    fn a_window_with_its_margin_gives_the_pixels_of_the_whole_picture() {
+        let settings = inspect_table("median_px = 5\nmedian_passes = 2\ngain = 2\nthreshold = 170");
+        let whole = Window { left: 0, top: 0, width: 40, height: 30 };
+        let [reference, test] = [1, 2].map(|seed| pseudo_random(40, 30, seed));
+        let changed_in = |window: &Window| {
+            let [reference, test] = [&reference, &test].map(|picture| crop(picture, window).expect("inside"));
+            changed(&settings, &reference, &test).expect("one size")
+        };
+        let expected = changed_in(&whole);
+        let margin = margin_px(&settings);
+        let part = Window { left: 10 - margin, top: 8 - margin, width: 15 + 2 * margin, height: 9 + 2 * margin };
+        let found = changed_in(&part);
+        let (mut same, mut changed) = (0, 0);
+        for (row, column) in (8..17).flat_map(|row| (10..25).map(move |column| (row, column))) {
+            let index = (row - part.top) * part.width + column - part.left;
+            same += usize::from(found[index] == expected[row * 40 + column]);
+            changed += usize::from(found[index]);
+        }
+        assert_eq!(same, 9 * 15);
+        assert!((20..115).contains(&changed), "noise is cut in two: {changed}");
+    }
+}

@@ -117,7 +117,10 @@ impl Watch {
             Phase::Wet => {
                 self.frames += 1;
                 let test = thesis::crop(picture, self.footprint.window())?;
-                if self.reference.is_none() { self.begin(test, time_s) } else { self.compare(&test, time_s) }
+                let Some(reference) = self.reference.take() else { return self.begin(test, time_s) };
+                let step = self.compare(&reference, &test, time_s);
+                self.reference = Some(reference);
+                step
             }
         }
     }
@@ -153,8 +156,7 @@ impl Watch {
         Ok(self.step(vec![None; self.time_to_break_s.len()]))
     }
 
-    fn compare(&mut self, test: &Mat, time_s: f64) -> Result<Step, InspectError> {
-        let Some(reference) = &self.reference else { return Err(InspectError::NoWetPicture) };
+    fn compare(&mut self, reference: &Reference, test: &Mat, time_s: f64) -> Result<Step, InspectError> {
         let changed = thesis::changed(&self.settings, &reference.picture, test)?;
         let looks_dry = thesis::looks_dry(&self.settings, test)?;
         let since_wet_s = time_s - reference.time_s;
