@@ -16,6 +16,7 @@ pub mod recipe;
 
 pub mod panel;
 
+pub mod inspect;
 pub mod locate;
 
 pub mod files;
