@@ -13,3 +13,7 @@ pub mod verdict;
 pub mod recipe;
 
 pub mod panel;
+
+pub mod surface;
+
+pub mod path;
