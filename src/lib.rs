@@ -18,6 +18,9 @@ pub mod panel;
 
 pub mod inspect;
 pub mod locate;
+pub mod surface;
+
+pub mod path;
 
 pub mod files;
 
