@@ -115,9 +115,7 @@ pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
 /// Where the file is no organised scan, or its size is not the calibrated one.
 pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, Fault> {
     let bytes = disk::read(file)?;
-    let cloud = files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))?;
-    files::check_cloud_size(&cloud, camera).map_err(|error| Fault::file(file, error))?;
-    Ok(cloud)
+    files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
 }
 
 /// Reads a picture and holds it against the camera's calibration.
@@ -207,7 +205,7 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
 /// Where the scan shows no panel under the region, or a picture no corner.
 pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<Taught, Fault> {
     let kept = "the taught calibration";
-    let camera = Intrinsics::check(kept, &teaching.scanner_text)?.camera;
+    let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
