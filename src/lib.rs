@@ -6,4 +6,7 @@ pub mod geometry;
 pub mod config;
 pub mod verdict;
 
+pub mod cell;
 pub mod recipe;
+
+pub mod check;
