@@ -12,8 +12,10 @@ pub mod config;
 pub mod imaging;
 pub mod verdict;
 
+pub mod cell;
 pub mod recipe;
 
+pub mod check;
 pub mod panel;
 
 pub mod inspect;

@@ -99,14 +99,17 @@ impl<'t> Document<'t> {
         let mut syntax: Vec<Problem> = syntax.collect();
         syntax.sort_by_key(|problem| problem.line);
         syntax.dedup_by_key(|problem| problem.line);
-        let (mut list, mut meant, mut missing) = (Vec::new(), BTreeSet::new(), BTreeMap::<_, Vec<_>>::new());
+        let (mut list, mut explained, mut missing) = (Vec::new(), BTreeSet::new(), BTreeMap::<_, Vec<_>>::new());
         for finding in self.findings.take() {
             match finding {
-                Finding::Wrong(problem) => list.push(problem),
+                Finding::Wrong(problem) => {
+                    explained.insert(problem.key.clone());
+                    list.push(problem);
+                }
                 Finding::Unknown { line, table, key } => {
                     let (message, names) = self.unknown(&table, &key);
                     list.push(Problem { line, key: path(&table, &key), message });
-                    meant.extend(names);
+                    explained.extend(names);
                 }
                 Finding::Missing { line, table, key, table_is_there: true } => {
                     missing.entry((line, path(&table, key))).or_default();
@@ -116,7 +119,7 @@ impl<'t> Document<'t> {
         }
         // The parser makes up a value for a broken line and skips others: what they lead to is no problem.
         list.retain(|problem| !syntax.iter().any(|error| error.line == problem.line));
-        missing.retain(|(_, key), _| syntax.is_empty() && !meant.contains(key));
+        missing.retain(|(_, key), _| syntax.is_empty() && !explained.contains(key));
         list.extend(missing.into_iter().map(|((line, key), needs)| missing_problem(line, key, &needs)));
         list.extend(syntax);
         list.sort_by_key(|problem| problem.line);

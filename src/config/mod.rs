@@ -16,6 +16,7 @@ mod value;
 mod tests;
 
 pub use document::{check, top_keys};
+pub use nearest::nearest;
 pub use problem::{Problem, Problems};
 pub use section::Section;
 pub use value::{Choice, Setting};

@@ -3,7 +3,7 @@
 use super::document::{Document, Finding, path};
 use super::problem::Problem;
 use super::syntax::line_of;
-use super::value::Setting;
+use super::value::{Setting, found};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use toml::Spanned;
@@ -36,10 +36,10 @@ impl<'d, 't> Section<'d, 't> {
     /// Notes a problem with one key of this table, at the key's line where it is there.
     pub fn problem(&self, key: &str, message: impl Into<String>) {
         let line = self.entry(key).map_or(self.line, |(line, _)| line);
-        self.found(Finding::Wrong(Problem { line, key: path(&self.path, key), message: message.into() }));
+        self.note(Finding::Wrong(Problem { line, key: path(&self.path, key), message: message.into() }));
     }
 
-    fn found(&self, finding: Finding) {
+    fn note(&self, finding: Finding) {
         self.document.findings.borrow_mut().push(finding);
     }
 
@@ -60,15 +60,10 @@ impl<'d, 't> Section<'d, 't> {
             None if default.is_some() => default,
             None => {
                 let (line, table, table_is_there) = (self.line, self.path.clone(), self.is_present());
-                self.found(Finding::Missing { line, table, key, table_is_there });
+                self.note(Finding::Missing { line, table, key, table_is_there });
                 None
             }
         }
-    }
-
-    /// Takes a key that may be absent.
-    pub fn take_optional<T: Setting>(&self, key: &'static str, limits: T::Limits) -> Option<T> {
-        self.take(key, limits, Some(None)).flatten()
     }
 
     /// A table inside this one; an absent table reads as an empty one, a misspelt one by the name that is meant.
@@ -81,34 +76,37 @@ impl<'d, 't> Section<'d, 't> {
     }
 
     fn inner(&self, name: &str) -> Section<'d, 't> {
-        let (path, entry) = (path(&self.path, name), self.entry(name));
-        let table = entry.and_then(|(_, value)| value.as_table());
-        if entry.is_some() && table.is_none() {
-            self.problem(name, format!("found a single value, allowed is a table; write [{path}]"));
+        let path = path(&self.path, name);
+        match self.entry(name) {
+            Some((line, value)) => {
+                let write = format!("[{path}]");
+                self.table(path, line, value, &write)
+            }
+            None => Section::new(self.document, path, None, self.line),
         }
-        Section::new(self.document, path, table, entry.map_or(self.line, |(line, _)| line))
+    }
+
+    fn table(&self, path: String, line: usize, value: &'d DeValue<'t>, write: &str) -> Section<'d, 't> {
+        let table = value.as_table();
+        if table.is_none() {
+            let message = format!("found {}, allowed is a table; write {write}", found(value));
+            self.note(Finding::Wrong(Problem { line, key: path.clone(), message }));
+        }
+        Section::new(self.document, path, table, line)
     }
 
     /// The tables of a list, `[[key]]`; an absent list is empty.
     pub fn sections(&self, key: &'static str) -> Vec<Section<'d, 't>> {
         self.known.borrow_mut().push(key);
         let Some((_, value)) = self.entry(key) else { return Vec::new() };
-        let advice = format!("write [[{}]]", path(&self.path, key));
+        let write = format!("[[{}]]", path(&self.path, key));
         let Some(list) = value.as_array() else {
-            self.problem(key, format!("is not a list of tables; {advice}"));
+            self.problem(key, format!("found {}, allowed is a list of tables; write {write}", found(value)));
             return Vec::new();
         };
         let item = |(index, item): (usize, &'d Spanned<DeValue<'t>>)| {
-            if item.get_ref().as_table().is_none() {
-                self.problem(key, format!("item {} is not a table; {advice}", index + 1));
-            }
-            let path = format!("{}[{}]", path(&self.path, key), index + 1);
-            Section::new(
-                self.document,
-                path,
-                item.get_ref().as_table(),
-                line_of(self.document.text, item.span().start),
-            )
+            let line = line_of(self.document.text, item.span().start);
+            self.table(format!("{}[{}]", path(&self.path, key), index + 1), line, item.get_ref(), &write)
         };
         list.iter().enumerate().map(item).collect()
     }
@@ -133,7 +131,7 @@ impl<'d, 't> Section<'d, 't> {
         let known = self.known.take();
         for key in self.names().filter(|name| !known.contains(name)) {
             let line = self.entry(key).map_or(self.line, |(line, _)| line);
-            self.found(Finding::Unknown { line, table: self.path.clone(), key: key.to_owned() });
+            self.note(Finding::Unknown { line, table: self.path.clone(), key: key.to_owned() });
         }
         self.document.known.borrow_mut().insert(self.path.clone(), known);
     }

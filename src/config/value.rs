@@ -12,7 +12,8 @@ pub trait Setting: Sized {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
 }
 
-fn found(value: &DeValue<'_>) -> String {
+/// What a value is, in a few words.
+pub(super) fn found(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),
         DeValue::Integer(number) => number.as_str().to_owned(),

@@ -1,9 +1,12 @@
 //! The recipe: one TOML file for each kind of panel, checked into a form that holds only allowed values.
 //!
-//! Each table is declared in [`tables`], key by key with range, default and meaning; this file joins them and
+//! Each table is declared in `tables.rs`, key by key with range, default and meaning; this file joins them and
 //! checks what concerns several keys. See `config/` for the reading itself.
 
 mod tables;
+
+#[cfg(test)]
+mod tests;
 
 pub use tables::{Corner, CornerName, Inspect, Locate, Method, Path, Process, Region, Surface};
 
@@ -21,6 +24,9 @@ pub struct Recipe {
     surface: Surface,
     path: Path,
 }
+
+/// The keys at the top of a recipe, by which it is told from other files.
+pub const RECIPE_KEYS: [&str; 8] = ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path"];
 
 impl Recipe {
     /// Checks the text of a recipe; `file` is its name in messages.

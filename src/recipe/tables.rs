@@ -5,8 +5,8 @@ use crate::config::{Choice, Section, settings};
 settings! {
     /// `[process]`: the water-break test and the abrasion as a process.
     pub struct Process {
-        /// How long the film is watched after it is fully wet, s (ASTM F22: up to a minute).
-        observation_s: f64, 5.0..=600.0, default 60.0;
+        /// How long the film is watched after it is fully wet, s; overrides the cell's.
+        observation_s: Option<f64>, 5.0..=600.0, default None;
         /// Pictures a second while the film is watched.
         frames_per_second: f64, 0.5..=30.0, default 5.0;
         /// How often one grid may be abraded in a cycle.
@@ -168,6 +168,12 @@ pub(super) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
         section.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
         return None;
     }
+    for (key, [hue, ..]) in [("hsv_min", inspect.hsv_min()), ("hsv_max", inspect.hsv_max())] {
+        if hue > 179 {
+            section.problem(key, format!("found hue {hue}, allowed is 0 to 179: half of its degrees"));
+            return None;
+        }
+    }
     if (0..3).any(|channel| inspect.hsv_min()[channel] > inspect.hsv_max()[channel]) {
         section.problem("hsv_max", "must not be below hsv_min in any channel");
         return None;
@@ -217,6 +223,15 @@ pub(super) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
                 path.step_over_mm(),
                 path.disc_diameter_mm()
             ),
+        );
+        return None;
+    }
+    // A direction need not have length 1, but one this short is a slip of the pen. √3 is the longest.
+    let length = nalgebra::Vector3::from(path.reference_axis()).norm();
+    if length > 0.0 && length < 0.1 {
+        section.problem(
+            "reference_axis",
+            format!("found a direction of length {length}, allowed is 0.1 to 1.8, or [0, 0, 0]"),
         );
         return None;
     }
