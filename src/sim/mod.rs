@@ -6,7 +6,7 @@
 //! - [`shape`], [`outline`]: the panel as a height field cut along an outline
 //! - [`scene`], [`fixture`]: where everything stands
 //! - [`cast`]: what each pixel sees · [`appearance`]: in which colour · [`noise`]: every random number
-//! - [`scanner`], [`flange`], [`film`]: what the cameras deliver · [`spots`]: grease · [`truth`]: what is true of it all
+//! - [`scanner`], [`flange`], [`film`], [`runoff`]: what the cameras deliver · [`spots`]: grease · [`truth`]: what is true of it all
 //!
 //! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
 
@@ -17,6 +17,7 @@ mod fixture;
 mod flange;
 mod noise;
 mod outline;
+mod runoff;
 mod scanner;
 mod scene;
 mod shape;
