@@ -136,13 +136,21 @@ impl Inspected {
         self.inspection.grids.iter().any(|inspected| inspected.id == grid.id && inspected.failed)
     }
 
+    /// The last picture, with the camera and where the panel stands before it.
+    ///
+    /// # Errors
+    /// Where the picture cannot be read again.
+    pub fn last_view(&self) -> Result<(ColorPicture, PinholeCamera, Rigid<Camera, Panel>), Fault> {
+        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
+        Ok((self.picture(last)?, self.camera, self.camera_from_panel))
+    }
+
     /// The last picture with everything that broke.
     ///
     /// # Errors
     /// Where the picture cannot be read again, or OpenCV refuses to draw.
     pub fn drawn(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
-        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
-        let picture = self.picture(last)?;
+        let (picture, ..) = self.last_view()?;
         let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
         let mask = self.inspection.mask();
         view.inspected(&taught.panel, &mask, &|grid| self.failed(grid)).map_err(Fault::stage)
@@ -202,7 +210,10 @@ impl Inspected {
         let observation = &inspection.observation;
         outcome.say(format!(
             "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
-            observation.observed_s, observation.frames, breaks.len(), self.ms_per_frame
+            observation.observed_s,
+            observation.frames,
+            breaks.len(),
+            self.ms_per_frame
         ));
         for grid in inspection.grids.iter().filter(|grid| grid.failed) {
             let when = grid.time_to_break_s.map(|time| format!(" from {time:.1} s")).unwrap_or_default();
@@ -220,11 +231,14 @@ impl Inspected {
                  failed, {} wrongly failed, {} wrongly passed",
                 score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
             ));
-            outcome.put("score", json!({
-                "iou": score.iou, "precision": score.precision, "recall": score.recall,
-                "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
-                          "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
-            }));
+            outcome.put(
+                "score",
+                json!({
+                    "iou": score.iou, "precision": score.precision, "recall": score.recall,
+                    "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
+                              "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
+                }),
+            );
         }
         outcome
     }

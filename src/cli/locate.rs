@@ -91,7 +91,9 @@ impl Located {
         base_from_panel: Rigid<Base, Panel>,
     ) -> Result<ColorPicture, Fault> {
         let camera_from_panel = self.base_from_camera.inverse() * base_from_panel;
-        View { picture: &self.picture, camera: &self.camera, camera_from_panel }.located(panel).map_err(Fault::stage)
+        View { picture: &self.picture, camera: &self.camera, camera_from_panel }
+            .located(panel)
+            .map_err(Fault::stage)
     }
 
     fn outcome(&self) -> Outcome {
@@ -109,7 +111,10 @@ impl Located {
             outcome.say(format!("base from panel: {pose}"));
             outcome.say(format!(
                 "rms {:.3} mm, overlap {:.3}, within {:.2} mm (95 %), weakest direction {:.2} mm",
-                fit.rms_mm, fit.overlap(), fit.uncertainty_mm, fit.weakest_mm
+                fit.rms_mm,
+                fit.overlap(),
+                fit.uncertainty_mm,
+                fit.weakest_mm
             ));
             outcome.say(format!(
                 "shift {:.1} mm, turn {:.2}°, tilt {:.2}° at the panel's centre; {:.0} ms",
@@ -119,4 +124,3 @@ impl Located {
         outcome
     }
 }
-

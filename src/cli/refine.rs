@@ -5,9 +5,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, CornerShot, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::{
-    Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid,
-};
+use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner;
 use crate::locate::refine::{self, Refined, Sighting};
 use crate::panel::TaughtPanel;
