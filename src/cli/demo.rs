@@ -2,7 +2,7 @@
 //!
 //! The stages read the files that `render` wrote; the truth is read here alone, for the score.
 
-use super::args::{Common, Demo, Render, Teach};
+use super::args::{Common, Demo, Teach};
 use super::fault::Fault;
 use super::inspect::{self, Inspected, Placed};
 use super::load::{self, CellFiles, Taught};
@@ -103,9 +103,9 @@ fn stages(folder: &Path, progress: &dyn Fn(&str)) -> Result<Found, Fault> {
     }
     progress("inspecting the clip");
     let placed = Placed { camera, base_from_camera, base_from_panel };
-    let min_break_mm2 = recipe.inspect().min_break_mm2().unwrap_or(files.cell.limits().min_break_mm2());
+    let demands = inspect::demands(&files, &recipe);
     let truth = file("truth");
-    let inspected = inspect::stage(&found.taught, &file("clip"), placed, &recipe, min_break_mm2, Some(&truth))?;
+    let inspected = inspect::stage(&found.taught, &file("clip"), placed, &recipe, demands, Some(&truth))?;
     let failed: Vec<_> = inspected.inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
     let goes_on = inspected.inspection.judgement.verdict == Verdict::Fail;
     found.inspected = Some(inspected);
