@@ -6,6 +6,8 @@
 
 pub mod geometry;
 
+pub mod sim;
+
 pub mod config;
 pub mod imaging;
 pub mod verdict;

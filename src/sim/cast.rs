@@ -1,0 +1,335 @@
+//! What each pixel of a camera sees: panel, fixture, and how far from the panel's edge, to a fraction of a pixel.
+//!
+//! A pixel's ray o + λ r (r = (x, y, 1) in the camera's frame, so λ is the depth) meets the height field where
+//!     F(λ) = o_h + λ r_h − h(o_s + λ r_s, o_t + λ r_t) = 0,   F′ = r_h − ∂h/∂s r_s − ∂h/∂t r_t,           (1)
+//! solved by Newton's method from the neighbour's depth. The surface goes on smoothly beyond its outline, so the
+//! outline's distance d at the meeting point changes sign at the edge; with its slope in the picture, g,
+//!     edge = d / |g| px,                                                                                 (2)
+//! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
+
+use super::fixture::{self, Background};
+use super::shape::Shape;
+use crate::geometry::{Base, Camera, Frame, Panel, PinholeCamera, Pixel, Rigid};
+use nalgebra::{Isometry3, Point3, Vector2, Vector3};
+use std::ops::Range;
+
+/// The undistorted rays of a camera's pixels: exact every few pixels, linear between.
+///
+/// With the lenses of this cell the second derivative of the distortion is below 0.5, so that the error stays below
+/// 0.5 · (8 px)² / (8 f) = 0.002 px.
+#[derive(Debug, Clone)]
+pub(super) struct Rays {
+    columns: usize,
+    nodes: Vec<[f64; 2]>,
+}
+
+const RAY_STEP_PX: usize = 8;
+
+impl Rays {
+    pub fn new(camera: &PinholeCamera) -> Self {
+        let columns = camera.width_px.div_ceil(RAY_STEP_PX) + 1;
+        let rows = camera.height_px.div_ceil(RAY_STEP_PX) + 1;
+        let node = |index: usize| {
+            let (column, row) = (index % columns * RAY_STEP_PX, index / columns * RAY_STEP_PX);
+            let Some(ray) = camera.unproject::<Camera>(Pixel::at(column as f64, row as f64)) else {
+                unreachable!("the lenses of this cell have an inverse all over their pictures")
+            };
+            [ray.mm.x, ray.mm.y]
+        };
+        Rays { columns, nodes: (0..columns * rows).map(node).collect() }
+    }
+
+    /// The nodes of the lattice on one row of the picture.
+    fn row(&self, row: usize) -> Vec<[f64; 2]> {
+        let (above, down) = (row / RAY_STEP_PX * self.columns, (row % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
+        (above..above + self.columns).map(|i| lerp(self.nodes[i], self.nodes[i + self.columns], down)).collect()
+    }
+}
+
+#[inline]
+fn lerp(a: [f64; 2], b: [f64; 2], share: f64) -> [f64; 2] {
+    [a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])]
+}
+
+/// Where a ray meets the panel's surface, on the panel or just beside it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct PanelSight {
+    /// Place on the sheet, mm.
+    pub place: [f64; 2],
+    /// Depth, mm.
+    pub depth_mm: f64,
+    /// Cosine of the angle between ray and normal.
+    pub cos_incidence: f64,
+    /// Outward normal in sheet coordinates.
+    pub normal: Vector3<f64>,
+    /// Distance to the panel's edge, px, negative inside the panel. (2)
+    pub edge_px: f64,
+    /// The share of the pixel that shows the panel, 0…1.
+    pub coverage: f64,
+    /// What one pixel stands for here, mm.
+    pub pixel_mm: f64,
+}
+
+/// The part of a square pixel on the inner side of a straight edge: `edge_px` from its centre to the edge, negative
+/// inside; `growth` the unit vector across the edge. By distance, the density of the pixel's area is a trapezoid of
+/// the widths |g_u| and |g_v|.
+fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
+    let (long, short) = (growth.abs().max(), growth.abs().min());
+    let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
+    let away = edge_px.abs();
+    let beyond = if away >= reach {
+        0.0
+    } else if away <= flat {
+        0.5 - away / long
+    } else {
+        (reach - away).powi(2) / (2.0 * long * short)
+    };
+    if edge_px > 0.0 { beyond } else { 1.0 - beyond }
+}
+
+/// What one pixel sees.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sight {
+    /// The undistorted ray (x, y, 1) in the camera's frame.
+    pub ray: Vector3<f64>,
+    /// Present on the panel and up to some pixels beside it.
+    pub panel: Option<PanelSight>,
+    /// What is behind the panel, or seen beside it.
+    pub background: Background,
+}
+
+/// A camera somewhere in the cell, and perhaps a panel before it.
+pub(super) struct View<'a> {
+    camera: &'a PinholeCamera,
+    rays: &'a Rays,
+    base_from_camera: Isometry3<f64>,
+    panel: Option<PanelView<'a>>,
+}
+
+struct PanelView<'a> {
+    shape: &'a Shape,
+    /// The camera's centre and axes in sheet coordinates.
+    origin: Point3<f64>,
+    axes: [Vector3<f64>; 3],
+    focal_px: [f64; 2],
+    columns: Range<usize>,
+    rows: Range<usize>,
+}
+
+/// Beyond this distance from its edge, px, the panel is not looked for.
+const EDGE_REACH_PX: f64 = 3.0;
+
+impl<'a> View<'a> {
+    pub fn new<C: Frame>(
+        camera: &'a PinholeCamera,
+        rays: &'a Rays,
+        base_from_camera: &Rigid<Base, C>,
+        panel: Option<(&'a Shape, &Rigid<Base, Panel>)>,
+    ) -> Self {
+        let panel = panel.map(|(shape, base_from_panel)| {
+            let camera_from_sheet =
+                base_from_camera.isometry().inverse() * base_from_panel.isometry() * shape.panel_from_sheet();
+            PanelView::new(camera, shape, &camera_from_sheet)
+        });
+        View { camera, rays, base_from_camera: *base_from_camera.isometry(), panel }
+    }
+
+    /// Columns of the picture.
+    pub fn width(&self) -> usize {
+        self.camera.width_px
+    }
+
+    /// Rows of the picture.
+    pub fn height(&self) -> usize {
+        self.camera.height_px
+    }
+
+    /// Looks along one row of pixels, from left to right.
+    pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, Sight)) {
+        let nodes = self.rays.row(row);
+        let origin = Point3::from(self.base_from_camera.translation.vector);
+        let base_axes = self.base_from_camera.rotation.to_rotation_matrix();
+        let pixel_rad = 1.0 / self.camera.fx_px;
+        let panel = self.panel.as_ref().filter(|panel| panel.rows.contains(&row));
+        let mut depth_mm = None;
+        for column in 0..self.camera.width_px {
+            let node = column / RAY_STEP_PX;
+            let [x, y] = lerp(nodes[node], nodes[node + 1], (column % RAY_STEP_PX) as f64 / RAY_STEP_PX as f64);
+            let ray = Vector3::new(x, y, 1.0);
+            let met =
+                panel.filter(|panel| panel.columns.contains(&column)).and_then(|panel| panel.meet(ray, depth_mm));
+            if let Some(met) = met {
+                depth_mm = Some(met.depth_mm);
+            }
+            let panel = met.filter(|met| met.edge_px < EDGE_REACH_PX);
+            let background = fixture::look(&origin, &(base_axes * ray), pixel_rad);
+            seen(column, Sight { ray, panel, background });
+        }
+    }
+}
+
+impl<'a> PanelView<'a> {
+    fn new(camera: &PinholeCamera, shape: &'a Shape, camera_from_sheet: &Isometry3<f64>) -> Self {
+        let sheet_from_camera = camera_from_sheet.inverse();
+        let (columns, rows) = bounds(camera, shape, camera_from_sheet);
+        PanelView {
+            shape,
+            origin: Point3::from(sheet_from_camera.translation.vector),
+            axes: [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| sheet_from_camera * axis),
+            focal_px: [camera.fx_px, camera.fy_px],
+            columns,
+            rows,
+        }
+    }
+
+    // (1), from the neighbour's depth or else from the sheet's plane
+    fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelSight> {
+        const STEPS: usize = 20;
+        let r = self.axes[0] * ray.x + self.axes[1] * ray.y + self.axes[2];
+        let o = &self.origin;
+        let mut depth = guess_mm.unwrap_or(-o.z / r.z);
+        for _ in 0..STEPS {
+            let (s, t) = (o.x + depth * r.x, o.y + depth * r.y);
+            let [height, slope_s, slope_t] = self.shape.height(s, t);
+            let slope = r.z - slope_s * r.x - slope_t * r.y;
+            // Seen from behind or along the surface: nothing of the visible side.
+            if slope > -0.02 * r.norm() {
+                return None;
+            }
+            let step = (o.z + depth * r.z - height) / slope;
+            depth -= step;
+            if step.abs() < 1e-9 {
+                let met = [o.x + depth * r.x, o.y + depth * r.y];
+                return (depth > 0.0).then(|| self.sight(met, depth, &r, [slope_s, slope_t]));
+            }
+        }
+        None
+    }
+
+    fn sight(&self, place: [f64; 2], depth: f64, r: &Vector3<f64>, slopes: [f64; 2]) -> PanelSight {
+        let across = Vector3::new(-slopes[0], -slopes[1], 1.0);
+        let (distance, growth) = self.shape.outline().distance(Vector2::new(place[0], place[1]));
+        // How the meeting point moves on the sheet when the ray moves by one pixel, staying on the surface.
+        let per_px = |axis: usize| {
+            let step = self.axes[axis] * (depth / self.focal_px[axis]);
+            let moved = step - r * (across.dot(&step) / across.dot(r));
+            growth.dot(&moved.xy())
+        };
+        let growth_px = Vector2::new(per_px(0), per_px(1)); // mm of distance to the outline per px
+        let edge_px = distance / growth_px.norm();
+        PanelSight {
+            place,
+            depth_mm: depth,
+            cos_incidence: -across.dot(r) / (across.norm() * r.norm()),
+            normal: across.normalize(),
+            edge_px,
+            coverage: covered(edge_px, growth_px.normalize()),
+            pixel_mm: depth / self.focal_px[0],
+        }
+    }
+}
+
+/// The columns and rows that may show the panel: those around its projected outline.
+fn bounds(
+    camera: &PinholeCamera,
+    shape: &Shape,
+    camera_from_sheet: &Isometry3<f64>,
+) -> (Range<usize>, Range<usize>) {
+    let everything = (0..camera.width_px, 0..camera.height_px);
+    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    for place in shape.outline().polyline(10.0) {
+        let point = camera_from_sheet * Point3::new(place.x, place.y, shape.height(place.x, place.y)[0]);
+        // A lens model holds only near its picture; a panel that reaches far outside is looked for everywhere.
+        let wide = point.x.abs().max(point.y.abs()) > 1.2 * point.z;
+        let Some(pixel) = camera.project(crate::geometry::Point::<Camera>::new(point)).filter(|_| !wide) else {
+            return everything;
+        };
+        for (axis, px) in [pixel.u, pixel.v].into_iter().enumerate() {
+            (low[axis], high[axis]) = (low[axis].min(px), high[axis].max(px));
+        }
+    }
+    let span = |axis: usize, size: usize| {
+        let clip = |px: f64| px.clamp(0.0, size as f64) as usize;
+        clip((low[axis] - EDGE_REACH_PX - 2.0).floor())..clip((high[axis] + EDGE_REACH_PX + 3.0).ceil())
+    };
+    (span(0, camera.width_px), span(1, camera.height_px))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::noise::Seed;
+    use super::super::scene;
+    use super::*;
+
+    /// A place of the panel, projected by the camera model, is what the nearest pixel sees, and the edge's distance
+    /// in the picture is the projected one to a hundredth of a pixel.
+    #[test]
+    fn pixels_see_what_projects_onto_them() {
+        let camera = scene::scanner(2);
+        let rays = Rays::new(&camera);
+        let shape = Shape::taught(Seed(5));
+        let base_from_camera = scene::base_from_camera();
+        let view = View::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
+        for place in [[0.0, 0.0], [-120.0, 60.0], [130.0, -80.0]] {
+            let pixel = camera
+                .project(base_from_camera.inverse() * (scene::nominal() * shape.point(place)))
+                .expect("in front");
+            let mut found = None;
+            view.look_along_row(pixel.v.round() as usize, |column, sight| {
+                if column == pixel.u.round() as usize {
+                    found = sight.panel;
+                }
+            });
+            let found = found.expect("the panel is seen");
+            let (du, dv) = (pixel.u.round() - pixel.u, pixel.v.round() - pixel.v);
+            let moved = (found.place[0] - place[0]).hypot(found.place[1] - place[1]);
+            let expected = du.hypot(dv) * found.pixel_mm;
+            assert!(moved < 1.4 * expected + 0.01 && moved > 0.9 * expected - 0.01, "{moved} mm for {expected} mm");
+        }
+    }
+
+    /// By hand: an upright edge a quarter of a pixel from the centre leaves ¾; a diagonal one through a corner of the
+    /// pixel, √½ away, leaves all, and half-way there cuts off a triangle of base √½ and height √⅛: ⅛.
+    #[test]
+    fn shares_of_a_pixel_by_hand() {
+        let diagonal = Vector2::new(1.0, -1.0).normalize();
+        assert!((covered(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
+        assert!((covered(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
+        assert!((covered(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
+        assert!((covered(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
+        assert!((covered(0.0, diagonal) - 0.5).abs() < 1e-12);
+    }
+
+    /// All shares together are the area of the projected outline: over its length, the edge is right to 0.01 px.
+    #[test]
+    fn the_edge_is_where_the_outline_projects() {
+        let camera = scene::scanner(2);
+        let rays = Rays::new(&camera);
+        let shape = Shape::taught(Seed(5));
+        let base_from_camera = scene::base_from_camera();
+        let view = View::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
+        let project = |p: &Vector2<f64>| {
+            camera.project(base_from_camera.inverse() * (scene::nominal() * shape.point([p.x, p.y])))
+        };
+        let outline: Vec<Pixel> = shape.outline().polyline(0.2).iter().filter_map(project).collect();
+        let length_px: f64 = outline.windows(2).map(|pair| pair[0].distance_px(pair[1])).sum();
+        let mut shares = vec![0.0; camera.height_px];
+        for (row, share) in shares.iter_mut().enumerate() {
+            view.look_along_row(row, |_, sight| *share += sight.panel.map_or(0.0, |panel| panel.coverage));
+        }
+        let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
+        let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
+        assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
+        // And row by row, away from corners: the length of the row inside is the sum of its shares.
+        for row in [240, 300, 360] {
+            let crossings: Vec<f64> = (0..outline.len())
+                .map(|i| (outline[i], outline[(i + 1) % outline.len()]))
+                .filter(|(a, b)| (a.v > f64::from(row)) != (b.v > f64::from(row)))
+                .map(|(a, b)| a.u + (f64::from(row) - a.v) / (b.v - a.v) * (b.u - a.u))
+                .collect();
+            let inside_px = (crossings[0] - crossings[1]).abs();
+            let error_px = shares[row as usize] - inside_px;
+            assert!(crossings.len() == 2 && error_px.abs() < 0.02, "row {row}: {error_px} px");
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! The fixture behind the panel: a light back plate and two posts, which stand still when the panel moves.
+//!
+//! Every part is an upright rectangle that faces the robot, at a constant X of the base frame.
+
+use nalgebra::{Point3, Vector3};
+
+/// An upright rectangle at one X, mm in the base frame; grey level as lit from the front.
+#[derive(Debug, Clone, Copy)]
+struct Board {
+    x_mm: f64,
+    y_mm: [f64; 2],
+    z_mm: [f64; 2],
+    color: [f64; 3],
+}
+
+/// Near things first.
+const BOARDS: [Board; 3] = [
+    Board { x_mm: 650.0, y_mm: [78.0, 112.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
+    Board { x_mm: 650.0, y_mm: [-118.0, -84.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
+    Board { x_mm: 665.0, y_mm: [-520.0, 520.0], z_mm: [-20.0, 740.0], color: [186.0, 188.0, 184.0] },
+];
+
+/// What is seen beyond the fixture: the hall, out of focus and too far for points.
+const HALL: [f64; 3] = [52.0, 55.0, 60.0];
+
+/// What a ray that misses the panel ends on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Background {
+    /// Length along the ray in units of its direction; `None` in the hall.
+    pub depth_mm: Option<f64>,
+    /// Cosine of the angle between ray and the surface's normal.
+    pub cos_incidence: f64,
+    /// Colour as seen, with edges spread over the pixels they cross, grey levels.
+    pub color: [f64; 3],
+}
+
+/// Looks along a ray of the base frame. `pixel_rad` is the angle that a pixel stands for.
+pub(super) fn look(origin: &Point3<f64>, ray: &Vector3<f64>, pixel_rad: f64) -> Background {
+    let mut color = [0.0; 3];
+    let mut open = 1.0;
+    let mut depth_mm = None;
+    for board in &BOARDS {
+        let depth = (board.x_mm - origin.x) / ray.x;
+        if depth <= 0.0 || !depth.is_finite() {
+            continue;
+        }
+        let (y, z) = (origin.y + depth * ray.y, origin.z + depth * ray.z);
+        let inside_mm = (y - board.y_mm[0]).min(board.y_mm[1] - y).min(z - board.z_mm[0]).min(board.z_mm[1] - z);
+        let share = (0.5 + inside_mm / (depth * pixel_rad)).clamp(0.0, 1.0) * open;
+        if share > 0.0 {
+            let light = lighting(y, z);
+            color = std::array::from_fn(|channel| color[channel] + share * board.color[channel] * light);
+            open -= share;
+        }
+        if depth_mm.is_none() && inside_mm > 0.0 {
+            depth_mm = Some(depth);
+        }
+        if open <= 0.0 {
+            break;
+        }
+    }
+    color = std::array::from_fn(|channel| color[channel] + open * HALL[channel]);
+    Background { depth_mm, cos_incidence: ray.x.abs() / ray.norm(), color }
+}
+
+/// The lamp's light on the fixture, a few percent brighter in the middle.
+fn lighting(y_mm: f64, z_mm: f64) -> f64 {
+    let (across, up) = (y_mm / 500.0, (z_mm - 380.0) / 500.0);
+    1.03 - 0.09 * (across * across + up * up)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: from (0, 0, 360) straight ahead the plate is 665 mm away; at Y = 95 a post, 650 mm away.
+    #[test]
+    fn the_plate_and_a_post() {
+        let from = |y: f64| Point3::new(0.0, y, 360.0);
+        let plate = look(&from(0.0), &Vector3::x(), 1e-3);
+        assert!((plate.depth_mm.expect("a plate") - 665.0).abs() < 1e-9 && plate.color[0] > 170.0);
+        let post = look(&from(95.0), &Vector3::x(), 1e-3);
+        assert!((post.depth_mm.expect("a post") - 650.0).abs() < 1e-9 && post.color[0] < 170.0);
+    }
+
+    #[test]
+    fn beyond_the_plate_is_the_hall() {
+        let hall = look(&Point3::new(0.0, 0.0, 900.0), &Vector3::x(), 1e-3);
+        assert_eq!((hall.depth_mm, hall.color), (None, HALL));
+        assert_eq!(look(&Point3::new(0.0, 0.0, 360.0), &-Vector3::x(), 1e-3).depth_mm, None);
+    }
+}

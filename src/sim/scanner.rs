@@ -1,0 +1,94 @@
+//! A shot of the 3D camera: points with their noise, and the colour picture on the same pixels.
+//!
+//! Noise along the ray: white, σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise
+//! of 0.06 mm rms at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth
+//! of the pixels flies between panel and background, and most others are missing; 0.2 % drop out anywhere.
+
+use super::appearance::dry_and_wet;
+use super::cast::{Sight, View};
+use super::noise::{Normal, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
+use crate::geometry::{Camera, OrganizedCloud};
+use rand::RngExt;
+use rayon::prelude::*;
+
+const WHITE_MM: f64 = 0.055;
+const WHITE_AT_MM: f64 = 700.0;
+const CORRELATED_MM: f64 = 0.06;
+const LATTICE_MM: std::ops::Range<f64> = 50.0..85.0;
+/// Half the side of the square that the lattice covers: more than the largest panel.
+const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
+/// How near to the panel's edge a pixel sees both sides, px.
+const EDGE_PX: f64 = 1.0;
+const FLYING_SHARE: f64 = 0.10;
+const EDGE_MISSING_SHARE: f64 = 0.75;
+const DROP_OUT_SHARE: f64 = 0.002;
+
+/// Takes a shot; `shot` is its own seed.
+pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> OrganizedCloud<Camera> {
+    let (width, height) = (view.width(), view.height());
+    let mut points = vec![[f32::NAN; 3]; width * height];
+    let mut colors = vec![[0_u8; 3]; width * height];
+    let lattice_mm = shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
+    let correlated = ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM);
+    let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
+    rows.for_each(|(row, (points, colors))| {
+        let mut normal = Normal::new(shot.stream(Purpose::ScanRow, row as u64));
+        let noise = pixels.row(shot, row, width);
+        view.look_along_row(row, |column, sight| {
+            let (dry, _) = dry_and_wet(&sight);
+            colors[column] = to_bytes(dry, noise, column);
+            if let Some(point) = measured(&sight, &correlated, &mut normal) {
+                points[column] = point;
+            }
+        });
+    });
+    match OrganizedCloud::new(width, height, points, colors) {
+        Ok(cloud) => cloud,
+        Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+    }
+}
+
+/// A surface that a ray may end on.
+struct Surface {
+    depth_mm: f64,
+    cos_incidence: f64,
+    correlated_mm: f64,
+}
+
+fn measured(sight: &Sight, correlated: &ValueNoise, normal: &mut Normal) -> Option<[f32; 3]> {
+    // Drawn for every pixel, so that what one pixel sees does not shift the noise of the next.
+    let (white, chance, between) = (normal.next(), normal.share(), normal.share());
+    let background = sight.background.depth_mm.map(|depth_mm| Surface {
+        depth_mm,
+        cos_incidence: sight.background.cos_incidence,
+        correlated_mm: 0.0,
+    });
+    let near = sight.panel.filter(|panel| panel.edge_px < EDGE_PX);
+    let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_PX);
+    let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROP_OUT_SHARE };
+    if missing.contains(&chance) {
+        return None;
+    }
+    let surface = match near {
+        Some(panel) => {
+            let mut own = Surface {
+                depth_mm: panel.depth_mm,
+                cos_incidence: panel.cos_incidence,
+                correlated_mm: CORRELATED_MM * correlated.at(panel.place),
+            };
+            if at_edge && chance < FLYING_SHARE {
+                own.depth_mm += between * (background?.depth_mm - own.depth_mm);
+                own
+            } else if panel.edge_px < 0.0 {
+                own
+            } else {
+                background?
+            }
+        }
+        None => background?,
+    };
+    let scale = surface.depth_mm / WHITE_AT_MM;
+    let along_ray_mm = white * WHITE_MM * scale * scale / surface.cos_incidence + surface.correlated_mm;
+    let point = sight.ray * (surface.depth_mm + along_ray_mm / sight.ray.norm());
+    Some([point.x as f32, point.y as f32, point.z as f32])
+}

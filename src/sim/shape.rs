@@ -1,0 +1,213 @@
+//! The panel's shape: a smooth height field over a plane sheet, cut along an outline.
+//!
+//! Sheet coordinates (s, t, h): s to the right and t up as seen from the robot, h towards the robot, mm, origin at the
+//! panel's centre. The visible side is h(s, t), its outward normal ∝ (−∂h/∂s, −∂h/∂t, 1). The height is
+//!     h = h₀ + a s²/2 + b s t + c t²/2 + d s³/6 + e s t²/2 + A sin(s/λ + φ) cos(t/μ + ψ).                  (1)
+
+use super::noise::{Purpose, Seed};
+use super::outline::Outline;
+use crate::geometry::{Panel, Point, Vector};
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// The panel's centre, in the panel's frame: where it stands before the robot when that frame is the base.
+pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
+
+/// Radius of the outline's corners, mm.
+const ROUNDING_MM: f64 = 6.0;
+
+/// The coefficients of (1); curvatures in 1/mm, wave numbers in rad/mm.
+#[derive(Debug, Clone, Copy)]
+struct Relief {
+    lift_mm: f64,
+    bend_ss: f64,
+    twist_st: f64,
+    bend_tt: f64,
+    cubic_sss: f64,
+    cubic_stt: f64,
+    wave_mm: f64,
+    wave_s: f64,
+    wave_t: f64,
+    phase_s_rad: f64,
+    phase_t_rad: f64,
+}
+
+/// A panel: surface and outline.
+#[derive(Debug, Clone)]
+pub(super) struct Shape {
+    relief: Relief,
+    outline: Outline,
+    panel_from_sheet: Isometry3<f64>,
+}
+
+impl Shape {
+    /// The panel that is taught; curvatures and outline vary with the seed.
+    pub fn taught(seed: Seed) -> Self {
+        let mut random = seed.stream(Purpose::Shape, 0);
+        let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
+        let relief = Relief {
+            lift_mm: 4.0,
+            bend_ss: -about(1.0 / 1_100.0, 0.2),
+            twist_st: about(1.0 / 1_900.0, 0.2),
+            bend_tt: about(1.0 / 1_000.0, 0.3),
+            cubic_sss: about(2.0e-6, 0.5),
+            cubic_stt: about(3.0e-6, 0.5),
+            wave_mm: about(1.2, 0.3),
+            wave_s: about(1.0 / 32.0, 0.15),
+            wave_t: about(1.0 / 36.0, 0.15),
+            phase_s_rad: about(1.5, 0.9),
+            phase_t_rad: about(1.5, 0.9),
+        };
+        let corners = [(-166.0, -110.0), (168.0, -116.0), (164.0, 62.0), (122.0, 116.0), (-154.0, 112.0)];
+        Shape::new(relief, &corners, &mut random)
+    }
+
+    /// Another panel: other outline, other curvatures.
+    pub fn wrong(seed: Seed) -> Self {
+        let mut random = seed.stream(Purpose::Shape, 1);
+        let mut about = |middle: f64, share: f64| middle * random.random_range(1.0 - share..1.0 + share);
+        let relief = Relief {
+            lift_mm: 8.0,
+            bend_ss: -about(1.0 / 520.0, 0.1),
+            twist_st: -about(1.0 / 2_500.0, 0.2),
+            bend_tt: -about(1.0 / 800.0, 0.1),
+            cubic_sss: 0.0,
+            cubic_stt: -about(2.0e-6, 0.5),
+            wave_mm: about(0.8, 0.3),
+            wave_s: 1.0 / 45.0,
+            wave_t: 1.0 / 30.0,
+            phase_s_rad: about(1.5, 0.9),
+            phase_t_rad: about(1.5, 0.9),
+        };
+        let corners =
+            [(-128.0, -122.0), (96.0, -118.0), (134.0, -70.0), (128.0, 120.0), (-92.0, 128.0), (-131.0, 40.0)];
+        Shape::new(relief, &corners, &mut random)
+    }
+
+    fn new(relief: Relief, corners_mm: &[(f64, f64)], random: &mut Pcg64) -> Self {
+        let mut near = |mm: f64| mm + random.random_range(-2.0..2.0);
+        let corners = corners_mm.iter().map(|&(s, t)| Vector2::new(near(s), near(t))).collect();
+        let [x, y, z] = CENTRE_MM;
+        let axes = Rotation3::from_basis_unchecked(&[-Vector3::y(), Vector3::z(), -Vector3::x()]);
+        let panel_from_sheet =
+            Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&axes));
+        Shape { relief, outline: Outline::new(corners, ROUNDING_MM), panel_from_sheet }
+    }
+
+    /// The outline on the sheet.
+    pub fn outline(&self) -> &Outline {
+        &self.outline
+    }
+
+    /// From sheet coordinates to the panel's frame.
+    pub fn panel_from_sheet(&self) -> &Isometry3<f64> {
+        &self.panel_from_sheet
+    }
+
+    /// Height above the sheet and its two slopes ∂h/∂s, ∂h/∂t.
+    pub fn height(&self, s: f64, t: f64) -> [f64; 3] {
+        let r = &self.relief;
+        let (sin_s, cos_s) = (r.wave_s * s + r.phase_s_rad).sin_cos();
+        let (sin_t, cos_t) = (r.wave_t * t + r.phase_t_rad).sin_cos();
+        [
+            r.lift_mm
+                + s * s * (r.bend_ss / 2.0 + r.cubic_sss * s / 6.0)
+                + t * (r.twist_st * s + t * (r.bend_tt + r.cubic_stt * s) / 2.0)
+                + r.wave_mm * sin_s * cos_t, // (1)
+            s * (r.bend_ss + r.cubic_sss * s / 2.0)
+                + t * (r.twist_st + r.cubic_stt * t / 2.0)
+                + r.wave_mm * r.wave_s * cos_s * cos_t,
+            r.twist_st * s + t * (r.bend_tt + r.cubic_stt * s) - r.wave_mm * r.wave_t * sin_s * sin_t,
+        ]
+    }
+
+    /// The place on the surface above a place of the sheet.
+    pub fn point(&self, [s, t]: [f64; 2]) -> Point<Panel> {
+        Point::new(self.panel_from_sheet * Point3::new(s, t, self.height(s, t)[0]))
+    }
+
+    /// The outward normal there, of length 1.
+    pub fn normal(&self, [s, t]: [f64; 2]) -> Vector<Panel> {
+        Vector::new(self.panel_from_sheet * self.sheet_normal([s, t]))
+    }
+
+    fn sheet_normal(&self, [s, t]: [f64; 2]) -> Vector3<f64> {
+        let [_, slope_s, slope_t] = self.height(s, t);
+        Vector3::new(-slope_s, -slope_t, 1.0).normalize()
+    }
+
+    /// The nearest place of the surface, as a place of the sheet, and the signed distance from it along the outward
+    /// normal, mm. Right for points within some 100 mm, where one nearest place is.
+    pub fn nearest(&self, point: Point<Panel>) -> ([f64; 2], f64) {
+        let target = self.panel_from_sheet.inverse() * point.mm;
+        let (mut s, mut t) = (target.x, target.y);
+        for _ in 0..30 {
+            let away = target - Point3::new(s, t, self.height(s, t)[0]);
+            let normal = self.sheet_normal([s, t]);
+            let aside = away - normal * normal.dot(&away);
+            (s, t) = (s + aside.x, t + aside.y);
+            if aside.norm() < 1e-10 {
+                break;
+            }
+        }
+        let foot = Point3::new(s, t, self.height(s, t)[0]);
+        ([s, t], self.sheet_normal([s, t]).dot(&(target - foot)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slopes_are_the_derivatives_of_the_height() {
+        let shape = Shape::taught(Seed(3));
+        for (s, t) in [(0.0, 0.0), (-120.0, 80.0), (150.0, -90.0)] {
+            let [_, slope_s, slope_t] = shape.height(s, t);
+            let step = 1e-4;
+            let along = |ds: f64, dt: f64| {
+                (shape.height(s + ds, t + dt)[0] - shape.height(s - ds, t - dt)[0]) / (2.0 * step)
+            };
+            assert!((along(step, 0.0) - slope_s).abs() < 1e-8);
+            assert!((along(0.0, step) - slope_t).abs() < 1e-8);
+        }
+    }
+
+    /// The visible side looks to the robot; a point 2 mm before the surface is 2 mm away.
+    #[test]
+    fn distance_is_measured_along_the_outward_normal() {
+        let shape = Shape::taught(Seed(3));
+        for place in [[0.0, 0.0], [-120.0, 80.0], [150.0, -90.0]] {
+            let normal = shape.normal(place);
+            assert!(normal.mm.x < -0.8, "{normal:?}");
+            for distance_mm in [2.0, -30.0] {
+                let (foot, found_mm) = shape.nearest(shape.point(place) + normal * distance_mm);
+                assert!((found_mm - distance_mm).abs() < 1e-6, "{found_mm}");
+                assert!((foot[0] - place[0]).hypot(foot[1] - place[1]) < 1e-6);
+            }
+        }
+    }
+
+    /// The panel stays shallow enough to stand clear of the fixture, and no two corners are alike.
+    #[test]
+    fn panels_are_shallow_and_have_no_symmetry() {
+        for seed in 0..50 {
+            let shape = Shape::taught(Seed(seed));
+            let corners = shape.outline().corners();
+            for corner in corners {
+                assert!(shape.height(corner.x, corner.y)[0].abs() < 25.0, "seed {seed}");
+            }
+            let count = corners.len();
+            let mut angles: Vec<f64> = (0..count)
+                .map(|i| {
+                    (corners[(i + 1) % count] - corners[i]).angle(&(corners[(i + count - 1) % count] - corners[i]))
+                })
+                .map(f64::to_degrees)
+                .collect();
+            angles.sort_by(f64::total_cmp);
+            let differ = angles.windows(2).filter(|pair| pair[1] - pair[0] > 0.5).count();
+            assert!(differ >= 3, "seed {seed}: {angles:?}");
+        }
+    }
+}

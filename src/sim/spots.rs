@@ -1,0 +1,138 @@
+//! Greasy spots: where the water film breaks, when, and how the break grows.
+//!
+//! A spot's outline is an ellipse whose radius waves by angle. Its break opens at the centre at t₀ and reaches the
+//! share ρ of the way to the outline at t₀ + T ρ^1.5: fast at first, and never beyond the outline.
+
+use super::noise::{Purpose, Seed};
+use super::shape::Shape;
+use nalgebra::{Rotation2, Vector2};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
+
+/// A greasy spot of the panel; the same wherever the panel stands.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Spot {
+    centre: Vector2<f64>,
+    half_axes_mm: Vector2<f64>,
+    turn: Rotation2<f64>,
+    /// Share and phase of two, three and five waves around the outline.
+    waves: [(f64, f64, f64); 3],
+    /// When the film opens at the centre, s of the film.
+    pub breaks_at_s: f64,
+    /// How long the break grows until it fills the outline, s.
+    pub grows_s: f64,
+}
+
+/// Spots stay this far from the panel's outline and from each other, mm, centre to edge and centre to centre.
+const EDGE_DISTANCE_MM: f64 = 42.0;
+const SPOT_DISTANCE_MM: f64 = 52.0;
+
+/// Two to four spots on this panel, whose film is whole from `wet_from_s` on.
+pub(super) fn draw(seed: Seed, shape: &Shape, wet_from_s: f64) -> Vec<Spot> {
+    let mut random = seed.stream(Purpose::Spots, 0);
+    let count = random.random_range(2..=4);
+    let mut spots: Vec<Spot> = Vec::new();
+    while spots.len() < count {
+        let centre = Vector2::new(random.random_range(-170.0..170.0), random.random_range(-120.0..120.0));
+        let apart = spots.iter().all(|spot| (spot.centre - centre).norm() > SPOT_DISTANCE_MM);
+        if apart && shape.outline().distance(centre).0 < -EDGE_DISTANCE_MM {
+            // The first one breaks early, so that a short film shows one.
+            let latest_s = if spots.is_empty() { 6.0 } else { 25.0 };
+            spots.push(spot(&mut random, centre, wet_from_s + 1.5, latest_s));
+        }
+    }
+    spots
+}
+
+fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) -> Spot {
+    let mut between = |low: f64, high: f64| random.random_range(low..high);
+    Spot {
+        centre,
+        half_axes_mm: Vector2::new(between(10.0, 15.0), between(7.0, 10.0)),
+        turn: Rotation2::new(between(0.0, TAU)),
+        waves: [2.0, 3.0, 5.0].map(|count| (count, between(0.04, 0.10), between(0.0, TAU))),
+        breaks_at_s: earliest_s + between(0.0, span_s),
+        grows_s: between(4.0, 9.0),
+    }
+}
+
+impl Spot {
+    /// Centre on the sheet, mm.
+    pub(super) fn centre_mm(&self) -> [f64; 2] {
+        self.centre.into()
+    }
+
+    /// Share of the way from the centre to the outline, and the rest of that way in mm, negative outside.
+    pub(super) fn reach(&self, place: [f64; 2]) -> (f64, f64) {
+        let away = Vector2::from(place) - self.centre;
+        let flat = (self.turn.inverse() * away).component_div(&self.half_axes_mm);
+        let reached = flat.norm() / self.radius(flat.y.atan2(flat.x));
+        let left_mm =
+            if reached > 1e-6 { away.norm() / reached * (1.0 - reached) } else { self.half_axes_mm.min() };
+        (reached, left_mm)
+    }
+
+    /// When the film breaks at this share of the way to the outline, s of the film.
+    pub(super) fn breaks_s(&self, reached: f64) -> f64 {
+        self.breaks_at_s + self.grows_s * reached.powf(1.5)
+    }
+
+    /// Largest distance of the outline from the centre, mm.
+    pub(super) fn radius_mm(&self) -> f64 {
+        self.half_axes_mm.max() * (1.0 + self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
+    }
+
+    /// The outline on the sheet as a closed polyline, mm.
+    pub(super) fn outline_mm(&self) -> Vec<[f64; 2]> {
+        const POINTS: usize = 72;
+        let point = |i: usize| {
+            let angle_rad = TAU * i as f64 / POINTS as f64;
+            let flat = Vector2::new(angle_rad.cos(), angle_rad.sin()) * self.radius(angle_rad);
+            (self.centre + self.turn * flat.component_mul(&self.half_axes_mm)).into()
+        };
+        (0..POINTS).map(point).collect()
+    }
+
+    fn radius(&self, angle_rad: f64) -> f64 {
+        1.0 + self.waves.iter().map(|(count, share, phase)| share * (count * angle_rad + phase).cos()).sum::<f64>()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn area_mm2(outline: &[[f64; 2]]) -> f64 {
+        let next = outline.iter().cycle().skip(1);
+        outline.iter().zip(next).map(|(a, b)| (a[0] * b[1] - b[0] * a[1]) / 2.0).sum::<f64>().abs()
+    }
+
+    #[test]
+    fn spots_are_a_few_hundred_square_millimetres_and_well_inside() {
+        for seed in 0..50 {
+            let shape = Shape::taught(Seed(seed));
+            let spots = draw(Seed(seed), &shape, 4.0);
+            assert!((2..=4).contains(&spots.len()));
+            assert!(spots[0].breaks_at_s < 12.0);
+            for spot in &spots {
+                let outline = spot.outline_mm();
+                assert!((180.0..600.0).contains(&area_mm2(&outline)), "{}", area_mm2(&outline));
+                for place in outline {
+                    assert!(shape.outline().distance(place.into()).0 < -20.0);
+                    let (reached, left_mm) = spot.reach(place);
+                    assert!((reached - 1.0).abs() < 1e-9 && left_mm.abs() < 1e-6);
+                }
+            }
+        }
+    }
+
+    /// By hand: a quarter of the way is reached after an eighth of the time, 0.25^1.5 = 0.125.
+    #[test]
+    fn a_break_grows_from_the_centre() {
+        let shape = Shape::taught(Seed(1));
+        let spot = &draw(Seed(1), &shape, 4.0)[0];
+        assert!(spot.reach(spot.centre_mm()).0 < 1e-12);
+        assert!((spot.breaks_s(0.25) - spot.breaks_at_s - 0.125 * spot.grows_s).abs() < 1e-12);
+    }
+}

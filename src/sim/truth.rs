@@ -1,0 +1,215 @@
+//! What is true of a simulated cell: for scores and tests, never for a stage.
+
+use super::scene::{CornerView, Scene};
+use super::shape::Shape;
+use super::spots::Spot;
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid, Vector};
+use serde::{Deserialize, Serialize};
+
+/// The truth of a cell.
+#[derive(Debug, Clone)]
+pub struct Truth {
+    /// The seed of the cell.
+    pub seed: u64,
+    /// Its scene.
+    pub scene: Scene,
+    /// Where the displaced panel stands; without a panel, where it would.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// Where the 3D camera stands.
+    pub base_from_camera: Rigid<Base, Camera>,
+    /// How the flange camera is mounted.
+    pub flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// The corners of the taught views: where straight edges meet, on the surface.
+    pub corners: Vec<CornerView>,
+    /// Greasy spots of the displaced panel.
+    pub spots: Vec<TrueSpot>,
+    shape: Shape,
+}
+
+/// A greasy spot on the panel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TrueSpot {
+    /// The spot's centre on the surface.
+    pub centre: Point<Panel>,
+    /// Its outline on the surface, closed, the last point not repeated.
+    pub outline: Vec<Point<Panel>>,
+    /// Its area on the surface, mm².
+    pub area_mm2: f64,
+    /// When the film opens at its centre, s of the film.
+    pub breaks_at_s: f64,
+    /// When the break fills the outline, s of the film.
+    pub grown_at_s: f64,
+}
+
+impl Truth {
+    pub(super) fn new(
+        (seed, scene): (u64, Scene),
+        base_from_panel: Rigid<Base, Panel>,
+        (base_from_camera, flange_from_camera): (Rigid<Base, Camera>, Rigid<Flange, FlangeCamera>),
+        corners: Vec<CornerView>,
+        shape: Shape,
+        spots: &[Spot],
+    ) -> Self {
+        let spots = spots.iter().map(|spot| true_spot(&shape, spot)).collect();
+        Truth { seed, scene, base_from_panel, base_from_camera, flange_from_camera, corners, spots, shape }
+    }
+
+    /// Signed distance of a point from the displaced panel's surface along the outward normal, mm.
+    pub fn distance_mm(&self, point: Point<Panel>) -> f64 {
+        self.shape.nearest(point).1
+    }
+
+    /// The outward normal of the surface nearest to a point.
+    pub fn normal(&self, point: Point<Panel>) -> Vector<Panel> {
+        self.shape.normal(self.shape.nearest(point).0)
+    }
+
+    /// Signed distance of a point from the panel's outline, negative inside, mm on the panel's flat sheet.
+    pub fn outline_distance_mm(&self, point: Point<Panel>) -> f64 {
+        self.shape.outline().distance(self.shape.nearest(point).0.into()).0
+    }
+
+    /// The panel's outline on its surface, a point each 5 mm.
+    pub fn outline(&self) -> Vec<Point<Panel>> {
+        self.shape.outline().polyline(5.0).into_iter().map(|place| self.shape.point(place.into())).collect()
+    }
+
+    /// Points of the surface on a lattice of 10 mm: an error of a place is its error over these.
+    pub fn surface_points(&self) -> Vec<Point<Panel>> {
+        let lattice = (-20..=20).flat_map(|j| (-20..=20).map(move |i| [f64::from(i) * 10.0, f64::from(j) * 10.0]));
+        lattice
+            .filter(|&place| self.shape.outline().distance(place.into()).0 < 0.0)
+            .map(|place| self.shape.point(place))
+            .collect()
+    }
+
+    /// Mean and largest distance between where a found place puts the surface and where it is, mm.
+    pub fn placement_error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
+        let points = self.surface_points();
+        let errors = points.iter().map(|&point| self.base_from_panel.distance_at_mm(*found, point));
+        let (sum_mm, max_mm) = errors.fold((0.0, 0.0_f64), |(sum, max), error| (sum + error, max.max(error)));
+        PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
+    }
+
+    /// The truth as numbers, for a file.
+    pub fn numbers(&self) -> TruthNumbers {
+        let point = |point: Point<Panel>| point.mm.coords.into();
+        TruthNumbers {
+            seed: self.seed,
+            scene: self.scene.word().to_owned(),
+            base_from_panel: KukaPose::from_rigid(&self.base_from_panel),
+            base_from_camera: KukaPose::from_rigid(&self.base_from_camera),
+            flange_from_camera: KukaPose::from_rigid(&self.flange_from_camera),
+            corners: self
+                .corners
+                .iter()
+                .map(|view| CornerNumbers { name: view.name.to_owned(), corner_mm: point(view.corner) })
+                .collect(),
+            outline_mm: self.outline().into_iter().map(point).collect(),
+            spots: self
+                .spots
+                .iter()
+                .map(|spot| SpotNumbers {
+                    centre_mm: point(spot.centre),
+                    outline_mm: spot.outline.iter().copied().map(point).collect(),
+                    area_mm2: spot.area_mm2,
+                    breaks_at_s: spot.breaks_at_s,
+                    grown_at_s: spot.grown_at_s,
+                })
+                .collect(),
+        }
+    }
+}
+
+/// How far a found place is from the truth, over the panel's surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PlacementError {
+    /// Mean, mm.
+    pub mean_mm: f64,
+    /// Largest, mm.
+    pub max_mm: f64,
+}
+
+/// The truth as it is written; coordinates in the panel's frame unless the name says otherwise.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TruthNumbers {
+    /// The seed of the cell.
+    pub seed: u64,
+    /// The word of its scene.
+    pub scene: String,
+    /// Where the displaced panel stands.
+    pub base_from_panel: KukaPose,
+    /// Where the 3D camera stands.
+    pub base_from_camera: KukaPose,
+    /// How the flange camera is mounted.
+    pub flange_from_camera: KukaPose,
+    /// The taught corners.
+    pub corners: Vec<CornerNumbers>,
+    /// The panel's outline on its surface.
+    pub outline_mm: Vec<[f64; 3]>,
+    /// Greasy spots.
+    pub spots: Vec<SpotNumbers>,
+}
+
+/// A corner as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CornerNumbers {
+    /// Which corner.
+    pub name: String,
+    /// Where its straight edges meet.
+    pub corner_mm: [f64; 3],
+}
+
+/// A greasy spot as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SpotNumbers {
+    /// Centre.
+    pub centre_mm: [f64; 3],
+    /// Outline.
+    pub outline_mm: Vec<[f64; 3]>,
+    /// Area on the surface, mm².
+    pub area_mm2: f64,
+    /// When the film opens, s of the film.
+    pub breaks_at_s: f64,
+    /// When the break fills the outline, s of the film.
+    pub grown_at_s: f64,
+}
+
+fn true_spot(shape: &Shape, spot: &Spot) -> TrueSpot {
+    let outline: Vec<Point<Panel>> = spot.outline_mm().into_iter().map(|place| shape.point(place)).collect();
+    let centre = shape.point(spot.centre_mm());
+    // A fan about the centre: the surface is nearly flat within a spot.
+    let next = outline.iter().cycle().skip(1);
+    let area_mm2 =
+        outline.iter().zip(next).map(|(&a, &b)| (a - centre).mm.cross(&(b - centre).mm).norm() / 2.0).sum();
+    let (breaks_at_s, grown_at_s) = (spot.breaks_s(0.0), spot.breaks_s(1.0));
+    TrueSpot { centre, outline, area_mm2, breaks_at_s, grown_at_s }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+    use super::*;
+
+    /// By hand: shifting the found place by 0.3 mm shifts every point by 0.3 mm.
+    #[test]
+    fn the_error_of_a_place_is_measured_over_the_surface() {
+        let truth = Cell::new(1, Scene::Good, 8).truth();
+        let found = truth.base_from_panel.displaced(Vector::new(nalgebra::Vector3::new(0.0, 0.3, 0.0)));
+        let error = truth.placement_error_mm(&found);
+        assert!((error.mean_mm - 0.3).abs() < 1e-9 && (error.max_mm - 0.3).abs() < 1e-9, "{error:?}");
+        assert!(truth.surface_points().len() > 600);
+        for point in truth.surface_points() {
+            assert!(truth.distance_mm(point).abs() < 1e-9 && truth.outline_distance_mm(point) < 0.0);
+        }
+    }
+
+    #[test]
+    fn truth_survives_its_file() {
+        let numbers = Cell::new(3, Scene::Good, 8).truth().numbers();
+        let text = serde_json::to_string(&numbers).expect("plain numbers");
+        let back: TruthNumbers = serde_json::from_str(&text).expect("the same form");
+        assert_eq!(back.spots.len(), numbers.spots.len());
+        assert!((back.base_from_panel.a_deg - numbers.base_from_panel.a_deg).abs() < 1e-12);
+    }
+}
