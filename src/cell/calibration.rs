@@ -63,6 +63,11 @@ const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
 const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
+    /// A camera of which nothing else is known.
+    pub fn of(camera: PinholeCamera) -> Self {
+        Intrinsics { camera, serial: None, date: None, rms_px: None }
+    }
+
     /// Checks the text of an intrinsics file.
     ///
     /// # Errors

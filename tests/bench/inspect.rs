@@ -43,7 +43,8 @@ fn row(cell: &Cell, scene: Scene, frames_per_second: f64) {
         .expect("a panel to learn");
     let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
     let started = Instant::now();
-    let mut watch = Watch::new(&taught, cell.scanner(), camera_from_panel, &recipe, 5.0).expect("in view");
+    let demands = Demands { observation_s: OBSERVED_S, frames_per_second, min_break_mm2: 5.0 };
+    let mut watch = Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
     let new_ms = started.elapsed().as_secs_f64() * 1e3;
     let film = cell.film();
     let mut times_ms = Vec::new();
