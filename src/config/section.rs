@@ -69,10 +69,9 @@ impl<'d, 't> Section<'d, 't> {
     /// A table inside this one; an absent table reads as an empty one, a misspelt one by the name that is meant.
     pub fn section(&self, key: &'static str) -> Section<'d, 't> {
         self.known.borrow_mut().push(key);
-        let misspelt = self.document.misspelt.get(&path(&self.path, key)).map(String::as_str);
         let is_table = |name: &&str| self.entry(name).is_some_and(|(_, value)| value.is_table());
-        let name = misspelt.filter(is_table).unwrap_or(key);
-        self.inner(name)
+        let misspelt = self.document.misspelt.get(&path(&self.path, key)).map(String::as_str).filter(is_table);
+        self.inner(misspelt.filter(|_| self.entry(key).is_none()).unwrap_or(key))
     }
 
     fn inner(&self, name: &str) -> Section<'d, 't> {

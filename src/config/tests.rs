@@ -160,6 +160,14 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
         says("panel = 'door'\ncolumns = 6\n[region]\nrows = 4"),
         ["2: columns: unknown key here; did you mean region.columns?"]
     );
+    assert_eq!(
+        after_good("[regoin]\nrows = 99\n[locate]\nrows = 3"),
+        [
+            "5: regoin: unknown key; did you mean region?",
+            "8: locate.rows: unknown key here; did you mean region.rows?"
+        ],
+        "the right table is there: it is the one that is read"
+    );
 }
 
 #[test]
