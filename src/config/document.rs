@@ -44,7 +44,6 @@ pub fn check<T>(file: &str, text: &str, take: impl Fn(&Section<'_, '_>) -> Optio
     take(&document.top());
     document.misspelt = document.misspelt_names();
     document.findings.take();
-    document.known.take();
     let checked = take(&document.top());
     let list = document.problems(errors.iter().map(|error| syntax::problem_of(text, error)));
     match checked {
