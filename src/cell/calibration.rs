@@ -110,7 +110,7 @@ impl Intrinsics {
                 .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
             return None;
         }
-        Some(Intrinsics { camera, serial: serial?, date: date?, rms_px: rms_px? })
+        Some(Intrinsics { serial: serial?, date: date?, rms_px: rms_px?, ..Self::of(camera) })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
