@@ -6,7 +6,7 @@
 
 use super::appearance::dry_and_wet;
 use super::cast::{Sight, View};
-use super::noise::{Normal, PixelNoise, Purpose, Seed, ValueNoise, to_byte};
+use super::noise::{Normal, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
 use crate::geometry::{Camera, OrganizedCloud};
 use rand::RngExt;
 use rayon::prelude::*;
@@ -36,7 +36,7 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Organ
         let noise = pixels.row(shot, row, width);
         view.look_along_row(row, |column, sight| {
             let (dry, _) = dry_and_wet(&sight);
-            colors[column] = [0, 1, 2].map(|channel| to_byte(dry[channel], noise[3 * column + channel]));
+            colors[column] = to_bytes(dry, noise, column);
             if let Some(point) = measured(&sight, &correlated, &mut normal) {
                 points[column] = point;
             }
