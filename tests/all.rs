@@ -1,1 +1,4 @@
 //! All integration tests: one binary, because each one links OpenCV.
+
+mod camera_model;
+mod layers;

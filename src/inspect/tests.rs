@@ -29,8 +29,7 @@ const CAMERA: PinholeCamera = PinholeCamera {
 
 fn recipe(inspect: &str) -> Recipe {
     let text = format!(
-        "panel = \"plane\"\n[process]\nobservation_s = 5\nframes_per_second = 1\n\
-         [locate]\nbox_min_mm = [-500, -500, 700]\nbox_max_mm = [500, 500, 900]\n\
+        "panel = \"plane\"\n[locate]\nbox_min_mm = [-500, -500, 700]\nbox_max_mm = [500, 500, 900]\n\
          [region]\ncorners_px = [[19.5, 19.5], [139.5, 19.5], [139.5, 99.5], [19.5, 99.5]]\nrows = 2\ncolumns = 3\n\
          [inspect]\n{inspect}\n"
     );
@@ -73,9 +72,13 @@ fn shifted(x_mm: f64) -> Rigid<Camera, Panel> {
 /// A median of 3 × 3 px, so that a block loses just its corners.
 const SHARP: &str = "median_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
+fn demands() -> Demands {
+    Demands { observation_s: 5.0, frames_per_second: 1.0, min_break_mm2: MIN_BREAK_MM2 }
+}
+
 fn watch(x_mm: f64, settings: &str) -> Watch {
     let recipe = recipe(settings);
-    Watch::new(&taught(&recipe), &CAMERA, shifted(x_mm), &recipe, MIN_BREAK_MM2).expect("in view")
+    Watch::new(&taught(&recipe), &CAMERA, shifted(x_mm), recipe.inspect(), demands()).expect("in view")
 }
 
 /// A wet panel with dry blocks, each from left, top to right, bottom (exclusive).
@@ -244,6 +247,6 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     }
     assert_eq!(watch.finish().map(|_| ()), Err(InspectError::NoWetPicture));
     let recipe = recipe("");
-    let gone = Watch::new(&taught(&recipe), &CAMERA, shifted(900.0), &recipe, MIN_BREAK_MM2);
+    let gone = Watch::new(&taught(&recipe), &CAMERA, shifted(900.0), recipe.inspect(), demands());
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }

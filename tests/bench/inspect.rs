@@ -1,8 +1,9 @@
 //! The water-break test on rendered films of ten seeds at full size: agreement with the truth early and late, grids,
 //! time a picture. `cargo bench --bench inspect -- [SEEDS] [FRAMES_PER_SECOND] [REDUCTION]`
 
-use panelprep::inspect::{Inspection, Phase, Watch, score};
+use panelprep::inspect::{Demands, Inspection, Watch, score};
 use panelprep::panel::TaughtPanel;
+use panelprep::phase::Phase;
 use panelprep::recipe::Recipe;
 use panelprep::sim::{self, Cell, Scene, WET_FROM_S};
 use std::time::Instant;

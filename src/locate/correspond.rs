@@ -1,0 +1,101 @@
+//! Who belongs to whom: the correspondence set K of thesis Eq. 3.20, by the closest point.
+//!
+//! Two kinds of pairs: a taught point of the surface with the closest point of the scan's piece, and a taught point
+//! of the outline with the closest point of the piece's outline. Pairs farther apart than a limit are dropped; the
+//! limit follows the median distance of all pairs down to a floor, so that it shrinks as the fit gets better.
+
+use crate::geometry::{Base, Panel, Point, Rigid};
+use kiddo::{ImmutableKdTree, SquaredEuclidean};
+use rayon::prelude::*;
+
+/// Points looked up by one task; fixed, so that partial sums are the same for any number of threads.
+pub(super) const CHUNK: usize = 512;
+/// Pairs at more than this many medians are dropped.
+const MEDIANS: f64 = 3.0;
+
+/// Nearest neighbours among points of the base frame.
+pub(super) struct Tree(ImmutableKdTree<f64, 3>);
+
+impl Tree {
+    /// A tree over these points; `None` for no points.
+    pub fn over(points: impl Iterator<Item = Point<Base>>) -> Option<Self> {
+        let rows: Vec<[f64; 3]> = points.map(|point| point.mm.into()).collect();
+        if rows.is_empty() {
+            return None;
+        }
+        ImmutableKdTree::new_from_slice(&rows).ok().map(Tree)
+    }
+
+    /// The closest point's index, and its distance in mm.
+    pub fn closest(&self, point: Point<Base>) -> (usize, f64) {
+        let found = self.0.query(&point.mm.into()).nearest_one::<SquaredEuclidean<f64>>().execute();
+        (found.item as usize, found.distance.sqrt())
+    }
+}
+
+/// A taught point, where it is now, and its closest point.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pair {
+    /// The taught point, q of Eq. 3.20.
+    pub taught: Point<Panel>,
+    /// The taught point at the present guess.
+    pub moved: Point<Base>,
+    /// Index of its closest point, p of Eq. 3.20.
+    pub closest: usize,
+    /// Distance between the two, mm.
+    pub distance_mm: f64,
+}
+
+/// Every taught point with its closest point, in the order of the taught points.
+pub(super) fn pairs(tree: &Tree, taught: &[Point<Panel>], base_from_panel: Rigid<Base, Panel>) -> Vec<Pair> {
+    let pair = |&taught: &Point<Panel>| {
+        let moved = base_from_panel * taught;
+        let (closest, distance_mm) = tree.closest(moved);
+        Pair { taught, moved, closest, distance_mm }
+    };
+    taught.par_iter().with_min_len(CHUNK).map(pair).collect()
+}
+
+/// The distance beyond which a pair is dropped: three medians, but at least the floor.
+pub(super) fn distance_limit_mm(pairs: &[Pair], floor_mm: f64) -> f64 {
+    let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance_mm).collect();
+    if distances.is_empty() {
+        return floor_mm;
+    }
+    let middle = distances.len() / 2;
+    let (_, median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+    (MEDIANS * *median).max(floor_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// An organised grid has thousands of equal coordinates in a row: every point must still find itself.
+    #[test]
+    fn organised_rows_are_found() {
+        let points: Vec<Point<Base>> =
+            (0..6_400).map(|i| Point::at(600.0, f64::from(i % 80) * 0.5, f64::from(i / 80) * 0.5)).collect();
+        let tree = Tree::over(points.iter().copied()).expect("points");
+        for (index, point) in points.iter().enumerate() {
+            assert_eq!(tree.closest(*point), (index, 0.0));
+        }
+        // By hand: 3 mm before the grid and 0.1 mm aside of a point is √(9 + 0.01) from it.
+        let (index, distance_mm) = tree.closest(Point::at(597.0, 1.6, 0.0));
+        assert_eq!(index, 3);
+        assert!((distance_mm - 9.01f64.sqrt()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_limit_is_three_medians_and_not_below_the_floor() {
+        let pair = |distance_mm| Pair {
+            taught: Point::at(0.0, 0.0, 0.0),
+            moved: Point::at(0.0, 0.0, 0.0),
+            closest: 0,
+            distance_mm,
+        };
+        let pairs = [9.0, 1.0, 2.0].map(pair);
+        assert!((distance_limit_mm(&pairs, 1.0) - 6.0).abs() < 1e-12);
+        assert!((distance_limit_mm(&pairs, 7.0) - 7.0).abs() < 1e-12);
+    }
+}
