@@ -30,8 +30,7 @@ fn row(cell: &Cell, scene: Scene, frames_per_second: f64) {
     let corners = region.corners_px.map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = sim::SEARCH_BOX_MM;
     let text = format!(
-        "panel = \"simulated\"\n[process]\nobservation_s = {OBSERVED_S}\nframes_per_second = {frames_per_second}\n\
-         [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
+        "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
          [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n[inspect]\n{}\n",
         region.rows,
         region.columns,
@@ -44,7 +43,8 @@ fn row(cell: &Cell, scene: Scene, frames_per_second: f64) {
     let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
     let started = Instant::now();
     let demands = Demands { observation_s: OBSERVED_S, frames_per_second, min_break_mm2: 5.0 };
-    let mut watch = Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
+    let mut watch =
+        Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
     let new_ms = started.elapsed().as_secs_f64() * 1e3;
     let film = cell.film();
     let mut times_ms = Vec::new();
