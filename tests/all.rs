@@ -1,1 +1,3 @@
 //! All integration tests: one binary, because each one links OpenCV.
+
+mod locate;
