@@ -1,6 +1,6 @@
 //! Localization on the simulated cell, where the truth is known.
 
-use panelprep::geometry::{OrganizedCloud, Camera, Panel, PinholeCamera, Point, Rigid, Base, Vector};
+use panelprep::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Point, Rigid, Vector};
 use panelprep::locate::{self, Fit, LocateError, corner, gate, refine};
 use panelprep::panel::{CornerTeaching, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
@@ -32,13 +32,9 @@ impl Bench {
     fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
         let cell = Cell::new(seed, scene, reduction);
         let recipe = recipe(&cell, "top-left");
-        let taught = TaughtPanel::learn(
-            &cell.taught_scan(),
-            *cell.scanner(),
-            cell.calibrated_base_from_camera(),
-            &recipe,
-        )
-        .unwrap_or_else(|error| panic!("{error}"));
+        let taught =
+            TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), cell.calibrated_base_from_camera(), &recipe)
+                .unwrap_or_else(|error| panic!("{error}"));
         Bench { cell, recipe, taught }
     }
 
@@ -64,8 +60,23 @@ fn ten_seeds_at_full_size() {
         let judged = gate::judge(&fit, bench.recipe.locate());
         println!(
             "{seed}: mean {:.4} max {:.4} mm | 95% {:.4} weak {:.4} | rms {:.4} outline {:.4} mm {:.3} px | found {:.3} {:.3} {:.3} | {} steps, last {:.5} | shift {:.2} turn {:.2} tilt {:.2} | {} pts {ms:.0} ms {:?}",
-            e.mean_mm, e.max_mm, fit.uncertainty_mm, fit.weakest_mm, fit.rms_mm, fit.outline_rms_mm, fit.outline_rms_px, fit.taught_found, fit.scan_found, fit.outline_found,
-            fit.iterations, fit.last_step_mm, fit.shift_mm, fit.turn.0, fit.tilt.0, fit.points, judged.reasons
+            e.mean_mm,
+            e.max_mm,
+            fit.uncertainty_mm,
+            fit.weakest_mm,
+            fit.rms_mm,
+            fit.outline_rms_mm,
+            fit.outline_rms_px,
+            fit.taught_found,
+            fit.scan_found,
+            fit.outline_found,
+            fit.iterations,
+            fit.last_step_mm,
+            fit.shift_mm,
+            fit.turn.0,
+            fit.tilt.0,
+            fit.points,
+            judged.reasons
         );
     }
 }

@@ -47,7 +47,9 @@ pub enum CornerError {
         needed_percent: f64,
     },
     /// The corner lies at the border of the picture or beyond.
-    #[error("the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that it is well inside")]
+    #[error(
+        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that it is well inside"
+    )]
     CornerAtBorder {
         /// Column, px.
         u: f64,
@@ -110,16 +112,15 @@ pub fn find(picture: &GrayPicture, settings: &recipe::Corner, px_per_mm: f64) ->
     if !inside(nearest_px) {
         return Err(CornerError::CornerAtBorder { u: nearest_px.u, v: nearest_px.v });
     }
-    let length = edge::Length {
-        skip_px: settings.rounding_mm() * px_per_mm,
-        fit_px: settings.edge_mm() * px_per_mm,
-    };
+    let length =
+        edge::Length { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
     let fitted = |start: usize, step: isize| {
         let along = walk(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
         let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
         edge::fit(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
     };
-    let edges_from = |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
+    let edges_from =
+        |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
     // In a turned picture the thesis's mark lies beside the rounding's middle: the first corner says where that is.
     let rough = edges_from(nearest)?;
     let rough_px = edge::meet(&rough[0], &rough[1], MIN_ANGLE_DEG)?;

@@ -154,7 +154,8 @@ fn uncertainty_mm(
 
 fn weakest_mm(covariance: &Matrix6<f64>, taught: &Taught) -> f64 {
     let count = taught.surface.len() as f64;
-    let radius_mm = (taught.surface.iter().map(|point| (*point - taught.centre).mm.norm_squared()).sum::<f64>() / count).sqrt();
+    let radius_mm =
+        (taught.surface.iter().map(|point| (*point - taught.centre).mm.norm_squared()).sum::<f64>() / count).sqrt();
     let scale = Matrix6::from_diagonal(&Vector6::new(radius_mm, radius_mm, radius_mm, 1.0, 1.0, 1.0));
     WITHIN_95_PERCENT * (scale * covariance * scale).symmetric_eigenvalues().max().max(0.0).sqrt()
 }

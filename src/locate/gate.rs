@@ -3,9 +3,9 @@
 //! Shift, turn and tilt are judged at the panel's centre, never at the base's origin: a small turn moves a far origin by
 //! much, and that says nothing about the panel.
 
+use super::LocateError;
 use super::evidence::Fit;
 use super::point_to_plane::CONVERGED_MM;
-use super::LocateError;
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
 

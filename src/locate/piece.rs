@@ -129,8 +129,8 @@ mod tests {
     #[test]
     fn a_rectangle_has_its_sides_and_area() {
         let point = |i: usize| [(i % 60) as f32 * 2.0, (i / 60) as f32 * 3.0, 700.0];
-        let cloud =
-            OrganizedCloud::<Camera>::new(60, 40, (0..2_400).map(point).collect(), vec![[0; 3]; 2_400]).expect("counts");
+        let cloud = OrganizedCloud::<Camera>::new(60, 40, (0..2_400).map(point).collect(), vec![[0; 3]; 2_400])
+            .expect("counts");
         let mut mask = Mask::empty(60, 40);
         for row in 10..30 {
             for column in 10..50 {

@@ -203,7 +203,11 @@ mod tests {
         Rigid::from_axes([-Vector3::y(), -Vector3::z(), Vector3::x()].map(Vector::new), at)
     }
 
-    fn taught(point: Point<Panel>, base_from_camera: Rigid<Base, FlangeCamera>, camera: &PinholeCamera) -> TaughtCorner {
+    fn taught(
+        point: Point<Panel>,
+        base_from_camera: Rigid<Base, FlangeCamera>,
+        camera: &PinholeCamera,
+    ) -> TaughtCorner {
         let panel_from_camera = crate::panel::panel_from_base_at_teaching() * base_from_camera;
         let reference_px = camera.project(panel_from_camera.inverse() * point).expect("in front");
         TaughtCorner { teaching: CornerTeaching { reference_px, panel_from_camera }, point }
@@ -252,7 +256,8 @@ mod tests {
         let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
         let nominal = crate::panel::panel_from_base_at_teaching().inverse();
         let beyond = looks_along_x(Point::at(900.0, 0.0, 360.0));
-        let view = |base_from_camera, u| CornerView { taught: &corner, base_from_camera, found_px: Pixel::at(u, 768.0) };
+        let view =
+            |base_from_camera, u| CornerView { taught: &corner, base_from_camera, found_px: Pixel::at(u, 768.0) };
         let error = refine(nominal, &CAMERA, &[view(beyond, 1024.0)]).expect_err("behind");
         assert_eq!(error, RefineError::NotInView { picture: 1, depth_mm: -340.0 });
         assert_eq!(refine(nominal, &CAMERA, &[]), Err(RefineError::NoView));

@@ -53,7 +53,9 @@ pub(super) fn fit(picture: &GrayPicture, contour: &[Pixel], length: Length) -> R
         .ok_or_else(|| short(contour.len()))?;
     for _ in 0..2 {
         let places = crossings(picture, &line);
-        line = Line::through(&places, outwards).filter(|line| line.points >= needed).ok_or_else(|| short(places.len()))?;
+        line = Line::through(&places, outwards)
+            .filter(|line| line.points >= needed)
+            .ok_or_else(|| short(places.len()))?;
     }
     Ok(EdgeLine {
         from: pixel(line.middle + line.along * line.span[0]),
@@ -107,7 +109,8 @@ impl Line {
         }
         let count = places.len() as f64;
         let middle = places.iter().sum::<Vector2<f64>>() / count;
-        let scatter: Matrix2<f64> = places.iter().map(|place| (place - middle) * (place - middle).transpose()).sum();
+        let scatter: Matrix2<f64> =
+            places.iter().map(|place| (place - middle) * (place - middle).transpose()).sum();
         let eigen = scatter.symmetric_eigen();
         let along = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
         let along = if along.dot(&outwards) < 0.0 { -along } else { along };
@@ -160,9 +163,8 @@ fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
         return None;
     }
     let (right, down) = (place.x - column, place.y - row);
-    let at = |dx: usize, dy: usize| {
-        f64::from(picture.gray[(row as usize + dy) * picture.width + column as usize + dx])
-    };
+    let at =
+        |dx: usize, dy: usize| f64::from(picture.gray[(row as usize + dy) * picture.width + column as usize + dx]);
     let upper = at(0, 0) * (1.0 - right) + at(1, 0) * right;
     let lower = at(0, 1) * (1.0 - right) + at(1, 1) * right;
     Some(upper * (1.0 - down) + lower * down)
@@ -210,7 +212,8 @@ mod tests {
 
     #[test]
     fn a_few_wrong_places_do_not_turn_the_line() {
-        let place = |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
+        let place =
+            |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
         let line = Line::through(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");
         assert!(line.along.y.abs() < 1e-3 && (line.middle.y - 5.005).abs() < 1e-3, "{:?}", line.middle);
         assert_eq!(line.points, 80);
