@@ -17,7 +17,8 @@ pub struct ImagingError {
     pub words: String,
 }
 
-fn named<T>(operation: &'static str, result: opencv::Result<T>) -> Result<T, ImagingError> {
+/// Names the operation in OpenCV's error.
+pub(crate) fn named<T>(operation: &'static str, result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation, words: error.message })
 }
 

@@ -10,10 +10,25 @@ pub mod sim;
 
 pub mod config;
 pub mod imaging;
+pub mod phase;
 pub mod verdict;
 
+pub mod cell;
 pub mod recipe;
 
+pub mod check;
 pub mod panel;
 
+pub mod inspect;
 pub mod locate;
+pub mod surface;
+
+pub mod path;
+
+pub mod files;
+
+pub mod report;
+
+pub mod store;
+
+pub mod cli;

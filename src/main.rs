@@ -1,3 +1,9 @@
 //! Arguments and exit codes.
 
-fn main() {}
+use clap::Parser;
+use panelprep::cli::args::Arguments;
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    panelprep::cli::run(&Arguments::parse())
+}

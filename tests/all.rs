@@ -1,3 +1,5 @@
 //! All integration tests: one binary, because each one links OpenCV.
 
+mod camera_model;
+mod layers;
 mod locate;

@@ -4,13 +4,21 @@
 //! *taken* from it; what was not taken is unknown. Nothing is repaired: a value out of range is a problem, and a
 //! file with one problem yields no checked form. Text in, values out; reading the disk is the caller's work.
 
+mod document;
+mod nearest;
 mod problem;
 mod section;
 mod settings;
+mod syntax;
 mod value;
 
-pub use problem::{Problem, Problems, nearest};
-pub use section::{Document, Section};
+#[cfg(test)]
+mod tests;
+
+pub use document::{check, top_keys};
+pub use nearest::nearest;
+pub use problem::{Problem, Problems};
+pub use section::Section;
 pub use value::{Choice, Setting};
 
 pub(crate) use settings::{same, settings};

@@ -12,7 +12,8 @@ pub trait Setting: Sized {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String>;
 }
 
-fn found(value: &DeValue<'_>) -> String {
+/// What a value is, in a few words.
+pub(super) fn found(value: &DeValue<'_>) -> String {
     match value {
         DeValue::String(text) => format!("the text \"{text}\""),
         DeValue::Integer(number) => number.as_str().to_owned(),
@@ -25,7 +26,7 @@ fn found(value: &DeValue<'_>) -> String {
 }
 
 /// The number in a value; `None` where it is something else. NaN and infinite numbers come out as they are.
-pub(super) fn number(value: &DeValue<'_>) -> Option<f64> {
+fn number(value: &DeValue<'_>) -> Option<f64> {
     match value {
         DeValue::Integer(number) => i64::from_str_radix(number.as_str(), number.radix()).ok().map(|n| n as f64),
         DeValue::Float(number) => number.as_str().parse().ok(),
@@ -44,19 +45,26 @@ impl Setting for f64 {
     }
 }
 
-impl Setting for usize {
-    type Limits = RangeInclusive<usize>;
+macro_rules! whole_numbers {
+    ($($kind:ty),*) => {$(
+        impl Setting for $kind {
+            type Limits = RangeInclusive<$kind>;
 
-    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
-        let whole = match value {
-            DeValue::Integer(number) => usize::from_str_radix(number.as_str(), number.radix()).ok(),
-            _ => None,
-        };
-        whole.filter(|number| limits.contains(number)).ok_or_else(|| {
-            format!("found {}, allowed is a whole number from {} to {}", found(value), limits.start(), limits.end())
-        })
-    }
+            fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+                let whole = match value {
+                    DeValue::Integer(number) => <$kind>::from_str_radix(number.as_str(), number.radix()).ok(),
+                    _ => None,
+                };
+                whole.filter(|number| limits.contains(number)).ok_or_else(|| {
+                    let (low, high) = (limits.start(), limits.end());
+                    format!("found {}, allowed is a whole number from {low} to {high}", found(value))
+                })
+            }
+        }
+    )*};
 }
+
+whole_numbers!(usize, u16);
 
 impl Setting for bool {
     type Limits = ();
@@ -84,7 +92,10 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
         let list = value.as_array().filter(|list| list.len() == N);
         let list = list.ok_or_else(|| format!("found {}, allowed is a list of {N}", found(value)))?;
-        let items: Result<Vec<T>, String> = list.iter().map(|item| T::parse(item.get_ref(), limits)).collect();
+        let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
+            T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
+        };
+        let items: Result<Vec<T>, String> = list.iter().enumerate().map(item).collect();
         items?.try_into().map_err(|_| format!("allowed is a list of {N}"))
     }
 }
@@ -108,10 +119,22 @@ impl<C: Choice> Setting for C {
     type Limits = ();
 
     fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let word = |text| C::WORDS.iter().find(|(word, _)| *word == text).map(|(_, choice)| *choice);
+        let words = C::WORDS.iter().map(|(word, _)| *word).collect();
+        let written = <&'static str>::parse(value, &words)?;
+        let choice = C::WORDS.iter().find(|(word, _)| *word == written).map(|(_, choice)| *choice);
+        choice.ok_or_else(|| format!("found {written}"))
+    }
+}
+
+/// One of a few words, which the limits list.
+impl Setting for &'static str {
+    type Limits = Vec<&'static str>;
+
+    fn parse(value: &DeValue<'_>, words: &Self::Limits) -> Result<Self, String> {
+        let word = |text| words.iter().copied().find(|word| *word == text);
         value.as_str().and_then(word).ok_or_else(|| {
-            let words: Vec<String> = C::WORDS.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-            format!("found {}, allowed is {}", found(value), words.join(" or "))
+            let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+            format!("found {}, allowed is {}", found(value), quoted.join(" or "))
         })
     }
 }

@@ -6,6 +6,7 @@
 mod camera;
 mod cloud;
 mod frames;
+mod joints;
 mod kuka_pose;
 mod picture;
 mod plane;
@@ -16,6 +17,7 @@ mod units;
 pub use camera::PinholeCamera;
 pub use cloud::{CloudError, OrganizedCloud};
 pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
+pub use joints::Joints;
 pub use kuka_pose::KukaPose;
 pub use picture::{ColorPicture, GrayPicture, Mask};
 pub use plane::{Plane, local_plane};

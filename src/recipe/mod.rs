@@ -1,13 +1,16 @@
 //! The recipe: one TOML file for each kind of panel, checked into a form that holds only allowed values.
 //!
-//! Each table is declared in [`tables`], key by key with range, default and meaning; this file joins them and
+//! Each table is declared in `tables.rs`, key by key with range, default and meaning; this file joins them and
 //! checks what concerns several keys. See `config/` for the reading itself.
 
 mod tables;
 
+#[cfg(test)]
+mod tests;
+
 pub use tables::{Corner, CornerName, Inspect, Locate, Method, Path, Process, Region, Surface};
 
-use crate::config::{Document, Problems};
+use crate::config::{self, Problems, Section};
 
 /// A checked recipe.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,27 +25,27 @@ pub struct Recipe {
     path: Path,
 }
 
+/// The keys at the top of a recipe, by which it is told from other files.
+pub const RECIPE_KEYS: [&str; 8] = ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path"];
+
 impl Recipe {
     /// Checks the text of a recipe; `file` is its name in messages.
     ///
     /// # Errors
     /// Every problem of the file with its line and key.
     pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
-        let document = Document::parse(file, text);
-        let checked = Self::take(&document);
-        document.finish(checked)
+        config::check(file, text, Self::take)
     }
 
-    fn take(document: &Document<'_>) -> Option<Self> {
-        let top = document.top();
+    fn take(top: &Section<'_, '_>) -> Option<Self> {
         let panel = top.take::<String>("panel", (), None);
-        let process = Process::take(top.section("process"));
-        let locate = tables::take_locate(top.section("locate"));
-        let corner = tables::take_corner(top.section("corner"));
-        let region = tables::take_region(top.section("region"));
-        let inspect = tables::take_inspect(top.section("inspect"));
-        let surface = Surface::take(top.section("surface"));
-        let path = tables::take_path(top.section("path"));
+        let process = Process::take(&top.section("process"));
+        let locate = tables::take_locate(&top.section("locate"));
+        let corner = tables::take_corner(&top.section("corner"));
+        let region = tables::take_region(&top.section("region"));
+        let inspect = tables::take_inspect(&top.section("inspect"));
+        let surface = Surface::take(&top.section("surface"));
+        let path = tables::take_path(&top.section("path"));
         top.done();
         Some(Recipe {
             panel: panel?,

@@ -5,8 +5,8 @@ use crate::config::{Choice, Section, settings};
 settings! {
     /// `[process]`: the water-break test and the abrasion as a process.
     pub struct Process {
-        /// How long the film is watched after it is fully wet, s (ASTM F22: up to a minute).
-        observation_s: f64, 5.0..=600.0, default 60.0;
+        /// How long the film is watched after it is fully wet, s; overrides the cell's.
+        observation_s: Option<f64>, 5.0..=600.0, default None;
         /// Pictures a second while the film is watched.
         frames_per_second: f64, 0.5..=30.0, default 5.0;
         /// How often one grid may be abraded in a cycle.
@@ -34,13 +34,11 @@ settings! {
     }
 }
 
-pub(super) fn take_locate(section: Section<'_, '_>) -> Option<Locate> {
-    // Checked through the section's path, since the section itself is consumed.
-    let check = section.alike();
+pub(super) fn take_locate(section: &Section<'_, '_>) -> Option<Locate> {
     let locate = Locate::take(section)?;
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     if (0..3).any(|axis| low[axis] >= high[axis]) {
-        check.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
+        section.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
         return None;
     }
     Some(locate)
@@ -90,11 +88,10 @@ settings! {
     }
 }
 
-pub(super) fn take_corner(section: Section<'_, '_>) -> Option<Corner> {
-    let check = section.alike();
+pub(super) fn take_corner(section: &Section<'_, '_>) -> Option<Corner> {
     let corner = Corner::take(section)?;
     if corner.panel_gray_min() >= corner.panel_gray_max() {
-        check.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
+        section.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
         return None;
     }
     Some(corner)
@@ -113,12 +110,11 @@ settings! {
     }
 }
 
-pub(super) fn take_region(section: Section<'_, '_>) -> Option<Region> {
-    let check = section.alike();
+pub(super) fn take_region(section: &Section<'_, '_>) -> Option<Region> {
     let region = Region::take(section)?;
     let turns: Vec<f64> = (0..4).map(|i| turn_at(&region.corners_px(), i)).collect();
     if !(turns.iter().all(|turn| *turn > 1.0) || turns.iter().all(|turn| *turn < -1.0)) {
-        check.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
+        section.problem("corners_px", "the four corners must go round a convex region in order, none on a line");
         return None;
     }
     Some(region)
@@ -146,16 +142,18 @@ settings! {
         /// The method.
         method: Method, (), default Method::Thesis;
         /// Gain α of Eq. 4.2.
-        gain: f64, 0.1..=50.0, default 3.0;
+        gain: f64, 0.1..=50.0, default 4.0;
         /// Bias β of Eq. 4.2.
         bias: f64, -255.0..=255.0, default 0.0;
-        /// Width of the median blur, px, odd.
-        median_px: usize, 3..=31, default 5;
+        /// Width of the median blur, px, odd. Of 5 px or more it is several times slower and rounds small breaks away.
+        median_px: usize, 3..=31, default 3;
         /// How often the median blur is applied.
         median_passes: usize, 1..=5, default 2;
-        /// Smallest adjusted difference of a changed pixel.
-        threshold: usize, 1..=255, default 60;
-        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them.
+        /// Smallest adjusted difference of a changed pixel: about half of that between dry and wet, so that a break's
+        /// edge is found where it is. 52 is for 26 grey levels, dark composite.
+        threshold: usize, 1..=255, default 52;
+        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them. The defaults rule
+        /// nothing out, since a range that is too narrow passes a broken film.
         hsv_min: [usize; 3], 0..=255, default [0, 0, 0];
         /// Upper bounds of a dry pixel.
         hsv_max: [usize; 3], 0..=255, default [179, 255, 255];
@@ -166,15 +164,20 @@ settings! {
     }
 }
 
-pub(super) fn take_inspect(section: Section<'_, '_>) -> Option<Inspect> {
-    let check = section.alike();
+pub(super) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
     let inspect = Inspect::take(section)?;
     if inspect.median_px() % 2 == 0 {
-        check.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
+        section.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
         return None;
     }
+    for (key, [hue, ..]) in [("hsv_min", inspect.hsv_min()), ("hsv_max", inspect.hsv_max())] {
+        if hue > 179 {
+            section.problem(key, format!("found hue {hue}, allowed is 0 to 179: half of its degrees"));
+            return None;
+        }
+    }
     if (0..3).any(|channel| inspect.hsv_min()[channel] > inspect.hsv_max()[channel]) {
-        check.problem("hsv_max", "must not be below hsv_min in any channel");
+        section.problem("hsv_max", "must not be below hsv_min in any channel");
         return None;
     }
     Some(inspect)
@@ -212,17 +215,25 @@ settings! {
     }
 }
 
-pub(super) fn take_path(section: Section<'_, '_>) -> Option<Path> {
-    let check = section.alike();
+pub(super) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
     let path = Path::take(section)?;
     if path.step_over_mm() > path.disc_diameter_mm() {
-        check.problem(
+        section.problem(
             "step_over_mm",
             format!(
                 "found {}, allowed is at most disc_diameter_mm, {}: wider rows leave stripes",
                 path.step_over_mm(),
                 path.disc_diameter_mm()
             ),
+        );
+        return None;
+    }
+    // A direction need not have length 1, but one this short is a slip of the pen. √3 is the longest.
+    let length = nalgebra::Vector3::from(path.reference_axis()).norm();
+    if length > 0.0 && length < 0.1 {
+        section.problem(
+            "reference_axis",
+            format!("found a direction of length {length}, allowed is 0.1 to 1.8, or [0, 0, 0]"),
         );
         return None;
     }

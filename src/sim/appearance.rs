@@ -20,7 +20,7 @@ pub(super) type Color = [u16; 3];
 /// The colour of one pixel, dry and under a full film; the same away from the panel.
 pub(super) fn dry_and_wet(sight: &Sight) -> (Color, Color) {
     let background = sight.background.color;
-    let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage())).filter(|(_, share)| *share > 0.0)
+    let Some((panel, share)) = sight.panel.map(|panel| (panel, panel.coverage)).filter(|(_, share)| *share > 0.0)
     else {
         let color = background.map(fixed);
         return (color, color);
@@ -66,6 +66,7 @@ mod tests {
             cos_incidence: 1.0,
             normal: Vector3::z(),
             edge_px,
+            coverage: (0.5 - edge_px).clamp(0.0, 1.0),
             pixel_mm: 0.4,
         };
         let background = Background { depth_mm: Some(800.0), cos_incidence: 1.0, color: [180.0; 3] };

@@ -4,7 +4,8 @@
 //!     F(λ) = o_h + λ r_h − h(o_s + λ r_s, o_t + λ r_t) = 0,   F′ = r_h − ∂h/∂s r_s − ∂h/∂t r_t,           (1)
 //! solved by Newton's method from the neighbour's depth. The surface goes on smoothly beyond its outline, so the
 //! outline's distance d at the meeting point changes sign at the edge; with its slope in the picture, g,
-//!     edge = d / |g| px,   coverage = ½ − edge, between 0 and 1.                                          (2)
+//!     edge = d / |g| px,                                                                                 (2)
+//! and the panel's share of the pixel is the part of a square pixel on the inner side of that straight line.
 
 use super::fixture::{self, Background};
 use super::shape::Shape;
@@ -63,15 +64,27 @@ pub(super) struct PanelSight {
     pub normal: Vector3<f64>,
     /// Distance to the panel's edge, px, negative inside the panel. (2)
     pub edge_px: f64,
+    /// The share of the pixel that shows the panel, 0…1.
+    pub coverage: f64,
     /// What one pixel stands for here, mm.
     pub pixel_mm: f64,
 }
 
-impl PanelSight {
-    /// The share of the pixel that shows the panel. (2)
-    pub fn coverage(&self) -> f64 {
-        (0.5 - self.edge_px).clamp(0.0, 1.0)
-    }
+/// The part of a square pixel on the inner side of a straight edge: `edge_px` from its centre to the edge, negative
+/// inside; `growth` the unit vector across the edge. By distance, the density of the pixel's area is a trapezoid of
+/// the widths |g_u| and |g_v|.
+fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
+    let (long, short) = (growth.abs().max(), growth.abs().min());
+    let (reach, flat) = ((long + short) / 2.0, (long - short) / 2.0);
+    let away = edge_px.abs();
+    let beyond = if away >= reach {
+        0.0
+    } else if away <= flat {
+        0.5 - away / long
+    } else {
+        (reach - away).powi(2) / (2.0 * long * short)
+    };
+    if edge_px > 0.0 { beyond } else { 1.0 - beyond }
 }
 
 /// What one pixel sees.
@@ -202,13 +215,15 @@ impl<'a> PanelView<'a> {
             let moved = step - r * (across.dot(&step) / across.dot(r));
             growth.dot(&moved.xy())
         };
-        let slope_px = per_px(0).hypot(per_px(1)); // mm of distance to the outline per px
+        let growth_px = Vector2::new(per_px(0), per_px(1)); // mm of distance to the outline per px
+        let edge_px = distance / growth_px.norm();
         PanelSight {
             place,
             depth_mm: depth,
             cos_incidence: -across.dot(r) / (across.norm() * r.norm()),
             normal: across.normalize(),
-            edge_px: distance / slope_px,
+            edge_px,
+            coverage: covered(edge_px, growth_px.normalize()),
             pixel_mm: depth / self.focal_px[0],
         }
     }
@@ -273,6 +288,19 @@ mod tests {
         }
     }
 
+    /// By hand: an upright edge a quarter of a pixel from the centre leaves ¾; a diagonal one through a corner of the
+    /// pixel, √½ away, leaves all, and half-way there cuts off a triangle of base √½ and height √⅛: ⅛.
+    #[test]
+    fn shares_of_a_pixel_by_hand() {
+        let diagonal = Vector2::new(1.0, -1.0).normalize();
+        assert!((covered(-0.25, Vector2::x()) - 0.75).abs() < 1e-12);
+        assert!((covered(0.25, Vector2::y()) - 0.25).abs() < 1e-12);
+        assert!((covered(-0.5_f64.sqrt(), diagonal) - 1.0).abs() < 1e-12);
+        assert!((covered(-0.125_f64.sqrt(), diagonal) - 0.875).abs() < 1e-12);
+        assert!((covered(0.0, diagonal) - 0.5).abs() < 1e-12);
+    }
+
+    /// All shares together are the area of the projected outline: over its length, the edge is right to 0.01 px.
     #[test]
     fn the_edge_is_where_the_outline_projects() {
         let camera = scene::scanner(2);
@@ -280,24 +308,28 @@ mod tests {
         let shape = Shape::taught(Seed(5));
         let base_from_camera = scene::base_from_camera();
         let view = View::new(&camera, &rays, &base_from_camera, Some((&shape, &scene::nominal())));
-        let outline = shape.outline().polyline(0.05);
-        let pixels: Vec<Pixel> = outline
-            .iter()
-            .filter_map(|p| {
-                camera.project(base_from_camera.inverse() * (scene::nominal() * shape.point([p.x, p.y])))
-            })
-            .collect();
-        let mut compared = 0;
-        for row in (0..camera.height_px).step_by(37) {
-            view.look_along_row(row, |column, sight| {
-                let Some(panel) = sight.panel.filter(|panel| panel.edge_px.abs() < 1.0) else { return };
-                let here = Pixel::at(column as f64, row as f64);
-                let nearest = pixels.iter().map(|p| p.distance_px(here)).fold(f64::INFINITY, f64::min);
-                // Along the chord of the arc the straight-line distance differs by its curvature only.
-                assert!((nearest - panel.edge_px.abs()).abs() < 0.06, "{nearest} px, {} px", panel.edge_px);
-                compared += 1;
-            });
+        let project = |p: &Vector2<f64>| {
+            camera.project(base_from_camera.inverse() * (scene::nominal() * shape.point([p.x, p.y])))
+        };
+        let outline: Vec<Pixel> = shape.outline().polyline(0.2).iter().filter_map(project).collect();
+        let length_px: f64 = outline.windows(2).map(|pair| pair[0].distance_px(pair[1])).sum();
+        let mut shares = vec![0.0; camera.height_px];
+        for (row, share) in shares.iter_mut().enumerate() {
+            view.look_along_row(row, |_, sight| *share += sight.panel.map_or(0.0, |panel| panel.coverage));
         }
-        assert!(compared > 20, "{compared}");
+        let area_px2 = crate::geometry::polygon::signed_area_px2(&outline).abs();
+        let error_px = (shares.iter().sum::<f64>() - area_px2) / length_px;
+        assert!(length_px > 1_000.0 && error_px.abs() < 0.01, "{error_px} px");
+        // And row by row, away from corners: the length of the row inside is the sum of its shares.
+        for row in [240, 300, 360] {
+            let crossings: Vec<f64> = (0..outline.len())
+                .map(|i| (outline[i], outline[(i + 1) % outline.len()]))
+                .filter(|(a, b)| (a.v > f64::from(row)) != (b.v > f64::from(row)))
+                .map(|(a, b)| a.u + (f64::from(row) - a.v) / (b.v - a.v) * (b.u - a.u))
+                .collect();
+            let inside_px = (crossings[0] - crossings[1]).abs();
+            let error_px = shares[row as usize] - inside_px;
+            assert!(crossings.len() == 2 && error_px.abs() < 0.02, "row {row}: {error_px} px");
+        }
     }
 }

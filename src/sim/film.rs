@@ -6,7 +6,8 @@
 
 use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
-use super::noise::{Normal, PixelNoise, Purpose, Seed, ValueNoise, smoothstep, to_byte};
+use super::noise::{PixelNoise, Purpose, Seed, ValueNoise, to_byte, to_bytes};
+use super::runoff::Runoff;
 use super::spots::Spot;
 use crate::geometry::{ColorPicture, Mask};
 use rayon::prelude::*;
@@ -87,7 +88,7 @@ impl Film {
             view.look_along_row(index, |column, sight| {
                 let (dry_color, wet) = dry_and_wet(&sight);
                 dry[column] = dry_color;
-                let Some(panel) = sight.panel.filter(|panel| panel.coverage() > 0.0) else { return };
+                let Some(panel) = sight.panel.filter(|panel| panel.coverage > 0.0) else { return };
                 if row.wetted.is_empty() {
                     row.first_column = column;
                 }
@@ -133,11 +134,11 @@ impl Film {
             for (offset, wetted) in row.wetted.iter().enumerate() {
                 let column = row.first_column + offset;
                 let film = wetted.film(time_s) * drift.thickness(wetted.streak);
-                for channel in 0..3 {
+                let color = std::array::from_fn(|channel| {
                     let (from, to) = (f32::from(dry[column][channel]), f32::from(wetted.wet[channel]));
-                    let color = (from + (to - from) * film) as u16;
-                    pixels[column][channel] = to_byte(color, noise[3 * column + channel]);
-                }
+                    (from + (to - from) * film) as u16
+                });
+                pixels[column] = to_bytes(color, noise, column);
             }
         });
         picture
@@ -193,73 +194,21 @@ fn broken(spots: &[Spot], place: [f64; 2], pixel_mm: f64) -> (f32, f32) {
     (f32::INFINITY, 0.0)
 }
 
-/// The run-off: two streaky patterns that travel down at their own speeds and fade as the water thins out.
-#[derive(Debug, Clone)]
-struct Runoff {
-    pattern: Vec<f32>,
-}
+#[cfg(test)]
+mod tests {
+    use super::super::{Cell, Scene};
+    use super::*;
 
-/// The pattern repeats after this many cells; powers of two. A cell is 1 mm wide and 1 mm high.
-const STREAK_COLUMNS: usize = 512;
-const STREAK_ROWS: usize = 1_024;
-/// How much thicker the film is in a streak at first, and later.
-const STREAK_FIRST: f32 = 0.14;
-const STREAK_LAST: f32 = 0.05;
-const STREAK_FADES_S: f32 = 12.0;
-/// mm/s
-const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
-
-struct Drift<'a> {
-    pattern: &'a [f32],
-    shifts: [usize; 2],
-    amplitude: f32,
-}
-
-impl Runoff {
-    fn new(seed: Seed) -> Self {
-        // Narrow across, long down: nodes every 4 columns and every 64 rows.
-        const ACROSS: usize = 4;
-        const DOWN: usize = 64;
-        let columns = STREAK_COLUMNS / ACROSS;
-        let rows = STREAK_ROWS / DOWN;
-        let mut normal = Normal::new(seed.stream(Purpose::Runoff, 0));
-        let nodes: Vec<f64> = (0..columns * rows).map(|_| normal.next()).collect();
-        let node = |column: usize, row: usize| nodes[row % rows * columns + column % columns];
-        let value = |index: usize| {
-            let (column, row) = (index % STREAK_COLUMNS, index / STREAK_COLUMNS);
-            let (i, j) = (column / ACROSS, row / DOWN);
-            let across = smoothstep((column % ACROSS) as f64 / ACROSS as f64);
-            let down = smoothstep((row % DOWN) as f64 / DOWN as f64);
-            let mix = |a: f64, b: f64, share: f64| a + share * (b - a);
-            let low = mix(node(i, j), node(i + 1, j), across);
-            let high = mix(node(i, j + 1), node(i + 1, j + 1), across);
-            // Streaks are rare: only what stands out of the pattern.
-            ((mix(low, high, down) - 0.6).max(0.0) / 1.2).min(1.0) as f32
-        };
-        Runoff { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
-    }
-
-    /// Column and row of the pattern for a place of the sheet; rows grow upwards.
-    fn place([s, t]: [f64; 2]) -> [u16; 2] {
-        [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
-    }
-
-    fn at(&self, time_s: f64) -> Drift<'_> {
-        let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
-        let amplitude = STREAK_LAST + (STREAK_FIRST - STREAK_LAST) * (-since_wet_s / STREAK_FADES_S).exp();
-        let shifts = STREAK_SPEEDS.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
-        Drift { pattern: &self.pattern, shifts, amplitude }
-    }
-}
-
-impl Drift<'_> {
-    /// How much the film darkens here, about 1.
-    fn thickness(&self, [column, row]: [u16; 2]) -> f32 {
-        let (column, row) = (usize::from(column), usize::from(row));
-        let cell = |column: usize, shift: usize| {
-            self.pattern[(row + shift) % STREAK_ROWS * STREAK_COLUMNS + column % STREAK_COLUMNS]
-        };
-        let streaks = cell(column, self.shifts[0]) + cell(column + 211, self.shifts[1]);
-        1.0 + self.amplitude * streaks
+    #[test]
+    fn the_film_is_whole_when_the_spray_ends() {
+        for seed in 0..5 {
+            let film = Cell::new(seed, Scene::Good, 8).film();
+            let wetted = || film.rows.iter().flat_map(|row| &row.wetted);
+            assert!(wetted().count() > 3_000);
+            let least = |time_s: f32| wetted().map(|pixel| pixel.film(time_s)).fold(f32::INFINITY, f32::min);
+            assert!((least(WET_FROM_S as f32) - 1.0).abs() < 1e-6, "seed {seed}: {}", least(WET_FROM_S as f32));
+            assert!(least(3.0) < 1e-6, "the front is still on its way");
+            assert!(wetted().all(|pixel| pixel.film(SPRAY_FROM_S as f32) < 1e-6));
+        }
     }
 }

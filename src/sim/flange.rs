@@ -2,7 +2,7 @@
 
 use super::appearance::dry_and_wet;
 use super::cast::View;
-use super::noise::{PixelNoise, Seed, to_byte};
+use super::noise::{PixelNoise, Seed, to_bytes};
 use crate::geometry::ColorPicture;
 use rayon::prelude::*;
 
@@ -13,7 +13,7 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Color
         let noise = pixels.row(shot, row, colors.len());
         view.look_along_row(row, |column, sight| {
             let (dry, _) = dry_and_wet(&sight);
-            colors[column] = [0, 1, 2].map(|channel| to_byte(dry[channel], noise[3 * column + channel]));
+            colors[column] = to_bytes(dry, noise, column);
         });
     });
     picture

@@ -164,6 +164,11 @@ pub(super) fn to_byte(color: u16, noise: i16) -> u8 {
     ((i32::from(color) + i32::from(noise) + 64) >> 7).clamp(0, 255) as u8
 }
 
+/// A pixel's colour with its share of the row's noise.
+pub(super) fn to_bytes(color: [u16; 3], row_noise: &[i16], column: usize) -> [u8; 3] {
+    std::array::from_fn(|channel| to_byte(color[channel], row_noise[3 * column + channel]))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

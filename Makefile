@@ -1,0 +1,50 @@
+# Panelprep: two commands are enough, `make demo` and `make test`; both do the set-up.
+
+PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
+DEMO_OUT := target/demo
+
+.PHONY: help setup demo test bench bench-seeds
+
+help:
+	@echo 'make demo    render a cell, locate, inspect and plan on its files, write $(DEMO_OUT)/index.html'
+	@echo 'make test    format check, lints, all tests'
+	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds'
+	@echo 'make setup   install what is missing (Debian packages); the others call it'
+
+setup:
+	@command -v cargo >/dev/null || { \
+	  echo 'cargo is missing: install Rust 1.95 or newer (https://rustup.rs), then try again.' >&2; exit 1; }
+	@if command -v dpkg-query >/dev/null && command -v apt-get >/dev/null; then \
+	  missing=''; \
+	  for package in $(PACKAGES); do \
+	    dpkg-query -W -f '$${Status}' "$$package" 2>/dev/null | grep -q 'install ok installed' || missing="$$missing $$package"; \
+	  done; \
+	  if [ -n "$$missing" ]; then \
+	    echo "Installing:$$missing"; \
+	    if [ "$$(id -u)" = 0 ]; then as_root=''; elif command -v sudo >/dev/null; then as_root='sudo'; else \
+	      echo "As root, run: apt-get install$$missing" >&2; exit 1; fi; \
+	    $$as_root apt-get update -q && \
+	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; \
+	  fi; \
+	elif pkg-config --atleast-version=4.5 opencv4 2>/dev/null && command -v clang >/dev/null; then \
+	  echo 'Not a Debian system; OpenCV and clang are there.'; \
+	else \
+	  echo 'This is not a Debian system. Install with its own package manager: a C++ compiler, pkg-config,' >&2; \
+	  echo 'OpenCV 4.5 or newer with its headers, clang and libclang (Fedora: gcc-c++ pkgconf opencv-devel' >&2; \
+	  echo 'clang-devel; Arch: base-devel opencv clang), then try again.' >&2; exit 1; \
+	fi
+
+demo: setup
+	cargo build --release --locked
+	target/release/panelprep demo --out $(DEMO_OUT)
+
+test: setup
+	cargo fmt --check
+	cargo clippy --locked --all-targets -- -D warnings
+	cargo test --locked
+
+bench: bench-seeds
+
+# Ten seeds from rendering to the planned path, against the renderer's truth.
+bench-seeds: setup
+	cargo bench --locked --bench seeds

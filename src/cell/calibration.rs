@@ -1,0 +1,272 @@
+//! Calibration files: intrinsics of a camera, and where cameras and tool are mounted. Reader and writer together.
+//!
+//! The numbers travel through TOML without loss. The file says where they come from (date, serial, residuals);
+//! whether they are good enough is judged where they are used.
+
+use crate::config::{self, Problems, Section, Setting};
+use crate::geometry::{
+    self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
+};
+use std::fmt::Write;
+use std::marker::PhantomData;
+use std::ops::RangeInclusive;
+use toml::de::DeValue;
+
+/// A day, `2026-05-31`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Date(String);
+
+impl Date {
+    /// The day that a text names, year first; `None` where it names none.
+    pub fn parse(text: &str) -> Option<Self> {
+        let day: toml::value::Datetime = text.parse().ok()?;
+        (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
+    }
+}
+
+impl std::fmt::Display for Date {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Setting for Date {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let text = match value {
+            DeValue::Datetime(day) => day.to_string(),
+            DeValue::String(text) => text.to_string(),
+            _ => String::new(),
+        };
+        Date::parse(&text).ok_or_else(|| "allowed is a day, such as 2026-05-31".to_owned())
+    }
+}
+
+/// A camera's intrinsics as their file, `[camera]`, holds them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Intrinsics {
+    /// The camera.
+    pub camera: PinholeCamera,
+    /// Serial number of the camera that was calibrated.
+    pub serial: Option<String>,
+    /// When.
+    pub date: Option<Date>,
+    /// Root mean square of the reprojection residuals, px.
+    pub rms_px: Option<f64>,
+}
+
+const SIZE_PX: RangeInclusive<usize> = 16..=20_000;
+const FOCAL_PX: RangeInclusive<f64> = 10.0..=200_000.0;
+const CENTRE_PX: RangeInclusive<f64> = -20_000.0..=40_000.0;
+const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
+const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
+
+impl Intrinsics {
+    /// A camera of which nothing else is known.
+    pub fn of(camera: PinholeCamera) -> Self {
+        Intrinsics { camera, serial: None, date: None, rms_px: None }
+    }
+
+    /// Checks the text of an intrinsics file.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key; also a distortion that has no inverse inside the picture.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::check(file, text, |top| {
+            let intrinsics = Self::take(&top.section("camera"));
+            top.done();
+            intrinsics
+        })
+    }
+
+    fn take(section: &Section<'_, '_>) -> Option<Self> {
+        let size = |key| section.take(key, SIZE_PX, None);
+        let number = |key, limits| section.take::<f64>(key, limits, None);
+        let (width_px, height_px) = (size("width_px"), size("height_px"));
+        let [fx_px, fy_px] = ["fx_px", "fy_px"].map(|key| number(key, FOCAL_PX));
+        let [cx_px, cy_px] = ["cx_px", "cy_px"].map(|key| number(key, CENTRE_PX));
+        let [k1, k2, p1, p2, k3] = ["k1", "k2", "p1", "p2", "k3"].map(|key| number(key, COEFFICIENT));
+        let serial = section.take("serial", (), Some(None));
+        let date = section.take("date", (), Some(None));
+        let rms_px = section.take("rms_px", RESIDUAL, Some(None));
+        section.done();
+        let camera = PinholeCamera {
+            width_px: width_px?,
+            height_px: height_px?,
+            fx_px: fx_px?,
+            fy_px: fy_px?,
+            cx_px: cx_px?,
+            cy_px: cy_px?,
+            k1: k1?,
+            k2: k2?,
+            p1: p1?,
+            p2: p2?,
+            k3: k3?,
+        };
+        if let Some(corner) = corner_without_ray(&camera) {
+            let [u, v] = [corner.u, corner.v];
+            section
+                .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
+            return None;
+        }
+        Some(Intrinsics { serial: serial?, date: date?, rms_px: rms_px?, ..Self::of(camera) })
+    }
+
+    /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
+    pub fn to_toml(&self) -> String {
+        let c = &self.camera;
+        let mut text = format!("[camera]\nwidth_px = {}\nheight_px = {}\n", c.width_px, c.height_px);
+        let numbers = [("fx_px", c.fx_px), ("fy_px", c.fy_px), ("cx_px", c.cx_px), ("cy_px", c.cy_px)];
+        let distortion = [("k1", c.k1), ("k2", c.k2), ("p1", c.p1), ("p2", c.p2), ("k3", c.k3)];
+        numbers
+            .iter()
+            .chain(&distortion)
+            .for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
+        line(&mut text, "date", self.date.as_ref());
+        line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));
+        text
+    }
+}
+
+fn corner_without_ray(camera: &PinholeCamera) -> Option<Pixel> {
+    let (right, low) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
+    let corners = [Pixel::at(0.0, 0.0), Pixel::at(right, 0.0), Pixel::at(right, low), Pixel::at(0.0, low)];
+    let has_ray = |corner: &Pixel| {
+        let ray: Option<Vector<geometry::Camera>> = camera.unproject(*corner);
+        // Beyond its fold the model has a second, false inverse on the other side of the axis.
+        ray.is_some_and(|ray| {
+            let (x, y) = ((corner.u - camera.cx_px) / camera.fx_px, (corner.v - camera.cy_px) / camera.fy_px);
+            ray.mm.x * x + ray.mm.y * y >= 0.0
+        })
+    };
+    corners.into_iter().find(|corner| !has_ray(corner))
+}
+
+fn line(text: &mut String, key: &str, value: Option<impl std::fmt::Display>) {
+    if let Some(value) = value {
+        // Writing to a `String` cannot fail.
+        let _ = writeln!(text, "{key} = {value}");
+    }
+}
+
+/// What is mounted where: the two frames and the name of the file's table.
+pub trait Mount {
+    /// The frame that points are mapped to.
+    type To: Frame;
+    /// The frame that points are mapped from.
+    type From: Frame;
+    /// The table of its file.
+    const TABLE: &'static str;
+    /// Has this mount an axis that a calibration may or may not have measured?
+    const HAS_AXIS: bool = false;
+}
+
+/// `[base_from_camera]`: where the fixed 3D camera stands (thesis 3.7, eye-to-hand).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ScannerMount {}
+
+impl Mount for ScannerMount {
+    type To = Base;
+    type From = geometry::Camera;
+    const TABLE: &'static str = "base_from_camera";
+}
+
+/// `[flange_from_camera]`: where the flange camera sits (thesis 3.7, eye-in-hand).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FlangeCameraMount {}
+
+impl Mount for FlangeCameraMount {
+    type To = Flange;
+    type From = FlangeCamera;
+    const TABLE: &'static str = "flange_from_camera";
+}
+
+/// `[flange_from_tool]`: where the sanding tool's contact is, Z out of the pad.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ToolMount {}
+
+impl Mount for ToolMount {
+    type To = Flange;
+    type From = Tool;
+    const TABLE: &'static str = "flange_from_tool";
+    const HAS_AXIS: bool = true;
+}
+
+/// A mounted pose as its file holds it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MountedPose<M: Mount> {
+    /// The pose.
+    pub pose: KukaPose,
+    /// When it was calibrated.
+    pub date: Option<Date>,
+    /// Root mean square of the residuals, mm.
+    pub rms_mm: Option<f64>,
+    /// 95 % uncertainty at the panel, mm.
+    pub uncertainty_mm: Option<f64>,
+    /// Tool only: was the axis measured, or only the point?
+    pub axis_measured: Option<bool>,
+    mount: PhantomData<M>,
+}
+
+const PLACE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
+const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
+
+impl<M: Mount> MountedPose<M> {
+    /// A pose of which nothing else is known.
+    pub fn of(pose: KukaPose) -> Self {
+        MountedPose {
+            pose,
+            date: None,
+            rms_mm: None,
+            uncertainty_mm: None,
+            axis_measured: None,
+            mount: PhantomData,
+        }
+    }
+
+    /// The transform.
+    pub fn rigid(&self) -> Rigid<M::To, M::From> {
+        self.pose.to_rigid()
+    }
+
+    /// Checks the text of a mount's file.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        config::check(file, text, |top| {
+            let mounted = Self::take(&top.section(M::TABLE));
+            top.done();
+            mounted
+        })
+    }
+
+    fn take(section: &Section<'_, '_>) -> Option<Self> {
+        let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.take(key, PLACE_MM, None));
+        let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.take(key, ANGLE_DEG, None));
+        let date = section.take("date", (), Some(None));
+        let rms_mm = section.take("rms_mm", RESIDUAL, Some(None));
+        let uncertainty_mm = section.take("uncertainty_mm", RESIDUAL, Some(None));
+        let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
+        section.done();
+        let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
+        let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
+        Some(MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::of(pose) })
+    }
+
+    /// The file that [`MountedPose::check`] reads back to the last bit, where the numbers are in its ranges.
+    pub fn to_toml(&self) -> String {
+        let p = &self.pose;
+        let mut text = format!("[{}]\n", M::TABLE);
+        let place = [("x_mm", p.x_mm), ("y_mm", p.y_mm), ("z_mm", p.z_mm)];
+        let angles = [("a_deg", p.a_deg), ("b_deg", p.b_deg), ("c_deg", p.c_deg)];
+        place.iter().chain(&angles).for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        line(&mut text, "date", self.date.as_ref());
+        line(&mut text, "rms_mm", self.rms_mm.map(|number| format!("{number:?}")));
+        line(&mut text, "uncertainty_mm", self.uncertainty_mm.map(|number| format!("{number:?}")));
+        line(&mut text, "axis_measured", self.axis_measured);
+        text
+    }
+}

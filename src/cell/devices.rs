@@ -1,0 +1,121 @@
+//! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
+
+use crate::config::{Choice, Section};
+use std::path::{Path, PathBuf};
+
+/// Where a camera's shots come from. The default is simulated.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Camera {
+    /// `kind = "simulated"`: the renderer.
+    Simulated,
+    /// `kind = "recorded"`: a folder played in file order.
+    Recorded {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// `kind = "zivid"` or `"gige"`: the camera itself.
+    Device {
+        /// The serial number; the only camera found where there is none.
+        serial: Option<String>,
+    },
+}
+
+pub(super) fn take_camera(cell_folder: &Path, section: &Section<'_, '_>, device: &'static str) -> Option<Camera> {
+    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", device], Some("simulated"));
+    let folder = section.take::<Option<String>>("folder", (), Some(None));
+    let serial = section.take::<Option<String>>("serial", (), Some(None));
+    section.done();
+    let (kind, folder, serial) = (kind?, folder?, serial?);
+    let mut right = true;
+    for (key, given, needs) in [("folder", folder.is_some(), "recorded"), ("serial", serial.is_some(), device)] {
+        if given && kind != needs {
+            section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
+            right = false;
+        }
+    }
+    let camera = match (kind, folder) {
+        ("simulated", _) => Camera::Simulated,
+        ("recorded", Some(folder)) => Camera::Recorded { folder: cell_folder.join(folder) },
+        ("recorded", None) => {
+            section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
+            return None;
+        }
+        _ => Camera::Device { serial },
+    };
+    right.then_some(camera)
+}
+
+/// Which controller the robot link speaks to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotKind {
+    /// A mock controller inside this program.
+    Mock,
+    /// A KUKA controller over EthernetKRL.
+    Eki,
+}
+
+impl Choice for RobotKind {
+    const WORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
+}
+
+/// The robot's controller: a TCP server with one port for commands and one for its state.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Robot {
+    kind: RobotKind,
+    host: String,
+    command_port: u16,
+    state_port: u16,
+}
+
+impl Robot {
+    /// Which controller.
+    pub fn kind(&self) -> RobotKind {
+        self.kind
+    }
+
+    /// Name or address of the controller; this machine for the mock.
+    pub fn host(&self) -> &str {
+        &self.host
+    }
+
+    /// Port of the command channel.
+    pub fn command_port(&self) -> u16 {
+        self.command_port
+    }
+
+    /// Port of the state channel.
+    pub fn state_port(&self) -> u16 {
+        self.state_port
+    }
+}
+
+/// The ports that the controller's firewall opens (`eki.md` 1.3).
+const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
+
+const THIS_MACHINE: &str = "127.0.0.1";
+
+pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
+    let kind = section.take("kind", (), Some(RobotKind::Mock));
+    let host = section.take::<Option<String>>("host", (), Some(None));
+    let command_port = section.take("command_port", PORTS, Some(54_600));
+    let state_port = section.take("state_port", PORTS, Some(54_601));
+    section.done();
+    let (kind, host, command_port, state_port) = (kind?, host?, command_port?, state_port?);
+    if command_port == state_port {
+        section.problem("state_port", format!("found {state_port}, allowed is any port but command_port's"));
+        return None;
+    }
+    let host = match (kind, host) {
+        (RobotKind::Eki, None) => {
+            section.problem("host", "is missing; kind = \"eki\" needs the controller's address");
+            return None;
+        }
+        (RobotKind::Mock, Some(host)) if !["localhost", THIS_MACHINE].contains(&host.as_str()) => {
+            section
+                .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {THIS_MACHINE}"));
+            return None;
+        }
+        (_, host) => host.unwrap_or(THIS_MACHINE.to_owned()),
+    };
+    Some(Robot { kind, host, command_port, state_port })
+}

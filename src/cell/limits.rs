@@ -1,0 +1,80 @@
+//! `[limits]`: numbers that hold for every panel of the cell. A recipe may override where it says so.
+
+use crate::config::{Section, settings};
+use crate::geometry::{Base, Point};
+
+settings! {
+    /// `[limits]`. The upper ends are the program's own: a cell may be stricter, never laxer.
+    pub struct Limits {
+        /// Motion that is sent and not yet executed, at most, s: what the arm can still do when the link drops.
+        window_s: f64, 0.1..=1.0, default 1.0;
+        /// Commands that are sent and not yet executed, at most.
+        window_commands: usize, 5..=50, default 50;
+        /// Points that are queued before a path starts.
+        min_points: usize, 2..=50, default 5;
+        /// Time between heartbeats of the application, both ways, ms.
+        heartbeat_ms: usize, 10..=100, default 100;
+        /// Silence after which either end stops while anything is queued, ms.
+        watchdog_ms: usize, 40..=400, default 400;
+        /// How long a localization may be used before Verify must renew it, s.
+        token_s: f64, 10.0..=600.0, default 600.0;
+        /// How long a stop may take before it is a fault, s.
+        stop_deadline_s: f64, 0.5..=10.0, default 10.0;
+        /// How long a film is watched after it is fully wet, s (ASTM F22: up to a minute); a recipe may override it.
+        observation_s: f64, 5.0..=600.0, default 60.0;
+        /// Broken film from which a grid fails, mm²; a recipe may override it.
+        min_break_mm2: f64, 0.1..=10_000.0, default 5.0;
+        /// Error at the tool that is used while the error budget is not measured whole, mm; stated, not measured.
+        tool_error_mm: Option<f64>, 0.01..=20.0, default None;
+        /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
+        box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
+        /// Upper corner of that box, in the base frame, mm.
+        box_max_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
+        /// Longest step from one waypoint to the next, mm.
+        max_step_mm: f64, 1.0..=1_000.0, default 100.0;
+        /// Largest turn of the tool from one waypoint to the next, degrees.
+        max_turn_deg: f64, 0.1..=180.0, default 15.0;
+        /// Fastest speed of the tool's tip, mm/s.
+        max_speed_mm_s: f64, 1.0..=2_000.0, default 250.0;
+    }
+}
+
+/// The box that the tool's tip must not leave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Workspace {
+    /// Lower corner, mm.
+    pub min: Point<Base>,
+    /// Upper corner, mm; it exceeds the lower one in every axis.
+    pub max: Point<Base>,
+}
+
+impl Limits {
+    /// The box for waypoints, `box_min_mm` to `box_max_mm`; `None` where the file states none.
+    pub fn workspace(&self) -> Option<Workspace> {
+        let corner = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);
+        Some(Workspace { min: corner(self.box_min_mm?), max: corner(self.box_max_mm?) })
+    }
+}
+
+pub(super) fn take_limits(section: &Section<'_, '_>) -> Option<Limits> {
+    let limits = Limits::take(section)?;
+    let mut wrong = Vec::new();
+    if limits.min_points > limits.window_commands {
+        let (found, allowed) = (limits.min_points, limits.window_commands);
+        wrong.push(("min_points", format!("found {found}, allowed is at most window_commands, {allowed}")));
+    }
+    if limits.watchdog_ms < 2 * limits.heartbeat_ms {
+        let (found, allowed) = (limits.watchdog_ms, 2 * limits.heartbeat_ms);
+        wrong.push(("watchdog_ms", format!("found {found}, allowed is at least two heartbeats, {allowed}")));
+    }
+    match (limits.box_min_mm, limits.box_max_mm) {
+        (Some(low), Some(high)) if (0..3).any(|axis| low[axis] >= high[axis]) => {
+            wrong.push(("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis")));
+        }
+        (Some(_), None) => wrong.push(("box_max_mm", "is missing; box_min_mm is given".to_owned())),
+        (None, Some(_)) => wrong.push(("box_min_mm", "is missing; box_max_mm is given".to_owned())),
+        _ => {}
+    }
+    wrong.iter().for_each(|(key, message)| section.problem(key, message));
+    wrong.is_empty().then_some(limits)
+}

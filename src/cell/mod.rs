@@ -1,0 +1,156 @@
+//! The cell: one TOML file for each robot cell, and the calibration files it names, checked like a recipe.
+//!
+//! What is connected, where the arm parks, what inputs and outputs are called, which calibrations hold, and the
+//! limits for every panel. File names are relative to the cell file's folder. A file may leave out what a command
+//! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
+
+mod calibration;
+mod devices;
+mod limits;
+mod names;
+
+#[cfg(test)]
+mod tests;
+
+pub use calibration::{Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+pub use devices::{Camera, Robot, RobotKind};
+pub use limits::{Limits, Workspace};
+pub use names::InputsOutputs;
+
+use crate::config::{self, Problems, Section};
+use crate::geometry::Joints;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// `[calibration]`: the calibration files, each needed by some commands alone.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct CalibrationFiles {
+    /// [`Intrinsics`] of the scanner's colour camera.
+    pub scanner: Option<PathBuf>,
+    /// [`Intrinsics`] of the flange camera.
+    pub flange_camera: Option<PathBuf>,
+    /// The [`ScannerMount`].
+    pub base_from_camera: Option<PathBuf>,
+    /// The [`FlangeCameraMount`].
+    pub flange_from_camera: Option<PathBuf>,
+    /// The [`ToolMount`].
+    pub flange_from_tool: Option<PathBuf>,
+}
+
+impl CalibrationFiles {
+    fn take(folder: &Path, section: &Section<'_, '_>) -> Option<Self> {
+        let file =
+            |key| section.take::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));
+        let [scanner, flange_camera] = ["scanner", "flange_camera"].map(file);
+        let [base_from_camera, flange_from_camera] = ["base_from_camera", "flange_from_camera"].map(file);
+        let flange_from_tool = file("flange_from_tool");
+        section.done();
+        Some(CalibrationFiles {
+            scanner: scanner?,
+            flange_camera: flange_camera?,
+            base_from_camera: base_from_camera?,
+            flange_from_camera: flange_from_camera?,
+            flange_from_tool: flange_from_tool?,
+        })
+    }
+}
+
+/// A checked cell.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Cell {
+    store: PathBuf,
+    scanner: Camera,
+    flange_camera: Camera,
+    robot: Robot,
+    poses: BTreeMap<String, Joints>,
+    io: InputsOutputs,
+    calibration: CalibrationFiles,
+    limits: Limits,
+}
+
+/// The keys at the top of a cell's file, by which it is told from other files.
+pub const CELL_KEYS: [&str; 8] =
+    ["store", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits"];
+
+impl Cell {
+    /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
+    ///
+    /// # Errors
+    /// Every problem of the file with its line and key.
+    pub fn check(file: &str, text: &str) -> Result<Self, Problems> {
+        let folder = Path::new(file).parent().unwrap_or(Path::new(""));
+        config::check(file, text, |top| Self::take(folder, top))
+    }
+
+    fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
+        let store = top.take::<String>("store", (), Some("store".to_owned()));
+        let scanner = devices::take_camera(folder, &top.section("scanner"), "zivid");
+        let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), "gige");
+        let robot = devices::take_robot(&top.section("robot"));
+        let poses = names::take_poses(&top.section("poses"));
+        let io = names::take_io(&top.section("io"));
+        let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
+        let limits = limits::take_limits(&top.section("limits"));
+        top.done();
+        Some(Cell {
+            store: folder.join(store?),
+            scanner: scanner?,
+            flange_camera: flange_camera?,
+            robot: robot?,
+            poses: poses?,
+            io: io?,
+            calibration: calibration?,
+            limits: limits?,
+        })
+    }
+
+    /// The folder of the store.
+    pub fn store(&self) -> &Path {
+        &self.store
+    }
+
+    /// The fixed 3D camera; a device is a Zivid.
+    pub fn scanner(&self) -> &Camera {
+        &self.scanner
+    }
+
+    /// The camera on the flange; a device is a GigE Vision camera.
+    pub fn flange_camera(&self) -> &Camera {
+        &self.flange_camera
+    }
+
+    /// The robot.
+    pub fn robot(&self) -> &Robot {
+        &self.robot
+    }
+
+    /// Where the arm stands clear of the panel and of both cameras' view: a shot is taken only from there.
+    pub fn park(&self) -> Option<Joints> {
+        self.pose("park")
+    }
+
+    /// A named pose.
+    pub fn pose(&self, name: &str) -> Option<Joints> {
+        self.poses.get(name).copied()
+    }
+
+    /// All named poses.
+    pub fn poses(&self) -> &BTreeMap<String, Joints> {
+        &self.poses
+    }
+
+    /// The names of the controller's outputs and inputs.
+    pub fn io(&self) -> &InputsOutputs {
+        &self.io
+    }
+
+    /// The calibration files.
+    pub fn calibration(&self) -> &CalibrationFiles {
+        &self.calibration
+    }
+
+    /// The limits that hold for every panel.
+    pub fn limits(&self) -> &Limits {
+        &self.limits
+    }
+}

@@ -1,0 +1,82 @@
+//! `[poses]` and `[io]`: what the user gives names to.
+
+use crate::config::Section;
+use crate::geometry::Joints;
+use std::collections::BTreeMap;
+
+/// `[poses]`: axis angles, since the arm moves to a named pose by `move_j`, which takes nothing else.
+pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, Joints>> {
+    let named = section.named_sections();
+    if section.is_present() && !named.iter().any(|(name, _)| name == "park") {
+        section.problem("park", "is missing; every cycle begins by parking the arm clear of the panel");
+        return None;
+    }
+    named.into_iter().map(|(name, pose)| Some((name, take_joints(&pose)?))).collect()
+}
+
+fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
+    // Generous: which angles an arm reaches is the gate's to judge.
+    let axis = |key| section.take::<f64>(key, -360.0..=360.0, None);
+    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
+        ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);
+    section.done();
+    Some(Joints {
+        a1_deg: a1_deg?,
+        a2_deg: a2_deg?,
+        a3_deg: a3_deg?,
+        a4_deg: a4_deg?,
+        a5_deg: a5_deg?,
+        a6_deg: a6_deg?,
+    })
+}
+
+/// `[io.outputs]` and `[io.feedbacks]`: names for the controller's digital outputs and inputs.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct InputsOutputs {
+    outputs: BTreeMap<String, u16>,
+    feedbacks: BTreeMap<String, u16>,
+}
+
+impl InputsOutputs {
+    /// Number n of `$OUT[n]` by name.
+    pub fn outputs(&self) -> &BTreeMap<String, u16> {
+        &self.outputs
+    }
+
+    /// Number n of `$IN[n]` by name.
+    pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
+        &self.feedbacks
+    }
+}
+
+/// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
+const MOST_FEEDBACKS: usize = 31;
+
+pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
+    let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
+    section.done();
+    let io = InputsOutputs { outputs: take_numbers(&outputs)?, feedbacks: take_numbers(&feedbacks)? };
+    let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
+    for (name, number) in &constant {
+        feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
+    }
+    let right = constant.is_empty();
+    if io.feedbacks.len() > MOST_FEEDBACKS {
+        section.problem("feedbacks", format!("found {} names, allowed are {MOST_FEEDBACKS}", io.feedbacks.len()));
+        return None;
+    }
+    right.then_some(io)
+}
+
+fn take_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {
+    let named = section.take_named::<u16>(&(1..=4096));
+    let mut first_names = BTreeMap::new();
+    let mut right = true;
+    for (name, number) in &named {
+        if let Some(first) = first_names.insert(*number, name) {
+            section.problem(name, format!("found {number}, which is {first}'s number already"));
+            right = false;
+        }
+    }
+    right.then_some(named)
+}

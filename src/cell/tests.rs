@@ -1,0 +1,291 @@
+//! Cells and calibrations as a user writes them, and what is said to the wrong ones.
+
+use super::*;
+use crate::geometry::{KukaPose, PinholeCamera, Point};
+use proptest::prelude::*;
+
+/// The problems of a cell's text, without the file's name.
+fn says(text: &str) -> Vec<String> {
+    problems(Cell::check("f", text))
+}
+
+fn problems<T>(checked: Result<T, Problems>) -> Vec<String> {
+    let text = checked.err().map_or(String::new(), |problems| problems.to_string());
+    text.lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
+}
+
+#[test]
+fn an_empty_file_is_the_simulated_cell() {
+    let cell = Cell::check("somewhere/cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!((cell.scanner(), cell.flange_camera()), (&Camera::Simulated, &Camera::Simulated));
+    assert_eq!((cell.robot().kind(), cell.robot().host()), (RobotKind::Mock, "127.0.0.1"));
+    assert_eq!((cell.robot().command_port(), cell.robot().state_port()), (54_600, 54_601));
+    assert_eq!(cell.store(), Path::new("somewhere/store"));
+    assert_eq!((cell.park(), cell.limits().workspace(), cell.limits().tool_error_mm()), (None, None, None));
+    assert_eq!(cell.calibration(), &CalibrationFiles::default());
+}
+
+/// `design.md`, "Limits, once".
+#[test]
+fn the_default_limits_are_the_designs() {
+    let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+    let limits = cell.limits();
+    assert_eq!((limits.window_s(), limits.window_commands(), limits.min_points()), (1.0, 50, 5));
+    assert_eq!((limits.heartbeat_ms(), limits.watchdog_ms(), limits.token_s()), (100, 400, 600.0));
+    assert_eq!((limits.stop_deadline_s(), limits.observation_s(), limits.min_break_mm2()), (10.0, 60.0, 5.0));
+}
+
+#[test]
+fn names_of_files_start_at_the_cells_folder() {
+    let text = "scanner = {kind = 'recorded', folder = 'shots'}\n[calibration]\nscanner = 'lens.toml'\nflange_from_tool = '/etc/tool.toml'";
+    let cell = Cell::check("cells/a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(cell.scanner(), &Camera::Recorded { folder: "cells/a/shots".into() });
+    assert_eq!(cell.calibration().scanner, Some("cells/a/lens.toml".into()));
+    assert_eq!(cell.calibration().flange_from_tool, Some("/etc/tool.toml".into()));
+    assert_eq!(cell.calibration().base_from_camera, None);
+}
+
+#[test]
+fn names_that_the_user_chose_are_kept() {
+    let axes = "a1_deg = 1, a2_deg = -90, a3_deg = 90, a4_deg = 4, a5_deg = 5, a6_deg = 350";
+    let text = format!(
+        "[poses]\npark = {{{axes}}}\nwash = {{{axes}}}\n[io]\noutputs = {{tool = 1, light = 4096}}\nfeedbacks.flow = 1"
+    );
+    let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(cell.park().map(|park| (park.a1_deg, park.a6_deg)), Some((1.0, 350.0)));
+    assert_eq!((cell.pose("wash"), cell.pose("dry")), (cell.park(), None));
+    assert_eq!((cell.io().outputs().get("light"), cell.io().feedbacks().get("flow")), (Some(&4096), Some(&1)));
+}
+
+#[test]
+fn each_mistake_is_named() {
+    let axes = "{a1_deg = 0, a2_deg = 0, a3_deg = 0, a4_deg = 0, a5_deg = 0, a6_deg = 0}";
+    let inputs: Vec<String> = (1..=32).map(|number| format!("n{number} = {number}")).collect();
+    let cases = [
+        (
+            "scanner.kind = 'gige'",
+            "1: scanner.kind: found the text \"gige\", allowed is \"simulated\" or \"recorded\" or \"zivid\"",
+        ),
+        (
+            "flange_camera.kind = 'zivid'",
+            "1: flange_camera.kind: found the text \"zivid\", allowed is \"simulated\" or \"recorded\" or \"gige\"",
+        ),
+        (
+            "scanner.kind = 'recorded'",
+            "1: scanner.folder: is missing; kind = \"recorded\" needs the folder to play",
+        ),
+        (
+            "[scanner]\nfolder = 'shots'",
+            "2: scanner.folder: has no effect with kind = \"simulated\"; it is for kind = \"recorded\"",
+        ),
+        (
+            "[scanner]\nkind = 'recorded'\nfolder = 'shots'\nserial = '1'",
+            "4: scanner.serial: has no effect with kind = \"recorded\"; it is for kind = \"zivid\"",
+        ),
+        (
+            "flange_camera = {kind = 'gige', serial = 221600123}",
+            "1: flange_camera.serial: found 221600123, allowed is a text that is not empty",
+        ),
+        ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
+        (
+            "[robot]\nhost = '172.31.1.147'",
+            "2: robot.host: found \"172.31.1.147\"; kind = \"mock\" runs on this machine, 127.0.0.1",
+        ),
+        (
+            "[robot]\nstate_port = 54616",
+            "2: robot.state_port: found 54616, allowed is a whole number from 54600 to 54615",
+        ),
+        (
+            "[robot]\ncommand_port = 54601",
+            "1: robot.state_port: found 54601, allowed is any port but command_port's",
+        ),
+        ("[robot]\nport = 54600", "2: robot.port: unknown key; known here: kind, host, command_port, state_port"),
+        (
+            &format!("[poses]\nprak = {axes}"),
+            "1: poses.park: is missing; every cycle begins by parking the arm clear of the panel",
+        ),
+        (
+            &format!("[poses]\npark = {}", axes.replace("a6_deg", "a6_rad")),
+            "2: poses.park.a6_rad: unknown key; this angle is in degrees: write a6_deg",
+        ),
+        (
+            "[poses.park]\nx_mm = 3",
+            "2: poses.park.x_mm: unknown key; known here: a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg",
+        ),
+        ("[io.outputs]\ntool = 4097", "2: io.outputs.tool: found 4097, allowed is a whole number from 1 to 4096"),
+        ("[io.outputs]\ntool = 3\nlight = 3", "2: io.outputs.tool: found 3, which is light's number already"),
+        (
+            "[io.feedbacks]\nflow = 1025",
+            "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] always false",
+        ),
+        (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names, allowed are 31"),
+        (
+            "[io.feedbacks]\nflow = 1026",
+            "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
+        ),
+        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks"),
+        (
+            "[limits]\nheartbeat_s = 0.1",
+            "2: limits.heartbeat_s: unknown key; this time is in ms: write heartbeat_ms",
+        ),
+        (
+            "[limits]\nwatchdog_ms = 150",
+            "2: limits.watchdog_ms: found 150, allowed is at least two heartbeats, 200",
+        ),
+        ("[limits]\nwindow_s = 2", "2: limits.window_s: found 2, allowed is a number from 0.1 to 1"),
+        (
+            "[limits]\nmin_points = 20\nwindow_commands = 10",
+            "2: limits.min_points: found 20, allowed is at most window_commands, 10",
+        ),
+        ("[limits]\nbox_min_mm = [0, 0, 0]", "1: limits.box_max_mm: is missing; box_min_mm is given"),
+        (
+            "[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 0, 1]",
+            "3: limits.box_max_mm: [1.0, 0.0, 1.0] must exceed box_min_mm [0.0, 0.0, 0.0] in every axis",
+        ),
+        ("max_step_mm = 5", "1: max_step_mm: unknown key here; did you mean limits.max_step_mm?"),
+        ("[calibrations]\nscanner = ''", "1: calibrations: unknown key; did you mean calibration?"),
+    ];
+    for (text, message) in cases {
+        let said = says(text);
+        assert!(said.iter().any(|said| said == message), "{text}: {said:#?}");
+    }
+    assert_eq!(says("scanner = {kind = 'recorded', folder = 3}").len(), 1, "a wrong folder is not missing too");
+    assert_eq!(
+        says("[calibrations]\nscanner = ''")[1],
+        "2: calibration.scanner: found the text \"\", allowed is a text that is not empty"
+    );
+}
+
+const LENS: &str =
+    "[camera]\nwidth_px = 1944\nheight_px = 1200\nfx_px = 1785.0\nfy_px = 1784.0\ncx_px = 972.0\ncy_px = 600.0
+k1 = -0.1\nk2 = 0.12\np1 = 0.0006\np2 = -0.0004\nk3 = -0.02\n";
+
+#[test]
+fn intrinsics_are_read_with_where_they_come_from() {
+    let text = format!("{LENS}serial = \"Z-2\"\ndate = 2026-05-31\nrms_px = 0.21\n");
+    let lens = Intrinsics::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!((lens.camera.width_px, lens.camera.fx_px, lens.camera.k3), (1944, 1785.0, -0.02));
+    assert_eq!(
+        (lens.serial.as_deref(), lens.date, lens.rms_px),
+        (Some("Z-2"), Date::parse("2026-05-31"), Some(0.21))
+    );
+}
+
+#[test]
+fn intrinsics_that_cannot_be_a_cameras_are_refused() {
+    let wrong = |from: &str, to: &str| problems(Intrinsics::check("f", &LENS.replace(from, to)));
+    assert_eq!(
+        wrong("fx_px = 1785.0", "fx_mm = 6.2"),
+        ["4: camera.fx_mm: unknown key; this length is in px: write fx_px"]
+    );
+    assert_eq!(wrong("k2 = 0.12", "k2 = nan"), ["9: camera.k2: found nan, allowed is a number from -1000 to 1000"]);
+    assert_eq!(wrong("p1 = 0.0006\n", ""), ["1: camera.p1: is missing; this key has no default"]);
+    // By hand: k1 = −10 folds where 1 − 30 r² = 0, r = 0.18, and the corner stands at 0.64.
+    assert_eq!(
+        wrong("k1 = -0.1", "k1 = -10.0"),
+        ["8: camera.k1: k1, k2, p1, p2, k3 give pixel (0, 0) no ray; are they this camera's?"]
+    );
+    // By hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 holds only at r = −1.23, across the axis.
+    assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
+    let dated = |date: &str| problems(Intrinsics::check("f", &format!("{LENS}date = {date}")));
+    assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);
+    assert_eq!(dated("'yesterday'"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);
+    assert!(dated("'2026-05-31'").is_empty());
+}
+
+const MOUNT: &str = "x_mm = 600\ny_mm = 0\nz_mm = 900\na_deg = 90\nb_deg = 0\nc_deg = 180\n";
+
+/// By hand: Rx(180) turns the camera's z to −z; A about Z leaves it so. A point 500 mm before the lens is at z = 400.
+#[test]
+fn a_mount_maps_its_own_frames() {
+    let text = format!("[base_from_camera]\n{MOUNT}rms_mm = 0.1\n");
+    let mounted = MountedPose::<ScannerMount>::check("f", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    let seen = mounted.rigid() * Point::at(0.0, 0.0, 500.0);
+    assert!(seen.distance_mm(Point::at(600.0, 0.0, 400.0)) < 1e-9, "{seen:?}");
+    assert_eq!((mounted.rms_mm, mounted.uncertainty_mm), (Some(0.1), None));
+}
+
+#[test]
+fn a_mount_is_not_taken_for_another() {
+    let camera = format!("[flange_from_camera]\n{MOUNT}");
+    assert_eq!(problems(MountedPose::<FlangeCameraMount>::check("f", &camera)), Vec::<String>::new());
+    assert_eq!(
+        problems(MountedPose::<ToolMount>::check("f", &camera)),
+        ["1: flange_from_camera: unknown key; did you mean flange_from_tool?"]
+    );
+    let axis = "axis_measured = true\n";
+    assert_eq!(
+        problems(MountedPose::<FlangeCameraMount>::check("f", &format!("{camera}{axis}"))),
+        [
+            "8: flange_from_camera.axis_measured: unknown key; known here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, date, rms_mm, uncertainty_mm"
+        ]
+    );
+    let tool = format!("[flange_from_tool]\n{MOUNT}{axis}");
+    let tool = MountedPose::<ToolMount>::check("f", &tool).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(tool.axis_measured, Some(true));
+}
+
+#[test]
+fn a_mount_in_other_units_is_refused() {
+    let text = format!(
+        "[base_from_camera]\n{}",
+        MOUNT.replace("x_mm = 600", "x_m = 0.6").replace("a_deg = 90", "a_rad = 1.57")
+    );
+    assert_eq!(
+        problems(MountedPose::<ScannerMount>::check("f", &text)),
+        [
+            "2: base_from_camera.x_m: unknown key; this length is in mm: write x_mm",
+            "5: base_from_camera.a_rad: unknown key; this angle is in degrees: write a_deg"
+        ]
+    );
+}
+
+fn date() -> impl Strategy<Value = Option<Date>> {
+    prop::option::of((2000..2100i32, 1..=12i32, 1..=28i32))
+        .prop_map(|day| day.and_then(|(year, month, day)| Date::parse(&format!("{year:04}-{month:02}-{day:02}"))))
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_an_answer(text in "(?s).{0,200}") {
+        let _ = (Cell::check("f", &text), Intrinsics::check("f", &text), MountedPose::<ToolMount>::check("f", &text));
+    }
+
+    /// To the last bit: a written calibration is the calibration.
+    #[test]
+    fn intrinsics_come_back_as_written(
+        (width_px, height_px) in (16..4000usize, 16..4000usize),
+        focal_px in 4_000.0..9_000.0f64,
+        centre_px in prop::array::uniform2(0.0..4000.0f64),
+        coefficients in prop::array::uniform5(-1e-3..1e-3f64),
+        serial in prop::option::of("\\PC{0,12}[^\\s\\p{C}]"),
+        date in date(),
+        rms_px in prop::option::of(0.0..9.0f64),
+    ) {
+        let [k1, k2, p1, p2, k3] = coefficients;
+        let [cx_px, cy_px] = centre_px;
+        let (fx_px, fy_px) = (focal_px, focal_px * 1.001);
+        let camera = PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 };
+        let lens = Intrinsics { camera, serial, date, rms_px };
+        prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
+    }
+
+    #[test]
+    fn mounts_come_back_as_written(
+        place_mm in prop::array::uniform3(-2e4..2e4f64),
+        angles_deg in prop::array::uniform3(-360.0..360.0f64),
+        date in date(),
+        residuals_mm in prop::option::of((0.0..9.0f64, 1e-12..9.0f64)),
+        axis_measured in prop::option::of(prop::bool::ANY),
+    ) {
+        let ([x_mm, y_mm, z_mm], [a_deg, b_deg, c_deg]) = (place_mm, angles_deg);
+        let (rms_mm, uncertainty_mm) = residuals_mm.unzip();
+        let pose = KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg };
+        let mut tool = MountedPose::<ToolMount>::of(pose);
+        (tool.date, tool.rms_mm) = (date, rms_mm);
+        (tool.uncertainty_mm, tool.axis_measured) = (uncertainty_mm, axis_measured);
+        prop_assert_eq!(MountedPose::check("f", &tool.to_toml()), Ok(tool.clone()), "{}", tool.to_toml());
+        let camera = MountedPose::<ScannerMount>::of(pose);
+        prop_assert_eq!(MountedPose::check("f", &camera.to_toml()), Ok(camera));
+    }
+}

@@ -1,0 +1,316 @@
+//! What a file is, whether it is right, and what was understood: `panelprep check`.
+//!
+//! The kind is decided by the names at the top of the file, so that a file may have any name.
+
+use crate::cell::{
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount, ToolMount,
+};
+use crate::config::{self, Problem, Problems};
+use crate::geometry::{Degrees, Frame, Vector};
+use crate::recipe::{RECIPE_KEYS, Recipe};
+
+/// What was found in one file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FileReport {
+    /// What the file is; `None` where that is not clear.
+    pub kind: Option<&'static str>,
+    /// What is wrong, in the order of the lines.
+    pub problems: Vec<Problem>,
+    /// What was understood, a sentence each; empty where something is wrong.
+    pub says: Vec<String>,
+}
+
+/// A kind of file: its name, the keys at its top, how it is checked.
+struct Kind {
+    name: &'static str,
+    keys: &'static [&'static str],
+    check: fn(&str, &str) -> Result<Vec<String>, Problems>,
+}
+
+const KINDS: [Kind; 6] = [
+    Kind {
+        name: "cell",
+        keys: &CELL_KEYS,
+        check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)),
+    },
+    Kind {
+        name: "recipe",
+        keys: &RECIPE_KEYS,
+        check: |name, text| Recipe::check(name, text).map(|recipe| say_recipe(&recipe)),
+    },
+    Kind {
+        name: "intrinsics",
+        keys: &["camera"],
+        check: |name, text| Intrinsics::check(name, text).map(say_intrinsics),
+    },
+    mount::<ScannerMount>(&[ScannerMount::TABLE]),
+    mount::<FlangeCameraMount>(&[FlangeCameraMount::TABLE]),
+    mount::<ToolMount>(&[ToolMount::TABLE]),
+];
+
+const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
+    Kind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(say_mount) }
+}
+
+/// Checks the text of any configuration file; `name` is the file's name in messages.
+pub fn check_file(name: &str, text: &str) -> FileReport {
+    if name.to_lowercase().ends_with(".xml") {
+        return unclear("EKI files are not checked yet; cell, recipe and calibration files are".to_owned());
+    }
+    let Some(kind) = kind_of(&config::top_keys(text)) else {
+        let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
+        return unclear(format!("not clear what this file is; its top would tell: {}", begins.join("; ")));
+    };
+    match (kind.check)(name, text) {
+        Ok(says) => FileReport { kind: Some(kind.name), problems: vec![], says },
+        Err(problems) => FileReport { kind: Some(kind.name), problems: problems.list, says: vec![] },
+    }
+}
+
+fn unclear(message: String) -> FileReport {
+    FileReport { kind: None, problems: vec![Problem { line: 1, key: String::new(), message }], says: vec![] }
+}
+
+/// The one kind that shares most names with the file; misspelt names count where no right one is there.
+fn kind_of(top: &[String]) -> Option<&'static Kind> {
+    let all: Vec<&str> = KINDS.iter().flat_map(|kind| kind.keys).copied().collect();
+    let right = |kind: &Kind| top.iter().filter(|key| kind.keys.contains(&key.as_str())).count();
+    let meant: Vec<&str> = top.iter().filter_map(|key| config::nearest(key, &all)).map(|(name, _)| name).collect();
+    let near = |kind: &Kind| meant.iter().filter(|name| kind.keys.contains(name)).count();
+    if KINDS.iter().any(|kind| right(kind) > 0) { most(right) } else { most(near) }
+}
+
+fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
+    let best = KINDS.iter().map(&score).max().filter(|best| *best > 0)?;
+    let mut kinds = KINDS.iter().filter(|kind| score(kind) == best);
+    kinds.next().filter(|_| kinds.next().is_none())
+}
+
+fn say_cell(cell: &Cell) -> Vec<String> {
+    let camera = |camera: &Camera, device: &str| match camera {
+        Camera::Simulated => "simulated".to_owned(),
+        Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
+        Camera::Device { serial: Some(serial) } => format!("{device} {serial}"),
+        Camera::Device { serial: None } => format!("{device}, the only one found"),
+    };
+    let robot = cell.robot();
+    let controller = match robot.kind() {
+        RobotKind::Mock => "mock".to_owned(),
+        RobotKind::Eki => format!("KUKA controller at {}", robot.host()),
+    };
+    let named = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
+    let files = cell.calibration();
+    let calibrations = [
+        ("scanner", &files.scanner),
+        ("flange_camera", &files.flange_camera),
+        ("base_from_camera", &files.base_from_camera),
+        ("flange_from_camera", &files.flange_from_camera),
+        ("flange_from_tool", &files.flange_from_tool),
+    ];
+    let calibrations = calibrations.iter().filter(|(_, file)| file.is_some()).map(|(name, _)| *name).collect();
+    let box_of_waypoints = match cell.limits().workspace() {
+        Some(space) => format!(
+            "the tool stays in {:?} … {:?} mm",
+            space.min.mm.coords.as_slice(),
+            space.max.mm.coords.as_slice()
+        ),
+        None => "no box for the tool is stated".to_owned(),
+    };
+    vec![
+        format!("scanner: {}", camera(cell.scanner(), "Zivid")),
+        format!("flange camera: {}", camera(cell.flange_camera(), "GigE Vision camera")),
+        format!(
+            "robot: {controller}, commands on port {}, state on port {}",
+            robot.command_port(),
+            robot.state_port()
+        ),
+        format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
+        format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
+        format!("feedbacks: {}", named(cell.io().feedbacks().keys().map(String::as_str).collect())),
+        format!("calibration files named: {}", named(calibrations)),
+        format!("limits: {box_of_waypoints}"),
+        format!("store in {}", cell.store().display()),
+    ]
+}
+
+fn say_recipe(recipe: &Recipe) -> Vec<String> {
+    let (region, process, locate, path) = (recipe.region(), recipe.process(), recipe.locate(), recipe.path());
+    let observation =
+        process.observation_s().map_or("as long as the cell says".to_owned(), |time| format!("{time} s"));
+    vec![
+        format!("panel {}: {} rows by {} columns of grids", recipe.panel(), region.rows(), region.columns()),
+        format!("film watched {observation}, {} pictures a second", process.frames_per_second()),
+        format!("a grid is abraded at most {} times a cycle", process.max_passes_per_grid()),
+        format!(
+            "panel accepted up to {} mm, {}° turned and {}° tilted from its taught place",
+            locate.max_shift_mm(),
+            locate.turn_limit_deg(),
+            locate.max_tilt_deg()
+        ),
+        format!(
+            "disc of {} mm, rows at most {} mm apart, {} mm/s",
+            path.disc_diameter_mm(),
+            path.step_over_mm(),
+            path.feed_mm_s()
+        ),
+    ]
+}
+
+fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
+    let camera = intrinsics.camera;
+    let view = |size_px: usize, focal_px: f64| Degrees::from_rad(2.0 * (size_px as f64 / 2.0 / focal_px).atan()).0;
+    let (across, down) = (view(camera.width_px, camera.fx_px), view(camera.height_px, camera.fy_px));
+    let residual = intrinsics.rms_px.map_or("unknown".to_owned(), |rms_px| format!("{rms_px:.3} px rms"));
+    vec![
+        format!(
+            "camera of {} × {} px that sees about {across:.1}° × {down:.1}°",
+            camera.width_px, camera.height_px
+        ),
+        format!("residual: {residual}"),
+    ]
+}
+
+fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
+    let rigid = mounted.rigid();
+    let (from, to) = (M::From::NAME, M::To::NAME);
+    let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
+    let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
+    let mut says = vec![
+        format!("{from} at ({:.1}, {:.1}, {:.1}) mm in {to}", origin.x, origin.y, origin.z),
+        format!("its Z axis points along ({:.2}, {:.2}, {:.2}) there", axis.x, axis.y, axis.z),
+        format!("residual: {residual}"),
+    ];
+    if M::HAS_AXIS {
+        let measured = if mounted.axis_measured == Some(true) { "measured" } else { "not measured" };
+        says.push(format!("the tool's axis was {measured}"));
+    }
+    says
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::path::Path;
+
+    fn says(name: &str, text: &str) -> Vec<String> {
+        check_file(name, text).problems.into_iter().map(|problem| problem.message).collect()
+    }
+
+    /// Every file that ships is read without a problem, and as what it is.
+    #[test]
+    fn the_files_that_ship_are_right() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+        let mut kinds = Vec::new();
+        for folder in [root.clone(), root.join("panels")] {
+            for entry in fs::read_dir(&folder).expect("the folder is there") {
+                let path = entry.expect("an entry").path();
+                if path.extension().is_some_and(|extension| extension == "toml") {
+                    let text = fs::read_to_string(&path).expect("the file is there");
+                    let report = check_file(&path.to_string_lossy(), &text);
+                    assert_eq!(report.problems, vec![], "{}", path.display());
+                    assert!(!report.says.is_empty());
+                    kinds.push(report.kind);
+                }
+            }
+        }
+        kinds.sort();
+        assert_eq!(kinds, [Some("cell"), Some("cell"), Some("recipe")]);
+    }
+
+    /// What the sample calls a default is one.
+    #[test]
+    fn the_samples_state_the_defaults() {
+        let text = include_str!("../config/cell.toml");
+        let (stated, default) = (Cell::check("cell.toml", text), Cell::check("cell.toml", ""));
+        assert_eq!(stated.as_ref().map(Cell::limits), default.as_ref().map(Cell::limits));
+        let text = include_str!("../config/panels/example.toml");
+        let without: Vec<&str> = text.lines().filter(|line| !line.contains("# default")).collect();
+        assert!(without.len() + 25 < text.lines().count());
+        assert_eq!(Recipe::check("a", &without.join("\n")), Recipe::check("a", text));
+    }
+
+    #[test]
+    fn a_file_is_known_by_its_tables() {
+        for (text, kind) in [
+            ("[robot]\nkind = 'mock'", Some("cell")),
+            ("store = 'x'", Some("cell")),
+            ("[locate]\n[corner]\n[robot]", Some("recipe")),
+            ("[camera]", Some("intrinsics")),
+            ("[base_from_camera]", Some("base_from_camera")),
+            ("[flange_from_camera]", Some("flange_from_camera")),
+            ("[flange_from_tool]", Some("flange_from_tool")),
+            ("[regoin]\nrows = 3", Some("recipe")),
+            ("[base_from_camrea]", Some("base_from_camera")),
+            ("[base_from_camera]\n[flange_from_camera]", None),
+            ("[camera]\n[scaner]\n[robt]", Some("intrinsics")),
+            ("[wavelength]", None),
+            ("", None),
+        ] {
+            assert_eq!(check_file("a.toml", text).kind, kind, "{text}");
+        }
+    }
+
+    /// The lists of names at the top are those that the checks know.
+    #[test]
+    fn the_kinds_know_their_own_keys() {
+        for kind in &KINDS {
+            let problems = (kind.check)("a.toml", "wavelength = 3").expect_err("a wrong key");
+            let message = format!("unknown key; known here: {}", kind.keys.join(", "));
+            assert!(problems.list.iter().any(|problem| problem.message == message), "{}: {problems}", kind.name);
+        }
+    }
+
+    #[test]
+    fn what_is_not_clear_is_said() {
+        assert_eq!(
+            says("a.toml", "x = 3"),
+            ["not clear what this file is; its top would tell: \
+              cell (store, scanner, flange_camera, robot, poses, io, calibration, limits); \
+              recipe (panel, process, locate, corner, region, inspect, surface, path); \
+              intrinsics (camera); base_from_camera (base_from_camera); \
+              flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool)"]
+        );
+        assert_eq!(
+            says("CELLCMD.XML", "<ETHERNETKRL/>"),
+            ["EKI files are not checked yet; cell, recipe and calibration files are"]
+        );
+    }
+
+    /// By hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°.
+    #[test]
+    fn what_was_understood_is_said() {
+        let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
+        assert_eq!(
+            check_file("c/cell.toml", cell).says,
+            [
+                "scanner: Zivid, the only one found",
+                "flange camera: simulated",
+                "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
+                "poses: none",
+                "outputs: none",
+                "feedbacks: none",
+                "calibration files named: none",
+                "limits: the tool stays in [0.0, 0.0, 0.0] … [1.0, 2.0, 3.0] mm",
+                "store in c/store",
+            ]
+        );
+        let lens =
+            "[camera]\nwidth_px = 1944\nheight_px = 1200\nfx_px = 1785\nfy_px = 1784\ncx_px = 972\ncy_px = 600
+            k1 = 0\nk2 = 0\np1 = 0\np2 = 0\nk3 = 0\nrms_px = 0.2";
+        assert_eq!(
+            check_file("a.toml", lens).says,
+            ["camera of 1944 × 1200 px that sees about 57.1° × 37.2°", "residual: 0.200 px rms"]
+        );
+        let mount = "[flange_from_tool]\nx_mm = 0\ny_mm = 10\nz_mm = 120\na_deg = 0\nb_deg = 90\nc_deg = 0";
+        assert_eq!(
+            check_file("a.toml", mount).says,
+            [
+                "tool at (0.0, 10.0, 120.0) mm in flange",
+                "its Z axis points along (1.00, 0.00, 0.00) there",
+                "residual: unknown",
+                "the tool's axis was not measured"
+            ]
+        );
+    }
+}

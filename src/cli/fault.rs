@@ -1,0 +1,90 @@
+//! What stops a command, in words, and the one place where errors of all modules meet.
+
+use std::error::Error;
+use std::path::{Path, PathBuf};
+
+/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2.
+#[derive(Debug, thiserror::Error)]
+pub enum Fault {
+    /// A file is not what it must be.
+    #[error("{}: {cause}", file.display())]
+    File {
+        /// The file as the user named it.
+        file: PathBuf,
+        /// What is wrong with it.
+        cause: Box<dyn Error + Send + Sync>,
+    },
+    /// A configuration file has problems; each stands with its line.
+    #[error(transparent)]
+    Configuration(#[from] crate::config::Problems),
+    /// The cell's file names no such calibration.
+    #[error("{}: [calibration] {key} is missing; this command needs it: name the file that holds it", cell.display())]
+    NotCalibrated {
+        /// The cell's file.
+        cell: PathBuf,
+        /// The key.
+        key: &'static str,
+    },
+    /// Options that do not go together.
+    #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
+    CornerWithoutFlange {
+        /// Corner pictures named.
+        found: usize,
+        /// Flange poses named.
+        flanges: usize,
+    },
+    /// More corner pictures than corners were taught.
+    #[error("{found} corner pictures, but {taught} corners were taught of this panel; teach them with --corner")]
+    CornersNotTaught {
+        /// Pictures named.
+        found: usize,
+        /// Corners taught.
+        taught: usize,
+    },
+    /// The recipe is not the one that was taught.
+    #[error(
+        "{}: [{table}] differs from the recipe with which panel \"{panel}\" was taught (version {version}); \
+         teach it again or take the change back", recipe.display()
+    )]
+    TaughtOtherwise {
+        /// The recipe's file.
+        recipe: PathBuf,
+        /// The table that differs.
+        table: &'static str,
+        /// The panel.
+        panel: String,
+        /// Its taught version.
+        version: String,
+    },
+    /// A grid that the region does not have.
+    #[error("grid {grid} is not in the region of {rows} rows and {columns} columns, r1c1 to r{rows}c{columns}")]
+    NoSuchGrid {
+        /// The grid asked for.
+        grid: String,
+        /// Rows of the region.
+        rows: usize,
+        /// Columns of the region.
+        columns: usize,
+    },
+    /// A folder that holds other things.
+    #[error("{}: is not empty and was not written by `panelprep render`; name a new folder", folder.display())]
+    NotOurs {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A stage refused its input, in its own words.
+    #[error(transparent)]
+    Stage(Box<dyn Error + Send + Sync>),
+}
+
+impl Fault {
+    /// What is wrong with this file.
+    pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
+        Fault::File { file: file.to_owned(), cause: cause.into() }
+    }
+
+    /// What a stage says.
+    pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
+        Fault::Stage(Box::new(cause))
+    }
+}

@@ -1,0 +1,256 @@
+//! `panelprep inspect`: the water-break test on a clip.
+
+use super::args::{Common, Inspect};
+use super::disk;
+use super::fault::Fault;
+use super::load::{self, CellFiles, Taught};
+use super::outcome::Outcome;
+use super::pictures;
+use crate::files::{self, Clip, ClipEntry};
+use crate::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
+use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
+use crate::panel::Grid;
+use crate::phase::Phase;
+use crate::recipe::Recipe;
+use crate::report::{StripPicture, View, cut, film_strip};
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Pictures decoded at once; bounds the memory of a long clip.
+const DECODED_AT_ONCE: usize = 8;
+/// Pictures in the film strip.
+const STRIP_PICTURES: usize = 6;
+
+/// An inspected clip.
+pub struct Inspected {
+    /// The inspection.
+    pub inspection: Inspection,
+    /// From a decoded wet picture to its result, median, ms.
+    pub ms_per_frame: f64,
+    /// Agreement with a truth that was given.
+    pub score: Option<(Score, Confusion)>,
+    clip: PathBuf,
+    shots: Vec<ClipEntry>,
+    camera: PinholeCamera,
+    camera_from_panel: Rigid<Camera, Panel>,
+}
+
+/// Where the panel stands in the camera's view.
+#[derive(Debug, Clone, Copy)]
+pub struct Placed {
+    /// The camera.
+    pub camera: PinholeCamera,
+    /// Where it stands.
+    pub base_from_camera: Rigid<Base, Camera>,
+    /// Where the panel stands.
+    pub base_from_panel: Rigid<Base, Panel>,
+}
+
+/// Inspects a clip and tells.
+///
+/// # Errors
+/// Where a file is not what it must be, or the panel was not taught.
+pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let recipe = load::recipe(&args.recipe)?;
+    let placed = Placed {
+        camera: files.scanner()?.value,
+        base_from_camera: files.base_from_camera()?.value,
+        base_from_panel: load::located(args.located.as_ref())?,
+    };
+    let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let demands = demands(&files, &recipe);
+    let inspected = stage(&taught, &args.clip, placed, &recipe, demands, args.truth.as_deref())?;
+    let mut mask = None;
+    if let Some(folder) = &args.pictures {
+        let file = folder.join("mask.png");
+        let bytes = files::write_gray_png(&inspected.inspection.mask().to_gray()).map_err(Fault::stage)?;
+        disk::write(&file, bytes)?;
+        mask = Some(file);
+        pictures::save(folder, "inspected", &inspected.drawn(&taught)?)?;
+        pictures::save(folder, "film", &inspected.strip()?)?;
+    }
+    Ok(inspected.outcome(mask))
+}
+
+/// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
+pub fn demands(files: &CellFiles, recipe: &Recipe) -> Demands {
+    let limits = files.cell.limits();
+    Demands {
+        observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
+        frames_per_second: recipe.process().frames_per_second(),
+        min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
+    }
+}
+
+/// Runs the test on the pictures of a clip folder.
+///
+/// # Errors
+/// Where `clip.csv` or a picture is missing, damaged or of another size.
+pub fn stage(
+    taught: &Taught,
+    clip: &Path,
+    placed: Placed,
+    recipe: &Recipe,
+    demands: Demands,
+    truth: Option<&Path>,
+) -> Result<Inspected, Fault> {
+    let list = clip.join("clip.csv");
+    let parsed: Clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
+    let shots = parsed.shots().to_vec();
+    let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
+    let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
+        .map_err(Fault::stage)?;
+    let mut wet_ms = Vec::with_capacity(shots.len());
+    for group in shots.chunks(DECODED_AT_ONCE) {
+        let decoded: Vec<Result<ColorPicture, Fault>> =
+            group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), &placed.camera)).collect();
+        for (shot, picture) in group.iter().zip(decoded) {
+            let picture = picture?;
+            let begin = Instant::now();
+            let step = watch.push(&picture, shot.time_s, shot.phase);
+            if step.map_err(|error| Fault::file(&clip.join(&shot.file), error))?.since_wet_s.is_some() {
+                wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            }
+        }
+    }
+    let inspection = watch.finish().map_err(|error| Fault::file(&list, error))?;
+    let score = truth.map(|folder| scored(&inspection, folder)).transpose()?;
+    let ms_per_frame = median(&mut wet_ms);
+    let clip = clip.to_owned();
+    Ok(Inspected { inspection, ms_per_frame, score, clip, shots, camera: placed.camera, camera_from_panel })
+}
+
+fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), Fault> {
+    let file = folder.join("mask.png");
+    let truth = files::read_gray(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
+    let truth = Mask::from_gray(&truth);
+    let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
+    let named = |error| Fault::file(&file, error);
+    Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or_default()
+}
+
+impl Inspected {
+    fn picture(&self, shot: &ClipEntry) -> Result<ColorPicture, Fault> {
+        load::picture(&self.clip.join(&shot.file), &self.camera)
+    }
+
+    /// Did this grid fail?
+    pub fn failed(&self, grid: &Grid) -> bool {
+        self.inspection.grids.iter().any(|inspected| inspected.id == grid.id && inspected.failed)
+    }
+
+    /// The last picture, with the camera and where the panel stands before it.
+    ///
+    /// # Errors
+    /// Where the picture cannot be read again.
+    pub fn last_view(&self) -> Result<(ColorPicture, PinholeCamera, Rigid<Camera, Panel>), Fault> {
+        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
+        Ok((self.picture(last)?, self.camera, self.camera_from_panel))
+    }
+
+    /// The last picture with everything that broke.
+    ///
+    /// # Errors
+    /// Where the picture cannot be read again, or OpenCV refuses to draw.
+    pub fn drawn(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
+        let (picture, ..) = self.last_view()?;
+        let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
+        let mask = self.inspection.mask();
+        view.inspected(&taught.panel, &mask, &|grid| self.failed(grid)).map_err(Fault::stage)
+    }
+
+    /// The film in time: from the first fully wet picture to the last.
+    ///
+    /// # Errors
+    /// As [`Inspected::drawn`].
+    pub fn strip(&self) -> Result<ColorPicture, Fault> {
+        let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == Phase::Wet).collect();
+        let Some(first) = wet.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
+        let bounds = self.bounds();
+        let chosen = (0..STRIP_PICTURES).map(|i| wet[i * (wet.len() - 1) / (STRIP_PICTURES - 1)]);
+        let pictures = chosen
+            .map(|shot| {
+                let since_wet_s = shot.time_s - first.time_s;
+                let broken = self.inspection.mask_at(since_wet_s);
+                let (picture, broken) = cut(&self.picture(shot)?, &broken, bounds);
+                Ok(StripPicture { picture, broken, label: format!("{since_wet_s:.1} s") })
+            })
+            .collect::<Result<Vec<_>, Fault>>()?;
+        film_strip(&pictures).map_err(Fault::stage)
+    }
+
+    /// The box around the region in the picture.
+    fn bounds(&self) -> [(usize, usize); 2] {
+        let pixels = self.inspection.footprint.grids().iter().flat_map(|grid| &grid.edge_px);
+        let mut low = (self.camera.width_px, self.camera.height_px);
+        let mut high = (0, 0);
+        for (column, row) in pixels.filter_map(|pixel| pixel.whole(self.camera.width_px, self.camera.height_px)) {
+            low = (low.0.min(column), low.1.min(row));
+            high = (high.0.max(column), high.1.max(row));
+        }
+        [low, high]
+    }
+
+    fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
+        let inspection = &self.inspection;
+        let mut outcome = Outcome::of(&inspection.judgement);
+        let breaks: Vec<_> = inspection
+            .breaks
+            .iter()
+            .map(|found| {
+                let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
+                json!({"area_mm2": found.area_mm2, "first_seen_s": found.first_seen_s, "grids": grids})
+            })
+            .collect();
+        let grids: Vec<_> = inspection
+            .grids
+            .iter()
+            .map(|grid| {
+                json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
+                       "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
+            })
+            .collect();
+        let observation = &inspection.observation;
+        outcome.say(format!(
+            "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
+            observation.observed_s,
+            observation.frames,
+            breaks.len(),
+            self.ms_per_frame
+        ));
+        for grid in inspection.grids.iter().filter(|grid| grid.failed) {
+            let when = grid.time_to_break_s.map(|time| format!(" from {time:.1} s")).unwrap_or_default();
+            outcome.say(format!("  {} failed: {:.0} mm² broken{when}", grid.id, grid.broken_mm2));
+        }
+        outcome.put("observed_s", json!(observation.observed_s));
+        outcome.put("frames", json!(observation.frames));
+        outcome.put("breaks", json!(breaks));
+        outcome.put("grids", json!(grids));
+        outcome.put("mask", json!(mask));
+        outcome.put("ms_per_frame", json!(self.ms_per_frame));
+        if let Some((score, confusion)) = &self.score {
+            outcome.say(format!(
+                "against the truth: intersection over union {:.3}, precision {:.3}, recall {:.3}; grids: {} rightly \
+                 failed, {} wrongly failed, {} wrongly passed",
+                score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
+            ));
+            outcome.put(
+                "score",
+                json!({
+                    "iou": score.iou, "precision": score.precision, "recall": score.recall,
+                    "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
+                              "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
+                }),
+            );
+        }
+        outcome
+    }
+}

@@ -1,0 +1,229 @@
+//! What the commands read: the cell and its calibrations, recipes, shots, poses, and what was taught.
+
+use super::args::Common;
+use super::disk;
+use super::fault::Fault;
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount};
+use crate::files;
+use crate::geometry::{
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid,
+};
+use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::recipe::Recipe;
+use crate::store::{Store, Teaching};
+use std::path::{Path, PathBuf};
+
+/// A file's name in messages.
+fn name(file: &Path) -> String {
+    file.display().to_string()
+}
+
+/// The cell's file, checked, with the texts of the calibrations that a command asks for.
+pub struct CellFiles {
+    file: PathBuf,
+    /// The checked cell.
+    pub cell: Cell,
+    store: PathBuf,
+}
+
+/// A calibration and the text it was read from.
+pub struct Calibrated<T> {
+    /// The value.
+    pub value: T,
+    /// The text of its file.
+    pub text: String,
+}
+
+impl CellFiles {
+    /// Reads and checks the cell's file.
+    ///
+    /// # Errors
+    /// Where it cannot be read or has problems.
+    pub fn read(common: &Common) -> Result<Self, Fault> {
+        let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
+        let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
+        Ok(CellFiles { file: common.cell.clone(), cell, store })
+    }
+
+    /// Opens the store.
+    ///
+    /// # Errors
+    /// Where its folder cannot be made or its database is not ours.
+    pub fn store(&self) -> Result<Store, Fault> {
+        Store::open(&self.store).map_err(|error| Fault::file(&self.store, error))
+    }
+
+    fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
+        let file = file.ok_or_else(|| Fault::NotCalibrated { cell: self.file.clone(), key })?;
+        Ok((name(file), disk::read_text(file)?))
+    }
+
+    fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
+        let (name, text) = self.text(key, file)?;
+        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, text })
+    }
+
+    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
+        let (name, text) = self.text(M::TABLE, file)?;
+        Ok(Calibrated { value: MountedPose::<M>::check(&name, &text)?.rigid(), text })
+    }
+
+    /// The intrinsics of the fixed 3D camera.
+    ///
+    /// # Errors
+    /// Where the cell names no such file, or it has problems; likewise for the other calibrations.
+    pub fn scanner(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+        self.intrinsics("scanner", self.cell.calibration().scanner.as_ref())
+    }
+
+    /// The intrinsics of the flange camera.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_camera(&self) -> Result<Calibrated<PinholeCamera>, Fault> {
+        self.intrinsics("flange_camera", self.cell.calibration().flange_camera.as_ref())
+    }
+
+    /// Where the fixed camera stands.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn base_from_camera(&self) -> Result<Calibrated<Rigid<Base, Camera>>, Fault> {
+        self.mount::<ScannerMount>(self.cell.calibration().base_from_camera.as_ref())
+    }
+
+    /// How the flange camera sits on the flange.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_from_camera(&self) -> Result<Calibrated<Rigid<Flange, FlangeCamera>>, Fault> {
+        self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
+    }
+}
+
+/// Reads and checks a recipe.
+///
+/// # Errors
+/// Where it cannot be read or has problems.
+pub fn recipe(file: &Path) -> Result<Recipe, Fault> {
+    Ok(Recipe::check(&name(file), &disk::read_text(file)?)?)
+}
+
+/// Reads an organised scan and holds it against the camera's calibration.
+///
+/// # Errors
+/// Where the file is no organised scan, or its size is not the calibrated one.
+pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, Fault> {
+    let bytes = disk::read(file)?;
+    files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
+}
+
+/// Reads a picture and holds it against the camera's calibration.
+///
+/// # Errors
+/// Where the file is no picture, or its size is not the calibrated one.
+pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
+    picture_of(file, &disk::read(file)?, camera)
+}
+
+fn picture_of(file: &Path, bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
+    let picture = files::read_color(bytes).map_err(|error| Fault::file(file, error))?;
+    files::check_picture_size(&picture, camera).map_err(|error| Fault::file(file, error))?;
+    Ok(picture)
+}
+
+/// Reads where the panel is; without a file it stands at its nominal place.
+///
+/// # Errors
+/// Where the file holds no pose, or one that was rejected.
+pub fn located(file: Option<&PathBuf>) -> Result<Rigid<Base, Panel>, Fault> {
+    let Some(file) = file else { return Ok(panel_from_base_at_teaching().inverse()) };
+    let pose = files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    Ok(pose.to_rigid())
+}
+
+/// A corner picture with the flange's pose at that picture.
+pub struct CornerShot {
+    /// The picture's file.
+    pub file: PathBuf,
+    /// Its bytes, for the store.
+    pub bytes: Vec<u8>,
+    /// The picture.
+    pub picture: ColorPicture,
+    /// Where the flange was.
+    pub base_from_flange: KukaPose,
+}
+
+/// Reads corner pictures, each with its pose.
+///
+/// # Errors
+/// Where the counts differ, or a file is not what it must be.
+pub fn corner_shots(
+    pictures: &[PathBuf],
+    flanges: &[PathBuf],
+    camera: &PinholeCamera,
+) -> Result<Vec<CornerShot>, Fault> {
+    if pictures.len() != flanges.len() {
+        return Err(Fault::CornerWithoutFlange { found: pictures.len(), flanges: flanges.len() });
+    }
+    let read = |(file, flange): (&PathBuf, &PathBuf)| {
+        let bytes = disk::read(file)?;
+        let picture = picture_of(file, &bytes, camera)?;
+        let pose = files::read_flange(&disk::read(flange)?).map_err(|error| Fault::file(flange, error))?;
+        Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange: pose })
+    };
+    pictures.iter().zip(flanges).map(read).collect()
+}
+
+/// What was taught of a panel, derived again from what the store keeps.
+pub struct Taught {
+    /// The panel.
+    pub panel: TaughtPanel,
+    /// Its corners, in the order of teaching.
+    pub corners: Vec<TaughtCorner>,
+    /// The version in the store.
+    pub version: String,
+}
+
+/// Loads what was taught of the recipe's panel.
+///
+/// # Errors
+/// Where it was not taught, its files are damaged, or the recipe's `[region]` is another than the taught one.
+pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<Taught, Fault> {
+    let kept = files.store()?.taught(recipe.panel(), None).map_err(Fault::stage)?;
+    let taught_recipe = Recipe::check("the taught recipe", &kept.teaching.recipe_text)?;
+    if taught_recipe.region() != recipe.region() {
+        return Err(Fault::TaughtOtherwise {
+            recipe: recipe_file.to_owned(),
+            table: "region",
+            panel: recipe.panel().to_owned(),
+            version: kept.version,
+        });
+    }
+    derive(&kept.teaching, &taught_recipe, kept.version)
+}
+
+/// Derives panel and corners from what a teaching holds.
+///
+/// # Errors
+/// Where the scan shows no panel under the region, or a picture no corner.
+pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<Taught, Fault> {
+    let kept = "the taught calibration";
+    let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
+    let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
+    let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
+    let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
+    let mut corners = Vec::with_capacity(teaching.corners.len());
+    for corner in &teaching.corners {
+        let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
+        let flange_from_camera =
+            MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
+        let base_from_flange: Rigid<Base, Flange> = corner.base_from_flange.to_rigid();
+        let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
+        let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
+        let reference_px = super::refine::find_corner(&picture, recipe, &camera, &panel, panel_from_camera)?;
+        let taught = panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera);
+        corners.push(taught.map_err(Fault::stage)?);
+    }
+    Ok(Taught { panel, corners, version })
+}

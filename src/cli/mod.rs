@@ -1,0 +1,45 @@
+//! The command line: reads files, calls the phases, writes files and words. The only place with a clock and a disk
+//! beside the store, and the one place that turns errors into words.
+//!
+//! Each command is a file of its name: `run` reads and tells, `stage` computes, so that `demo` can call one after the
+//! other on the same files.
+
+pub mod args;
+mod check;
+pub mod demo;
+mod disk;
+mod fault;
+mod inspect;
+mod load;
+mod locate;
+mod outcome;
+mod pictures;
+mod plan;
+mod refine;
+mod render;
+mod teach;
+
+pub use fault::Fault;
+pub use outcome::Outcome;
+
+use args::{Arguments, Command};
+use std::process::ExitCode;
+
+/// Runs a command and prints what it found; gives the process's exit code.
+pub fn run(arguments: &Arguments) -> ExitCode {
+    let common = &arguments.common;
+    let outcome = match &arguments.command {
+        Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
+        Command::Render(args) => render::run(args),
+        Command::Check(args) => check::run(args),
+        Command::Teach(args) => teach::run(args, common),
+        Command::Locate(args) => locate::run(args, common),
+        Command::Refine(args) => refine::run(args, common),
+        Command::Inspect(args) => inspect::run(args, common),
+        Command::Plan(args) => plan::run(args, common),
+    };
+    match outcome {
+        Ok(outcome) => outcome.print(common.json),
+        Err(fault) => outcome::print_fault(&fault, common.json),
+    }
+}

@@ -1,0 +1,61 @@
+//! What a command prints: words for a person, or one JSON object.
+
+use super::fault::Fault;
+use crate::verdict::Judgement;
+use serde_json::{Map, Value, json};
+use std::process::ExitCode;
+
+/// What a command found, in both forms.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// How it ended.
+    pub exit: u8,
+    /// For `--json`: one object.
+    pub json: Map<String, Value>,
+    /// For a person.
+    pub words: Vec<String>,
+}
+
+impl Outcome {
+    /// Begins with a judgement: `verdict` and `reasons`, and the words for them.
+    pub fn of(judgement: &Judgement) -> Self {
+        let mut json = Map::new();
+        json.insert("verdict".to_owned(), json!(judgement.verdict));
+        json.insert("reasons".to_owned(), json!(judgement.reasons));
+        let reasons = judgement.reasons.iter().map(|reason| format!("  {} ({})", reason.message, reason.code));
+        let words = std::iter::once(format!("verdict: {}", judgement.verdict.word())).chain(reasons).collect();
+        Outcome { exit: judgement.verdict.exit_code(), json, words }
+    }
+
+    /// Adds a value that scripts read.
+    pub fn put(&mut self, key: &str, value: Value) {
+        self.json.insert(key.to_owned(), value);
+    }
+
+    /// Adds a line for a person.
+    pub fn say(&mut self, line: impl Into<String>) {
+        self.words.push(line.into());
+    }
+
+    /// Prints it and gives the exit code.
+    pub fn print(&self, as_json: bool) -> ExitCode {
+        if as_json {
+            println!("{}", Value::Object(self.json.clone()));
+        } else {
+            for line in &self.words {
+                println!("{line}");
+            }
+        }
+        ExitCode::from(self.exit)
+    }
+}
+
+/// Prints what stopped a command: words on standard error, with `--json` an object too.
+pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
+    eprintln!("panelprep: {fault}");
+    if as_json {
+        let reason = json!([{"code": "bad_input", "message": fault.to_string()}]);
+        println!("{}", json!({"verdict": null, "reasons": reason}));
+    }
+    ExitCode::from(2)
+}

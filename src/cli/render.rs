@@ -1,0 +1,209 @@
+//! `panelprep render`: the simulated cell as files, and its truth in a folder that no stage reads.
+
+use super::args::{Render, SceneName};
+use super::disk;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use crate::files::{self, Clip, ClipEntry};
+use crate::geometry::{Flange, KukaPose, Rigid, Tool};
+use crate::phase::Phase;
+use crate::sim::{self, Place, SEARCH_BOX_MM, Scene};
+use crate::verdict::{Judgement, Verdict};
+use rayon::prelude::*;
+use serde_json::json;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// A file that marks a folder as written by this command, which may then be written again.
+const MARK: &str = ".rendered-by-panelprep";
+/// Length of the wet film, s, and its pictures a second (the recipe's own defaults).
+const OBSERVATION_S: f64 = 60.0;
+const FRAMES_PER_SECOND: f64 = 5.0;
+
+/// The folder's files by their role.
+#[derive(Debug, Clone)]
+pub struct Rendered {
+    /// The folder.
+    pub folder: PathBuf,
+}
+
+impl Rendered {
+    /// A file of the folder.
+    pub fn file(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+}
+
+impl From<SceneName> for Scene {
+    fn from(name: SceneName) -> Scene {
+        match name {
+            SceneName::Good => Scene::Good,
+            SceneName::Clean => Scene::Clean,
+            SceneName::NoPanel => Scene::NoPanel,
+            SceneName::WrongPanel => Scene::WrongPanel,
+        }
+    }
+}
+
+/// Writes the cell and says which files.
+///
+/// # Errors
+/// Where the folder holds other things or the disk refuses.
+pub fn run(args: &Render) -> Result<Outcome, Fault> {
+    let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
+    let rendered = write(&cell, &args.out, &|line| eprintln!("{line}"))?;
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let mut names: Vec<String> = fs::read_dir(&rendered.folder)
+        .and_then(Iterator::collect::<Result<Vec<_>, _>>)
+        .map_err(|error| Fault::file(&rendered.folder, error))?
+        .iter()
+        .map(|entry| entry.path().display().to_string())
+        .collect();
+    names.sort();
+    outcome.words = vec![format!("seed {}, written to {}:", args.seed, args.out.display())];
+    outcome.words.extend(names.iter().map(|name| format!("  {name}")));
+    outcome.put("files", json!(names));
+    Ok(outcome)
+}
+
+/// Renders a cell into a folder.
+///
+/// # Errors
+/// As [`run`].
+pub fn write(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+    claim(folder)?;
+    let rendered = Rendered { folder: folder.to_owned() };
+    write_configuration(cell, &rendered)?;
+    progress("rendering the taught scan and the scan");
+    let taught_scan = cell.taught_scan();
+    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
+    disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
+    progress("rendering the corner pictures");
+    write_corners(cell, &rendered)?;
+    progress("rendering the clip");
+    write_clip(cell, &rendered)?;
+    write_truth(cell, &rendered)?;
+    Ok(rendered)
+}
+
+/// Empties a folder that this command wrote, or makes a new one.
+fn claim(folder: &Path) -> Result<(), Fault> {
+    let named = |error: std::io::Error| Fault::file(folder, error);
+    if folder.exists() {
+        let ours = folder.join(MARK).exists();
+        let empty = fs::read_dir(folder).map_err(named)?.next().is_none();
+        if !ours && !empty {
+            return Err(Fault::NotOurs { folder: folder.to_owned() });
+        }
+        fs::remove_dir_all(folder).map_err(named)?;
+    }
+    disk::write(&folder.join(MARK), "This folder is written anew by each `panelprep render`.\n")
+}
+
+fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+    let base_from_camera = KukaPose::from_rigid(&cell.calibrated_base_from_camera());
+    let flange_from_camera = KukaPose::from_rigid(&cell.calibrated_flange_from_camera());
+    // The pad of the simulated tool: 160 mm before the flange, its axis the flange's.
+    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid();
+    let tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
+    let texts = [
+        ("scanner.toml", Intrinsics::of(*cell.scanner()).to_toml()),
+        ("flange_camera.toml", Intrinsics::of(*cell.flange_camera()).to_toml()),
+        ("base_from_camera.toml", MountedPose::<ScannerMount>::of(base_from_camera).to_toml()),
+        ("flange_from_camera.toml", MountedPose::<FlangeCameraMount>::of(flange_from_camera).to_toml()),
+        ("flange_from_tool.toml", tool.to_toml()),
+        ("cell.toml", CELL.to_owned()),
+        ("recipe.toml", recipe(cell)),
+    ];
+    texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
+}
+
+const CELL: &str = r#"# A simulated cell, as files. Written by `panelprep render`.
+store = "store"
+
+[scanner]
+kind = "simulated"
+
+[flange_camera]
+kind = "simulated"
+
+[robot]
+kind = "mock"
+
+[calibration]
+scanner = "scanner.toml"
+flange_camera = "flange_camera.toml"
+base_from_camera = "base_from_camera.toml"
+flange_from_camera = "flange_from_camera.toml"
+flange_from_tool = "flange_from_tool.toml"
+"#;
+
+fn recipe(cell: &sim::Cell) -> String {
+    let region = cell.region();
+    let corners: Vec<String> =
+        region.corners_px.iter().map(|pixel| format!("[{:.1}, {:.1}]", pixel.u, pixel.v)).collect();
+    let [low, high] = SEARCH_BOX_MM;
+    format!(
+        "# The recipe of the simulated panel. Written by `panelprep render`.\n\
+         panel = \"simulated-panel\"\n\n\
+         [process]\nobservation_s = {OBSERVATION_S:?}\nframes_per_second = {FRAMES_PER_SECOND:?}\n\n\
+         [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\n\
+         [corner]\nwhich = \"{which}\"\n\n\
+         [region]\ncorners_px = [{corners}]\nrows = {rows}\ncolumns = {columns}\n\n\
+         [inspect]\nmethod = \"thesis\"\n",
+        which = cell.corner_views().first().map_or("top-left", |view| view.name),
+        corners = corners.join(", "),
+        rows = region.rows,
+        columns = region.columns,
+    )
+}
+
+fn write_corners(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+    let Some(view) = cell.corner_views().into_iter().next() else { return Ok(()) };
+    let shots = [
+        ("taught_corner.png", "taught_flange.json", view.base_from_flange, Place::Nominal),
+        ("corner.png", "flange.json", cell.displaced_corner_pose(&view), Place::Displaced),
+    ];
+    shots.into_iter().try_for_each(|(picture, pose, base_from_flange, place)| {
+        let rendered_picture = cell.flange_picture(&base_from_flange, place);
+        disk::write(&rendered.file(picture), files::write_color_png(&rendered_picture).map_err(Fault::stage)?)?;
+        disk::write(&rendered.file(pose), files::write_pose(&KukaPose::from_rigid(&base_from_flange)))
+    })
+}
+
+/// When the clip's pictures are taken: from the dry panel to the end of the observation.
+fn clip_times_s() -> Vec<f64> {
+    let end_s = sim::WET_FROM_S + OBSERVATION_S;
+    (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|frame| f64::from(frame) / FRAMES_PER_SECOND).collect()
+}
+
+fn write_clip(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+    let film = cell.film();
+    let folder = rendered.file("clip");
+    let times_s = clip_times_s();
+    let entry = |(index, &time_s): (usize, &f64)| {
+        let phase = match film.phase(time_s) {
+            sim::Phase::Dry => Phase::Dry,
+            sim::Phase::Spray => Phase::Spray,
+            sim::Phase::Wet => Phase::Wet,
+        };
+        ClipEntry { file: format!("{:05}.jpg", index + 1), time_s, phase }
+    };
+    let entries: Vec<ClipEntry> = times_s.iter().enumerate().map(entry).collect();
+    entries.par_iter().try_for_each(|entry| {
+        let jpeg = files::write_color_jpeg(&film.picture(entry.time_s)).map_err(Fault::stage)?;
+        disk::write(&folder.join(&entry.file), jpeg)
+    })?;
+    let clip = Clip::new(entries).map_err(Fault::stage)?;
+    disk::write(&folder.join("clip.csv"), clip.to_csv())
+}
+
+fn write_truth(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+    let folder = rendered.file("truth");
+    let numbers = serde_json::to_string_pretty(&cell.truth().numbers()).map_err(Fault::stage)?;
+    disk::write(&folder.join("truth.json"), numbers)?;
+    let last_s = clip_times_s().last().copied().unwrap_or_default();
+    let mask = files::write_gray_png(&cell.film().broken(last_s).to_gray()).map_err(Fault::stage)?;
+    disk::write(&folder.join("mask.png"), mask)
+}

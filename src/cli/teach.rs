@@ -1,0 +1,78 @@
+//! `panelprep teach`: learn a panel at its nominal place and keep it.
+
+use super::args::{Common, Teach};
+use super::fault::Fault;
+use super::load::{self, CellFiles, Taught};
+use super::outcome::Outcome;
+use super::pictures;
+use crate::geometry::Point;
+use crate::report::View;
+use crate::store::{TaughtCorner, Teaching};
+use crate::verdict::{Judgement, Verdict};
+use serde_json::json;
+
+/// Learns, keeps and tells what was learnt.
+///
+/// # Errors
+/// Where a file is not what it must be, or the scan shows no panel under the region. Nothing is kept then.
+pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let recipe = load::recipe(&args.recipe)?;
+    let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
+    load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
+    let mut teaching = Teaching {
+        name: recipe.panel().to_owned(),
+        scan: super::disk::read(&args.scan)?,
+        recipe_text: super::disk::read_text(&args.recipe)?,
+        scanner_calibration_text: scanner.text,
+        base_from_camera_text: base_from_camera.text,
+        corners: Vec::new(),
+        flange_camera_text: String::new(),
+        flange_from_camera_text: String::new(),
+    };
+    if !args.corner.is_empty() || !args.flange.is_empty() {
+        let flange_camera = files.flange_camera()?;
+        let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
+        let kept =
+            |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
+        teaching.corners = shots.into_iter().map(kept).collect();
+        teaching.flange_camera_text = flange_camera.text;
+        teaching.flange_from_camera_text = files.flange_from_camera()?.text;
+    }
+    let mut taught = load::derive(&teaching, &recipe, String::new())?;
+    if let Some(folder) = &args.pictures {
+        pictures::save(folder, "taught", &picture(&taught)?)?;
+    }
+    taught.version = files.store()?.teach(&teaching).map_err(Fault::stage)?;
+    Ok(outcome(&taught, recipe.panel()))
+}
+
+/// What was learnt, drawn.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> {
+    let panel = &taught.panel;
+    let scan = panel.scan.picture();
+    let view = View { picture: &scan, camera: &panel.camera, camera_from_panel: panel.panel_from_camera.inverse() };
+    let corners: Vec<Point<_>> = taught.corners.iter().map(|corner| corner.point).collect();
+    view.taught(panel, &corners).map_err(Fault::stage)
+}
+
+fn outcome(taught: &Taught, panel: &str) -> Outcome {
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    let points = taught.panel.mask.count();
+    let grids: Vec<_> = taught
+        .panel
+        .grids
+        .iter()
+        .map(|grid| json!({"id": grid.id.to_string(), "corners_mm": grid.corners.map(|p| <[f64; 3]>::from(p.mm.coords))}))
+        .collect();
+    outcome.say(format!("panel {panel}, version {}", taught.version));
+    outcome.say(format!("{points} points, {} grids, {} corners", grids.len(), taught.corners.len()));
+    outcome.put("panel", json!(panel));
+    outcome.put("version", json!(taught.version));
+    outcome.put("points", json!(points));
+    outcome.put("grids", json!(grids));
+    outcome
+}

@@ -1,0 +1,152 @@
+//! A file as a whole: parsed, read, and all findings joined into problems.
+
+use super::nearest::nearest;
+use super::problem::{Problem, Problems};
+use super::section::Section;
+use super::syntax;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
+use toml::Spanned;
+use toml::de::DeTable;
+
+/// What a reading found. Only when the whole file is read is it known what an unknown key may have meant.
+pub(super) enum Finding {
+    Wrong(Problem),
+    Unknown { line: usize, table: String, key: String },
+    Missing { line: usize, table: String, key: &'static str, table_is_there: bool },
+}
+
+/// A parsed file while it is read.
+pub(super) struct Document<'t> {
+    pub(super) text: &'t str,
+    root: Spanned<DeTable<'t>>,
+    pub(super) findings: RefCell<Vec<Finding>>,
+    /// The keys of each table that was read.
+    pub(super) known: RefCell<BTreeMap<String, Vec<&'static str>>>,
+    /// Misspelt tables: the path that is meant, and the name that is written.
+    pub(super) misspelt: BTreeMap<String, String>,
+}
+
+/// A key with its table.
+pub(super) fn path(table: &str, key: &str) -> String {
+    if table.is_empty() { key.to_owned() } else { format!("{table}.{key}") }
+}
+
+/// Checks a file: `take` reads its keys and gives the checked form where it found no problem. It is called twice:
+/// the first reading learns which tables are misspelt, so that the second can list what is wrong inside them too.
+///
+/// # Errors
+/// All problems in the order of their lines.
+pub fn check<T>(file: &str, text: &str, take: impl Fn(&Section<'_, '_>) -> Option<T>) -> Result<T, Problems> {
+    let (root, errors) = DeTable::parse_recoverable(text);
+    let mut document =
+        Document { text, root, findings: RefCell::default(), known: RefCell::default(), misspelt: BTreeMap::new() };
+    take(&document.top());
+    document.misspelt = document.misspelt_names();
+    document.findings.take();
+    let checked = take(&document.top());
+    let list = document.problems(errors.iter().map(|error| syntax::problem_of(text, error)));
+    match checked {
+        Some(value) if list.is_empty() => Ok(value),
+        _ => Err(Problems { file: file.to_owned(), list }),
+    }
+}
+
+/// The keys at the top of a file, as far as it can be parsed.
+pub fn top_keys(text: &str) -> Vec<String> {
+    let (root, _) = DeTable::parse_recoverable(text);
+    root.get_ref().keys().map(|key| key.get_ref().to_string()).collect()
+}
+
+/// What an unknown key probably is.
+enum Meaning {
+    /// A key of the same table, by another name or in another unit.
+    Near(&'static str, Option<&'static str>),
+    /// A key of other tables.
+    Elsewhere(Vec<String>),
+    Nothing,
+}
+
+impl<'t> Document<'t> {
+    fn top(&self) -> Section<'_, 't> {
+        Section::new(self, String::new(), Some(self.root.get_ref()), 1)
+    }
+
+    fn meaning(&self, table: &str, key: &str) -> Meaning {
+        let known = self.known.borrow();
+        let homes = known.iter().filter(|(_, keys)| keys.contains(&key)).map(|(home, _)| path(home, key));
+        let homes: Vec<String> = homes.collect();
+        match known.get(table).and_then(|keys| nearest(key, keys)) {
+            _ if !homes.is_empty() => Meaning::Elsewhere(homes),
+            Some((name, unit)) => Meaning::Near(name, unit),
+            None => Meaning::Nothing,
+        }
+    }
+
+    fn misspelt_names(&self) -> BTreeMap<String, String> {
+        let findings = self.findings.borrow();
+        let misspelt = findings.iter().filter_map(|finding| match finding {
+            Finding::Unknown { table, key, .. } => match self.meaning(table, key) {
+                Meaning::Near(name, _) => Some((path(table, name), key.clone())),
+                _ => None,
+            },
+            _ => None,
+        });
+        misspelt.collect()
+    }
+
+    fn problems(&self, syntax: impl Iterator<Item = Problem>) -> Vec<Problem> {
+        let mut syntax: Vec<Problem> = syntax.collect();
+        syntax.sort_by_key(|problem| problem.line);
+        syntax.dedup_by_key(|problem| problem.line);
+        let (mut list, mut explained, mut missing) = (Vec::new(), BTreeSet::new(), BTreeMap::<_, Vec<_>>::new());
+        for finding in self.findings.take() {
+            match finding {
+                Finding::Wrong(problem) => {
+                    explained.insert(problem.key.clone());
+                    list.push(problem);
+                }
+                Finding::Unknown { line, table, key } => {
+                    let (message, names) = self.unknown(&table, &key);
+                    list.push(Problem { line, key: path(&table, &key), message });
+                    explained.extend(names);
+                }
+                Finding::Missing { line, table, key, table_is_there: true } => {
+                    missing.entry((line, path(&table, key))).or_default();
+                }
+                Finding::Missing { line, table, key, .. } => missing.entry((line, table)).or_default().push(key),
+            }
+        }
+        // The parser makes up a value for a broken line and skips others: what they lead to is no problem.
+        list.retain(|problem| !syntax.iter().any(|error| error.line == problem.line));
+        missing.retain(|(_, key), _| syntax.is_empty() && !explained.contains(key));
+        list.extend(missing.into_iter().map(|((line, key), needs)| missing_problem(line, key, &needs)));
+        list.extend(syntax);
+        list.sort_by_key(|problem| problem.line);
+        list
+    }
+
+    /// The message for an unknown key, and the keys that it may stand for.
+    fn unknown(&self, table: &str, key: &str) -> (String, Vec<String>) {
+        match self.meaning(table, key) {
+            Meaning::Near(name, None) => (format!("unknown key; did you mean {name}?"), vec![path(table, name)]),
+            Meaning::Near(name, Some(unit)) => {
+                (format!("unknown key; {unit}: write {name}"), vec![path(table, name)])
+            }
+            Meaning::Elsewhere(homes) => (format!("unknown key here; did you mean {}?", homes.join(" or ")), homes),
+            Meaning::Nothing => {
+                let known = self.known.borrow();
+                let known = known.get(table).map_or(String::new(), |keys| keys.join(", "));
+                (format!("unknown key; known here: {known}"), vec![])
+            }
+        }
+    }
+}
+
+fn missing_problem(line: usize, key: String, needs: &[&str]) -> Problem {
+    let message = match needs {
+        [] => "is missing; this key has no default".to_owned(),
+        _ => format!("this table is missing; it needs {}", needs.join(", ")),
+    };
+    Problem { line, key, message }
+}

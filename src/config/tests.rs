@@ -1,0 +1,271 @@
+//! One small kind of file, and what the reader says to every way of getting it wrong.
+
+use super::*;
+use proptest::prelude::*;
+
+settings! {
+    /// A table with one key of each kind.
+    pub struct Locate {
+        /// A length.
+        max_shift_mm: f64, 0.0..=500.0, default 60.0;
+        /// An angle.
+        turn_limit_deg: f64, 0.0..=180.0, default 15.0;
+        /// A short time.
+        heartbeat_ms: usize, 10..=100, default 100;
+        /// A list.
+        corner_mm: [f64; 3], -10.0..=10.0, default [0.0; 3];
+        /// A switch.
+        outline: bool, (), default true;
+    }
+}
+
+settings! {
+    /// A table that must be there.
+    pub struct Region {
+        /// Required.
+        rows: usize, 1..=50, required;
+        /// Required.
+        columns: usize, 1..=50, required;
+    }
+}
+
+type Checked = (String, Locate, Region, Vec<Region>);
+
+fn take(top: &Section<'_, '_>) -> Option<Checked> {
+    let panel = top.take::<String>("panel", (), None);
+    let locate = Locate::take(&top.section("locate"));
+    let region = Region::take(&top.section("region"));
+    let extra: Vec<Option<Region>> = top.sections("extra").iter().map(Region::take).collect();
+    top.done();
+    Some((panel?, locate?, region?, extra.into_iter().collect::<Option<_>>()?))
+}
+
+/// The problems of a text as a person sees them, without the file's name.
+fn says(text: &str) -> Vec<String> {
+    match check("f", text, take) {
+        Ok(_) => vec![],
+        Err(problems) => {
+            problems.to_string().lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
+        }
+    }
+}
+
+/// A right beginning in four lines; what is added stands in line 5 and below, in `[region]`'s place or after it.
+fn after_good(text: &str) -> Vec<String> {
+    says(&format!("panel = 'door'\n[region]\nrows = 4\ncolumns = 6\n{text}"))
+}
+
+#[test]
+fn a_right_file_is_read_in_any_notation() {
+    for text in [
+        "panel = \"door\"\n[region]\nrows = 4\ncolumns = 6\n",
+        "panel = 'door'\r\n[region]\r\nrows = 4\r\ncolumns = 6\r\n",
+        "\u{feff}panel = 'door'\nregion = {rows = 4, columns = 6}\n",
+        "panel = 'door'\nregion.rows = 0x4\nregion.columns = 6\n[locate]\nmax_shift_mm = 60 # a whole number will do\n",
+    ] {
+        let (panel, locate, region, extra) = check("f", text, take).unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((panel.as_str(), region.rows(), region.columns(), extra.len()), ("door", 4, 6, 0));
+        assert_eq!((locate.heartbeat_ms(), locate.outline()), (100, true));
+        assert_eq!((locate.turn_limit_deg(), locate.corner_mm()), (15.0, [0.0; 3]));
+    }
+}
+
+#[test]
+fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
+    let cases = [
+        // Names.
+        ("max_shfit_mm = 6", "6: locate.max_shfit_mm: unknown key; did you mean max_shift_mm?"),
+        ("max_shift_cm = 6", "6: locate.max_shift_cm: unknown key; this length is in mm: write max_shift_mm"),
+        (
+            "turn_limit_rad = 1",
+            "6: locate.turn_limit_rad: unknown key; this angle is in degrees: write turn_limit_deg",
+        ),
+        ("turn_limit = 1", "6: locate.turn_limit: unknown key; this angle is in degrees: write turn_limit_deg"),
+        ("heartbeat_s = 0.1", "6: locate.heartbeat_s: unknown key; this time is in ms: write heartbeat_ms"),
+        ("rows = 4", "6: locate.rows: unknown key here; did you mean extra[1].rows or region.rows?"),
+        (
+            "wavelength = 4",
+            "6: locate.wavelength: unknown key; known here: max_shift_mm, turn_limit_deg, heartbeat_ms, corner_mm, outline",
+        ),
+        // Values.
+        ("max_shift_mm = 501", "6: locate.max_shift_mm: found 501, allowed is a number from 0 to 500"),
+        ("max_shift_mm = -0.1", "6: locate.max_shift_mm: found -0.1, allowed is a number from 0 to 500"),
+        ("max_shift_mm = nan", "6: locate.max_shift_mm: found nan, allowed is a number from 0 to 500"),
+        ("max_shift_mm = +inf", "6: locate.max_shift_mm: found +inf, allowed is a number from 0 to 500"),
+        ("max_shift_mm = 1e999", "6: locate.max_shift_mm: found 1e999, allowed is a number from 0 to 500"),
+        ("max_shift_mm = '60'", "6: locate.max_shift_mm: found the text \"60\", allowed is a number from 0 to 500"),
+        ("max_shift_mm = {}", "6: locate.max_shift_mm: found a table, allowed is a number from 0 to 500"),
+        ("max_shift_mm.x = 1", "6: locate.max_shift_mm: found a table, allowed is a number from 0 to 500"),
+        ("heartbeat_ms = 50.0", "6: locate.heartbeat_ms: found 50.0, allowed is a whole number from 10 to 100"),
+        ("heartbeat_ms = -50", "6: locate.heartbeat_ms: found -50, allowed is a whole number from 10 to 100"),
+        (
+            "heartbeat_ms = 0xffffffffffffffffffff",
+            "6: locate.heartbeat_ms: found ffffffffffffffffffff, allowed is a whole number from 10 to 100",
+        ),
+        ("corner_mm = [0, 1]", "6: locate.corner_mm: found a list of 2, allowed is a list of 3"),
+        ("corner_mm = [0, nan, 1]", "6: locate.corner_mm: item 2: found nan, allowed is a number from -10 to 10"),
+        ("outline = 1", "6: locate.outline: found 1, allowed is true or false"),
+        ("outline = 2026-05-31", "6: locate.outline: found a date, allowed is true or false"),
+        // Not TOML.
+        ("max_shift_mm = = 3", "6: locate.max_shift_mm: not TOML: extra `=`, expected nothing"),
+        ("max_shift_mm 3", "6: locate.max_shift_mm: not TOML: key with no value, expected `=`"),
+        (
+            "max_shift_mm = 6 mm",
+            "6: locate.max_shift_mm: not TOML: string values must be quoted, expected literal string",
+        ),
+        ("max_shift_mm = 6,5", "6: locate.max_shift_mm: not TOML: unexpected key or value, expected newline, `#`"),
+        ("outline = true\noutline = true", "7: locate.outline: not TOML: duplicate key"),
+        ("[region]", "6: region: not TOML: duplicate key"),
+    ];
+    for (mistake, message) in cases {
+        assert_eq!(
+            after_good(&format!("[locate]\n{mistake}\n[[extra]]\nrows = 1\ncolumns = 1")),
+            [message],
+            "{mistake}"
+        );
+    }
+}
+
+#[test]
+fn what_is_missing_is_named_once() {
+    assert_eq!(
+        says(""),
+        [
+            "1: panel: is missing; this key has no default",
+            "1: region: this table is missing; it needs rows, columns"
+        ]
+    );
+    assert_eq!(
+        says("panel = ' '\n[region]\nrows = 4"),
+        [
+            "1: panel: found the text \" \", allowed is a text that is not empty",
+            "2: region.columns: is missing; this key has no default"
+        ]
+    );
+    assert_eq!(after_good("[[extra]]\nrows = 1"), ["5: extra[1].columns: is missing; this key has no default"]);
+}
+
+/// Who misspelt a name did not forget the key, and what stands in a misspelt table is checked all the same.
+#[test]
+fn a_misspelt_name_is_not_called_missing_as_well() {
+    assert_eq!(
+        says("panel = 'door'\n[regoin]\nrows = 4\ncolumms = 6\n[locate]\nmax_shift_mm = 900"),
+        [
+            "2: regoin: unknown key; did you mean region?",
+            "4: region.columms: unknown key; did you mean columns?",
+            "6: locate.max_shift_mm: found 900, allowed is a number from 0 to 500"
+        ]
+    );
+    assert_eq!(
+        says("panel = 'door'\ncolumns = 6\n[region]\nrows = 4"),
+        ["2: columns: unknown key here; did you mean region.columns?"]
+    );
+    assert_eq!(
+        after_good("[regoin]\nrows = 99\n[locate]\nrows = 3"),
+        [
+            "5: regoin: unknown key; did you mean region?",
+            "8: locate.rows: unknown key here; did you mean region.rows?"
+        ],
+        "the right table is there: it is the one that is read"
+    );
+    assert_eq!(
+        says("panel = 'door'\nregoin = {rows = 1, columns = 1}\nlocate.rows = 3"),
+        [
+            "2: regoin: unknown key; did you mean region?",
+            "3: locate.rows: unknown key here; did you mean region.rows?"
+        ]
+    );
+}
+
+#[test]
+fn a_table_and_a_value_are_not_taken_for_each_other() {
+    assert_eq!(says("panel = 'door'\nregion = 3"), ["2: region: found 3, allowed is a table; write [region]"]);
+    assert_eq!(
+        after_good("[extra]\nrows = 1"),
+        ["5: extra: found a table, allowed is a list of tables; write [[extra]]"]
+    );
+}
+
+#[test]
+fn lines_are_right_in_lists_and_inline_tables() {
+    assert_eq!(
+        after_good("[[extra]]\nrows = 1\ncolumns = 1\n[[extra]]\nrows = 0\ncolumns = 99"),
+        [
+            "9: extra[2].rows: found 0, allowed is a whole number from 1 to 50",
+            "10: extra[2].columns: found 99, allowed is a whole number from 1 to 50"
+        ]
+    );
+    assert_eq!(
+        says(
+            "panel = 'door'\nextra = [\n  {rows = 1, columns = 1},\n  {rows = 1,\n   colums = 1},\n  7,\n]\nregion = {rows = 0, columns = 6}"
+        ),
+        [
+            "5: extra[2].colums: unknown key; did you mean columns?",
+            "6: extra[3]: found 7, allowed is a table; write [[extra]]",
+            "8: region.rows: found 0, allowed is a whole number from 1 to 50"
+        ]
+    );
+}
+
+#[test]
+fn all_problems_of_a_file_come_at_once_in_the_order_of_lines() {
+    let text =
+        "panl = 'door'\r\n[locate]\r\nmax_shift_mm = nan\r\nturn_limit_rad = 0.1\r\n\r\n[region]\r\nrows = 51\r\n";
+    assert_eq!(
+        says(text),
+        [
+            "1: panl: unknown key; did you mean panel?",
+            "3: locate.max_shift_mm: found nan, allowed is a number from 0 to 500",
+            "4: locate.turn_limit_rad: unknown key; this angle is in degrees: write turn_limit_deg",
+            "6: region.columns: is missing; this key has no default",
+            "7: region.rows: found 51, allowed is a whole number from 1 to 50"
+        ]
+    );
+}
+
+/// The parser cannot say what a broken line was to be: nothing is called missing then, other problems stay.
+#[test]
+fn a_syntax_error_hides_no_other_problem_and_makes_up_none() {
+    assert_eq!(
+        says("[region\nrows = 99\ncolumns = 6\n[locate]\nmax_shift_mm = 900"),
+        [
+            "1: region: not TOML: unclosed table, expected `]`",
+            "5: locate.max_shift_mm: found 900, allowed is a number from 0 to 500"
+        ]
+    );
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_an_answer(text in "(?s).{0,200}") {
+        let _ = check("f", &text, take);
+        let _ = top_keys(&text);
+    }
+
+    /// Texts made of what TOML is made of get deeper into the reader than letters do.
+    #[test]
+    fn any_near_miss_is_an_answer_whose_lines_exist(
+        words in prop::collection::vec(prop::sample::select(vec![
+            "panel", "region", "rows", "columns", "extra", "locate", "max_shift_mm", "max_shift", "=", "[", "]", "{", "}", ",", "\n",
+            "\r\n", "\"", "'", "nan", "-1", "4", "1e9", "'door'", "#", ".", "[[", "]]", " ", "true", "é",
+        ]), 0..60),
+    ) {
+        let text = words.concat();
+        if let Err(problems) = check("f", &text, take) {
+            prop_assert!(!problems.list.is_empty());
+            let lines = text.split('\n').count();
+            prop_assert!(problems.list.iter().all(|problem| (1..=lines).contains(&problem.line)), "{problems}");
+            prop_assert!(problems.list.windows(2).all(|pair| pair[0].line <= pair[1].line));
+        }
+    }
+
+    #[test]
+    fn a_number_is_read_as_written_or_refused(number in prop::num::f64::ANY) {
+        let text = format!("panel = 'door'\nregion = {{rows = 4, columns = 6}}\nlocate.max_shift_mm = {number:?}");
+        let text = text.replace("NaN", "nan");
+        match check("f", &text, take) {
+            Ok((_, locate, ..)) => prop_assert_eq!(locate.max_shift_mm().to_bits(), number.to_bits()),
+            Err(_) => prop_assert!(!(0.0..=500.0).contains(&number)),
+        }
+    }
+}

@@ -1,0 +1,117 @@
+//! Why bytes are not an organised cloud.
+
+use crate::geometry::CloudError;
+
+/// Why a PCD or PLY file was refused: where, what was found, what is allowed.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum CloudFileError {
+    /// Neither form.
+    #[error(
+        "this is neither a PCD nor a PLY file: it has no header that ends in a line '{end}' (searched {searched} bytes)"
+    )]
+    NotACloud {
+        /// What the header's last line begins with.
+        end: &'static str,
+        /// Bytes searched.
+        searched: usize,
+    },
+    /// A header line that cannot be read.
+    #[error("header line {line}, '{found}': {problem}")]
+    Header {
+        /// Line, from 1.
+        line: usize,
+        /// The line as it stands.
+        found: String,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// A field that is needed is absent or of another type.
+    #[error("field {name}: found {found}, allowed is {allowed}")]
+    Field {
+        /// The field, as the file's form names it.
+        name: &'static str,
+        /// What the file has.
+        found: String,
+        /// What is read.
+        allowed: &'static str,
+    },
+    /// A list of points instead of a picture of points.
+    #[error(transparent)]
+    Organized(#[from] CloudError),
+    /// Number of points and size of the picture disagree.
+    #[error(
+        "the header counts {points} points for a picture of {width}×{height}; export it as an ordered cloud, one point for each pixel"
+    )]
+    Count {
+        /// Points counted.
+        points: u64,
+        /// Columns.
+        width: u64,
+        /// Rows.
+        height: u64,
+    },
+    /// More data than any camera delivers.
+    #[error("the header asks for {points} points of {point_bytes} bytes; allowed are {limit_bytes} bytes in all")]
+    TooLarge {
+        /// Points counted.
+        points: u64,
+        /// Bytes of one point; for text, of its numbers.
+        point_bytes: u64,
+        /// Largest data section.
+        limit_bytes: u64,
+    },
+    /// The file ends early.
+    #[error("the file is truncated: {needed} bytes of points from byte {start} on were expected, found {found}")]
+    Truncated {
+        /// Where the data begin.
+        start: usize,
+        /// Bytes that the header asks for.
+        needed: usize,
+        /// Bytes there are.
+        found: usize,
+    },
+    /// The text ends early.
+    #[error("the file is truncated: {needed} points were expected, found {found}")]
+    TooFewLines {
+        /// Points that the header asks for.
+        needed: usize,
+        /// Points there are.
+        found: usize,
+    },
+    /// Something follows the last point.
+    #[error("{found} bytes follow the last point, from byte {start} on: header and data disagree")]
+    Trailing {
+        /// First byte after the points.
+        start: usize,
+        /// Bytes found there.
+        found: usize,
+    },
+    /// A point that cannot be read.
+    #[error("line {line}: {problem}")]
+    Point {
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong with it.
+        problem: String,
+    },
+    /// Compressed data that cannot be unpacked.
+    #[error("the compressed data from byte {start} on cannot be unpacked: {problem}")]
+    Compressed {
+        /// Where the compressed data begin.
+        start: usize,
+        /// What is wrong with them.
+        problem: String,
+    },
+    /// The cloud is not from the calibrated camera.
+    #[error("the cloud is {width}×{height}, the camera's calibration says {width_px}×{height_px}")]
+    Size {
+        /// Columns found.
+        width: usize,
+        /// Rows found.
+        height: usize,
+        /// Columns of the calibrated camera.
+        width_px: usize,
+        /// Rows of the calibrated camera.
+        height_px: usize,
+    },
+}

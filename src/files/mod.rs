@@ -1,0 +1,24 @@
+//! Files as bytes: 3D shots, pictures, clips and poses, read strictly and written.
+//!
+//! Bytes in, bytes out: nothing here touches a disk. What cannot be read is refused with the line or byte, what was
+//! found there and what is allowed; nothing is repaired, and a reader never allocates much more than it was given.
+
+mod clip;
+mod cloud_error;
+mod hash;
+mod pcd;
+mod picture;
+mod ply;
+mod pose;
+mod shot;
+
+pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};
+pub use cloud_error::CloudFileError;
+pub use hash::content_hash;
+pub use pcd::{read_pcd, write_pcd};
+pub use picture::{
+    PictureError, check_picture_size, read_color, read_gray, write_color_jpeg, write_color_png, write_gray_png,
+};
+pub use ply::{read_ply, write_ply};
+pub use pose::{PoseError, read_flange, read_located, write_pose};
+pub use shot::{check_cloud_size, read_cloud};

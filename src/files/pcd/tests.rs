@@ -1,0 +1,210 @@
+use super::*;
+use crate::geometry::Point;
+use proptest::prelude::*;
+
+macro_rules! fixture {
+    ($name:literal) => {
+        include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/pcl/", $name))
+    };
+}
+const BY_PCL: [&[u8]; 3] =
+    [fixture!("shot_ascii.pcd"), fixture!("shot_binary.pcd"), fixture!("shot_binary_compressed.pcd")];
+
+/// Header and points of a 2×2 cloud as text, to be spoilt.
+fn text(fields: &str, size: &str, kind: &str, points: &[&str]) -> String {
+    let lines: String = points.iter().map(|point| format!("{point}\n")).collect();
+    format!(
+        "VERSION 0.7\nFIELDS {fields}\nSIZE {size}\nTYPE {kind}\nWIDTH 2\nHEIGHT 2\nPOINTS 4\nDATA ascii\n{lines}"
+    )
+}
+
+fn good() -> String {
+    text("x y z rgb", "4 4 4 4", "F F F U", &["1 2 3 66051"; 4])
+}
+
+fn refusal(bytes: &[u8]) -> String {
+    read_pcd(bytes).expect_err("refused").to_string()
+}
+
+fn small_cloud() -> OrganizedCloud<Camera> {
+    let points_mm = (0..6).map(|i| [i as f32 + 0.25, -2.5, 700.0 + i as f32]).collect();
+    OrganizedCloud::new(3, 2, points_mm, (0..6).map(|i| [i, 200, 255 - i]).collect()).expect("counts agree")
+}
+
+/// The fixtures' truth, from fixtures/README.md: depth 700 + u + 2v mm, colour (6u, 8v, 200), two holes.
+#[test]
+fn what_pcl_wrote_reads_as_it_was_made_in_all_three_encodings() {
+    for bytes in BY_PCL {
+        let cloud = read_pcd(bytes).expect("a PCL file");
+        assert_eq!((cloud.width(), cloud.height(), cloud.valid().count()), (40, 30, 36 * 30 - 4 * 3));
+        for (index, point) in cloud.valid() {
+            let (u, v) = (index % 40, index / 40);
+            assert!((point.mm.z - (700 + u + 2 * v) as f64).abs() < 1e-3, "{u},{v}: {point:?}");
+        }
+        for index in 0..1200 {
+            assert_eq!(cloud.color_at(index), [(index % 40 * 6) as u8, (index / 40 * 8) as u8, 200]);
+        }
+        assert_eq!((cloud.point(3, 7), cloud.point(21, 11)), (None, None));
+    }
+}
+
+/// Text has eight digits, so x and y may differ in the last; the two binary forms are equal to the bit.
+#[test]
+fn the_three_encodings_hold_the_same_cloud() {
+    let [ascii, binary, compressed] = BY_PCL.map(|bytes| read_pcd(bytes).expect("a PCL file"));
+    let valid = |cloud: &OrganizedCloud<Camera>| cloud.valid().collect::<Vec<(usize, Point<Camera>)>>();
+    assert_eq!(valid(&binary), valid(&compressed));
+    for ((index, a), (other, b)) in valid(&ascii).into_iter().zip(valid(&binary)) {
+        assert!(index == other && a.distance_mm(b) < 1e-4, "{a:?} {b:?}");
+    }
+}
+
+/// By hand: 66051 = 0x010203 is red 1, green 2, blue 3; as a float's bits it is 9.2557e-41.
+#[test]
+fn colours_come_as_numbers_or_as_packed_floats() {
+    let packed = format!("1 2 3 {:e}", f32::from_bits(66_051));
+    let as_float = text("x y z rgb", "4 4 4 4", "F F F F", &[packed.as_str(); 4]);
+    let as_rgba = good().replace(" rgb", " rgba").replace("66051", "4278256131");
+    for file in [good(), as_float, as_rgba] {
+        assert_eq!(read_pcd(file.as_bytes()).expect("good").color_at(3), [1, 2, 3], "{file}");
+    }
+}
+
+#[test]
+fn other_fields_and_padding_are_skipped() {
+    let points = ["9 1 2 0 0 3 66051 0.5"; 4];
+    let file = text("snr x y _ z rgba curvature", "8 4 4 1 4 4 4", "F F F U F U F", &points)
+        .replace("WIDTH", "COUNT 1 1 1 2 1 1 1\nWIDTH");
+    let cloud = read_pcd(file.as_bytes()).expect("good");
+    assert_eq!(cloud.point(1, 1), Some(Point::at(1.0, 2.0, 3.0)));
+    assert_eq!(cloud.color_at(0), [1, 2, 3]);
+}
+
+#[test]
+fn what_is_written_reads_back() {
+    let cloud = small_cloud();
+    let back = read_pcd(&write_pcd(&cloud)).expect("our own");
+    assert_eq!(back.raw_points_mm(), cloud.raw_points_mm());
+    assert_eq!(back.picture(), cloud.picture());
+}
+
+#[test]
+fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
+    let cases = [
+        (
+            good().replace("WIDTH 2\nHEIGHT 2", "WIDTH 4\nHEIGHT 1"),
+            "not organised (4×1); export it as an ordered cloud",
+        ),
+        (good().replace("HEIGHT 2", "HEIGHT 3"), "counts 4 points for a picture of 2×3"),
+        (good().replace("WIDTH 2", "WIDTH two"), "header line 5, 'WIDTH two': invalid digit"),
+        (good().replace("F U", "F X"), "header line 4, 'TYPE F F F X': Invalid type character \"X\""),
+        (good().replace("F F F", "D F F"), "Invalid type character \"D\""),
+        (good().replace("SIZE 4", "SIZE 3"), "size 3 is not supported"),
+        (good().replace("SIZE 4", "SIZE 8"), "field x: found x F64 COUNT 1, allowed is TYPE F, SIZE 4"),
+        (good().replace("x y z", "x y w"), "field z: found none"),
+        (good().replace("z rgb", "z intensity"), "field rgb: found none, allowed is one of rgb and rgba"),
+        (good().replace("F F F U", "F F F I"), "field rgb: found rgb I32 COUNT 1"),
+        (good().replacen("1 2 3", "1 2,5 3", 1), "line 9: y is '2,5', allowed is a number or nan"),
+        (good().replacen("1 2 3 66051\n", "1 2 3\n", 1), "line 9: found 3 numbers, allowed are 4"),
+        (good().replacen("66051", "-1", 1), "line 9: rgb is '-1', allowed is a whole number"),
+        (good().replace("F U", "F F"), "line 9: rgb is '66051', which is no packed float"),
+        (good().replace("F U", "F F").replace("66051", "nan"), "line 9: rgb is 'nan', which is no packed float"),
+        (good().replacen("1 2 3 66051\n", "", 1), "4 points were expected, found 3"),
+        (good().trim_end().to_owned(), "4 points were expected, found 3"),
+        (good() + "1 2 3 4\n", "8 bytes follow the last point"),
+        (good().replace("DATA", "DATE"), "neither a PCD nor a PLY"),
+        ("\u{fffd}PNG".to_owned(), "neither a PCD nor a PLY"),
+    ];
+    for (file, expected) in cases {
+        let found = refusal(file.as_bytes());
+        assert!(found.contains(expected), "{found}\nshould say: {expected}\n{file}");
+    }
+}
+
+/// A 3×2 cloud has 96 bytes of points behind its header.
+#[test]
+fn a_truncated_file_says_how_much_is_missing() {
+    let whole = write_pcd(&small_cloud());
+    let start = whole.len() - 96;
+    let expected = format!("truncated: 96 bytes of points from byte {start} on were expected, found 95");
+    assert!(refusal(&whole[..whole.len() - 1]).contains(&expected));
+    assert!(refusal(&[&whole[..], &[0, 7]].concat()).contains("2 bytes follow the last point"));
+    assert!(read_pcd(&[&whole[..], &[0; 50]].concat()).is_ok(), "PCL fills its files with zeros");
+    assert!(refusal(&BY_PCL[2][..10_000]).contains("truncated: 14043 bytes"));
+}
+
+/// A header may ask for anything; nothing of it is allocated before the data are there.
+#[test]
+fn absurd_sizes_are_refused_at_once() {
+    let big = |size: u64| {
+        good()
+            .replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
+    };
+    assert!(refusal(big(1 << 20).as_bytes()).contains("allowed are 1073741824 bytes"));
+    assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("allowed are"));
+    assert!(refusal(big(8_000).as_bytes()).contains("64000000 points were expected, found 4"));
+    let wide = good().replace("WIDTH", "COUNT 1 1 1 18446744073709551615\nWIDTH");
+    assert!(refusal(wide.as_bytes()).contains("points of 18446744073709551615 bytes"));
+    let packed = big(8_000).replace("DATA ascii", "DATA binary_compressed");
+    let data =
+        [&packed.as_bytes()[..packed.find("binary_compressed\n").expect("there") + 18], &[16, 0, 0, 0]].concat();
+    let data = [&data[..], &1_024_000_000_u32.to_le_bytes(), &[0; 16]].concat();
+    assert!(refusal(&data).contains("16 bytes cannot hold 1024000000"));
+}
+
+#[test]
+fn damaged_compressed_data_are_refused() {
+    let mut bytes = BY_PCL[2].to_vec();
+    bytes[198] = 0xff; // the first packed byte: a reference to before the beginning
+    assert!(refusal(&bytes).contains("from byte 190 on cannot be unpacked"), "{}", refusal(&bytes));
+    bytes[194] ^= 1;
+    assert!(refusal(&bytes).contains("it says 19201 bytes, the points need 19200"));
+}
+
+proptest! {
+    #[test]
+    fn no_bytes_panic(bytes in prop::collection::vec(any::<u8>(), 0..400), head in 0_usize..200) {
+        prop_assert!(read_pcd(&bytes).is_err());
+        let file = [&good().as_bytes()[..head.min(good().len())], &bytes].concat();
+        if let Ok(cloud) = read_pcd(&file) {
+            prop_assert_eq!(cloud.raw_points_mm().len(), cloud.width() * cloud.height());
+        }
+    }
+
+    /// A file is cut or spoilt in some bytes; what still reads is a cloud of the size that its header says.
+    #[test]
+    fn spoilt_files_never_panic_and_never_change_their_size(
+        which in 0_usize..4, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u32>(), any::<u8>(), any::<bool>()), 0..4),
+    ) {
+        let own = write_pcd(&small_cloud());
+        let mut bytes = if which < 3 { BY_PCL[which].to_vec() } else { own };
+        let data_start = header(&bytes).expect("good").len();
+        bytes.truncate((cut * bytes.len() as f64) as usize);
+        for (place, byte, in_header) in spoilt {
+            let within = if in_header { data_start.min(bytes.len()) } else { bytes.len() };
+            if within > 0 {
+                bytes[place as usize % within] = byte;
+            }
+        }
+        if let Ok(cloud) = read_pcd(&bytes) {
+            let says = |key: &str| String::from_utf8_lossy(header(&bytes).expect("read")).lines()
+                .rev().find_map(|line| line.split('#').next()?.trim().strip_prefix(key)?.trim().parse::<usize>().ok());
+            prop_assert_eq!(Some(cloud.width()), says("WIDTH"));
+            prop_assert_eq!(Some(cloud.height()), says("HEIGHT"));
+        }
+    }
+}
+
+/// By hand in release: `cargo test --release --lib files -- --ignored --nocapture`.
+#[test]
+#[ignore = "measures the speed of a full-size shot"]
+fn speed_of_a_full_size_shot() {
+    let points = (0..1944 * 1200).map(|i| [i as f32, 1.0, 700.0]).collect();
+    let cloud = OrganizedCloud::new(1944, 1200, points, vec![[1, 2, 3]; 1944 * 1200]).expect("counts agree");
+    let start = std::time::Instant::now();
+    let bytes = write_pcd(&cloud);
+    let written = start.elapsed();
+    let start = std::time::Instant::now();
+    read_pcd(&bytes).expect("our own");
+    println!("{} bytes: written in {written:?}, read in {:?}", bytes.len(), start.elapsed());
+}

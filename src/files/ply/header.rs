@@ -1,0 +1,163 @@
+//! The header of a PLY file: line by line, strict about what is read and about nothing else.
+
+use super::super::cloud_error::CloudFileError;
+
+/// Longest header that is searched for its end; real ones have 300 bytes.
+const MAX_HEADER_BYTES: usize = 1 << 16;
+/// Largest data section, as for PCD.
+const MAX_DATA_BYTES: u64 = 1 << 30;
+/// What is read of a vertex, in the order of [`Places`].
+pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Number {
+    Float,
+    Double,
+    Byte,
+    Other { bytes: usize },
+}
+
+impl Number {
+    fn named(name: &str) -> Option<Self> {
+        Some(match name {
+            "float" | "float32" => Number::Float,
+            "double" | "float64" => Number::Double,
+            "uchar" | "uint8" => Number::Byte,
+            "char" | "int8" => Number::Other { bytes: 1 },
+            "short" | "ushort" | "int16" | "uint16" => Number::Other { bytes: 2 },
+            "int" | "uint" | "int32" | "uint32" => Number::Other { bytes: 4 },
+            _ => return None,
+        })
+    }
+
+    fn bytes(self) -> usize {
+        match self {
+            Number::Byte => 1,
+            Number::Float => 4,
+            Number::Double => 8,
+            Number::Other { bytes } => bytes,
+        }
+    }
+}
+
+/// One of [`NAMES`] in a vertex: its word in text, its byte in binary.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    pub word: usize,
+    pub byte: usize,
+    pub number: Number,
+}
+
+pub(super) type Places = [Place; 6];
+
+/// A header as it stands; its own counts are checked by what asks for them.
+#[derive(Default)]
+pub(super) struct Header {
+    pub is_text: bool,
+    width: Option<u64>,
+    height: Option<u64>,
+    pub vertices: u64,
+    pub properties: Vec<(String, Number)>,
+    pub elements: usize,
+    pub lines: usize,
+    pub bytes: usize,
+}
+
+impl Header {
+    pub fn parse(bytes: &[u8]) -> Result<Self, CloudFileError> {
+        let searched = &bytes[..bytes.len().min(MAX_HEADER_BYTES)];
+        let mut header = Header::default();
+        for line in searched.split_inclusive(|&byte| byte == b'\n') {
+            header.lines += 1;
+            header.bytes += line.len();
+            let line = String::from_utf8_lossy(line);
+            let words: Vec<&str> = line.split_ascii_whitespace().collect();
+            if words == ["end_header"] && line.ends_with('\n') {
+                return Ok(header);
+            }
+            header.take(&words).map_err(|problem| CloudFileError::Header {
+                line: header.lines,
+                found: line.trim_end().chars().take(80).collect(),
+                problem: problem.to_owned(),
+            })?;
+        }
+        Err(CloudFileError::NotACloud { end: "end_header", searched: searched.len() })
+    }
+
+    fn take(&mut self, words: &[&str]) -> Result<(), &'static str> {
+        let count = |word: &str| word.parse().map_err(|_| "allowed is a whole number");
+        match *words {
+            ["ply"] if self.lines == 1 => {}
+            _ if self.lines == 1 => return Err("a PLY file begins with the line ply"),
+            ["format", "ascii", "1.0"] if self.lines == 2 => self.is_text = true,
+            ["format", "binary_little_endian", "1.0"] if self.lines == 2 => {}
+            _ if self.lines == 2 => return Err("allowed is format ascii 1.0 or format binary_little_endian 1.0"),
+            ["comment", "width", width] => self.width = Some(count(width)?),
+            ["comment", "height", height] => self.height = Some(count(height)?),
+            ["comment" | "obj_info", ..] => {}
+            ["element", name, number] => {
+                self.elements += 1;
+                match (name, self.elements) {
+                    ("vertex", 1) => self.vertices = count(number)?,
+                    (_, 1) => return Err("the first element must be vertex"),
+                    _ => {}
+                }
+            }
+            ["property", ..] if self.elements > 1 => {}
+            ["property", "list", ..] => return Err("a vertex has no lists"),
+            ["property", kind, name] if self.elements == 1 => {
+                let number = Number::named(kind).ok_or("allowed types are char … double and int8 … float64")?;
+                if self.properties.iter().any(|(known, _)| known == name) {
+                    return Err("this property is there already");
+                }
+                self.properties.push((name.to_owned(), number));
+            }
+            _ => return Err("allowed are comment, element, property and end_header"),
+        }
+        Ok(())
+    }
+
+    pub fn size(&self) -> Result<Option<(u64, u64)>, CloudFileError> {
+        let missing = |name| {
+            let allowed = "both, comment width W and comment height H, or neither";
+            Err(CloudFileError::Field { name, found: "none".to_owned(), allowed })
+        };
+        match (self.width, self.height) {
+            (Some(width), Some(height)) => Ok(Some((width, height))),
+            (None, None) => Ok(None),
+            (None, Some(_)) => missing("comment width"),
+            (Some(_), None) => missing("comment height"),
+        }
+    }
+
+    pub fn point_bytes(&self) -> usize {
+        self.properties.iter().map(|(_, number)| number.bytes()).sum()
+    }
+
+    pub fn checked_points(&self) -> Result<usize, CloudFileError> {
+        let (points, point_bytes) = (self.vertices, self.point_bytes() as u64);
+        match points.checked_mul(point_bytes) {
+            Some(data_bytes) if data_bytes <= MAX_DATA_BYTES => Ok(points as usize),
+            _ => Err(CloudFileError::TooLarge { points, point_bytes, limit_bytes: MAX_DATA_BYTES }),
+        }
+    }
+
+    pub fn places(&self) -> Result<Places, CloudFileError> {
+        let mut places = [Place { word: 0, byte: 0, number: Number::Byte }; 6];
+        for (index, (place, name)) in places.iter_mut().zip(NAMES).enumerate() {
+            let allowed =
+                if index < 3 { "float or double, in mm" } else { "uchar; export the cloud with its colours" };
+            let refuse = |found: &str| CloudFileError::Field { name, found: found.to_owned(), allowed };
+            let word = self.properties.iter().position(|(known, _)| known == name).ok_or_else(|| refuse("none"))?;
+            let number = self.properties[word].1;
+            match number {
+                Number::Float | Number::Double if index < 3 => {}
+                Number::Byte if index >= 3 => {}
+                _ => return Err(refuse("another type")),
+            }
+            let byte = self.properties[..word].iter().map(|(_, number)| number.bytes()).sum();
+            *place = Place { word, byte, number };
+        }
+        Ok(places)
+    }
+}

@@ -1,0 +1,138 @@
+//! Poses as JSON: a bare `{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}`, or an object that holds one under its name, as
+//! the commands print it.
+//!
+//! JSON has no NaN, and numbers too large for a double are refused by the parser, so every pose read is finite.
+
+use crate::geometry::KukaPose;
+use serde::Deserialize;
+
+/// Why a text is not a pose.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum PoseError {
+    /// No pose there.
+    #[error(
+        "{problem}; allowed is {{x_mm, y_mm, z_mm, a_deg, b_deg, c_deg}}, or an object with such a pose as {key}"
+    )]
+    Text {
+        /// The key under which a pose may stand.
+        key: &'static str,
+        /// What the parser met, with its line.
+        problem: String,
+    },
+    /// The command that printed this found no pose.
+    #[error("{key} is null: what printed this file found no pose")]
+    NotFound {
+        /// The key.
+        key: &'static str,
+    },
+    /// The command that printed this says not to use it.
+    #[error("the verdict in this file is 'reject'; its {key} must not be used")]
+    Rejected {
+        /// The key.
+        key: &'static str,
+    },
+}
+
+/// Reads where the panel is, base from panel: a pose, or what `locate` or `refine` printed.
+///
+/// # Errors
+/// Where there is no whole pose, or it was printed with the verdict `reject`.
+pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
+    let key = "base_from_panel";
+    let printed: Option<Located> = named(bytes, key)?;
+    printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
+}
+
+/// Reads where the flange was, base from flange: a pose, or an object with the key `base_from_flange`.
+///
+/// # Errors
+/// Where there is no whole pose.
+pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
+    let key = "base_from_flange";
+    let printed: Option<AtFlange> = named(bytes, key)?;
+    printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_flange, None, key))
+}
+
+/// The pose as JSON, with a last newline.
+pub fn write_pose(pose: &KukaPose) -> String {
+    serde_json::json!(pose).to_string() + "\n"
+}
+
+#[derive(Deserialize)]
+struct Located {
+    base_from_panel: Option<KukaPose>,
+    verdict: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct AtFlange {
+    base_from_flange: Option<KukaPose>,
+}
+
+/// The object that holds the key, `None` where the key is not there. Read twice, so that errors keep their line.
+fn named<'b, T: Deserialize<'b>>(bytes: &'b [u8], key: &'static str) -> Result<Option<T>, PoseError> {
+    let text = |error: serde_json::Error| PoseError::Text { key, problem: error.to_string() };
+    let value: serde_json::Value = serde_json::from_slice(bytes).map_err(text)?;
+    value.get(key).map(|_| serde_json::from_slice(bytes)).transpose().map_err(text)
+}
+
+fn bare(bytes: &[u8], key: &'static str) -> Result<KukaPose, PoseError> {
+    serde_json::from_slice(bytes).map_err(|error| PoseError::Text { key, problem: error.to_string() })
+}
+
+fn used(pose: Option<KukaPose>, verdict: Option<String>, key: &'static str) -> Result<KukaPose, PoseError> {
+    match verdict.as_deref() {
+        Some("reject") => Err(PoseError::Rejected { key }),
+        _ => pose.ok_or(PoseError::NotFound { key }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const BARE: &str = r#"{"x_mm": 1, "y_mm": 2.5, "z_mm": -3, "a_deg": 4, "b_deg": 5, "c_deg": 6}"#;
+    const POSE: KukaPose = KukaPose { x_mm: 1.0, y_mm: 2.5, z_mm: -3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 };
+
+    #[test]
+    fn a_pose_stands_alone_or_in_what_a_command_printed() {
+        let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
+        assert_eq!(read_located(BARE.as_bytes()), Ok(POSE));
+        assert_eq!(read_located(printed.as_bytes()), Ok(POSE));
+        assert_eq!(read_flange(format!(r#"{{"base_from_flange": {BARE}}}"#).as_bytes()), Ok(POSE));
+    }
+
+    #[test]
+    fn each_refusal_says_which_key() {
+        let located = |text: &str| read_located(text.as_bytes()).expect_err("refused").to_string();
+        let cases = [
+            (BARE.replace("a_deg", "a_rad"), "unknown field `a_rad`, expected one of `x_mm`"),
+            (BARE.replace(r#", "c_deg": 6"#, ""), "missing field `c_deg` at line 1"),
+            (BARE.replace("z_mm", "x_mm"), "duplicate field `x_mm`"),
+            (BARE.replace("2.5", "NaN"), "expected value at line 1 column 21"),
+            (BARE.replace("2.5", "1e999"), "number out of range at line 1"),
+            (BARE.replace("2.5", "\"2.5\""), "invalid type: string \"2.5\", expected f64"),
+            (format!(r#"{{"base_from_flange": {BARE}}}"#), "unknown field `base_from_flange`"),
+            (r#"{"base_from_panel": null}"#.to_owned(), "base_from_panel is null"),
+            (
+                format!(r#"{{"verdict": "reject", "base_from_panel": {BARE}}}"#),
+                "the verdict in this file is 'reject'",
+            ),
+            (format!(r#"{{"base_from_panel": {}}}"#, BARE.replace("x_mm", "x")), "unknown field `x`"),
+            (String::new(), "an object with such a pose as base_from_panel"),
+        ];
+        for (text, expected) in cases {
+            let found = located(&text);
+            assert!(found.contains(expected), "{found}\nshould say: {expected}");
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn what_is_written_reads_back_to_the_bit(n in prop::array::uniform6(-1e4..1e4_f64)) {
+            let pose = KukaPose { x_mm: n[0], y_mm: n[1], z_mm: n[2], a_deg: n[3], b_deg: n[4], c_deg: n[5] };
+            prop_assert_eq!(read_flange(write_pose(&pose).as_bytes()), Ok(pose));
+        }
+    }
+}

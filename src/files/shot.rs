@@ -1,0 +1,52 @@
+//! A 3D shot from a file of either form.
+
+use super::cloud_error::CloudFileError;
+use super::{read_pcd, read_ply};
+use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
+
+/// Reads a PCD or PLY file, told apart by its first line, of the camera with this calibration.
+///
+/// # Errors
+/// Where the bytes are not an organised cloud with colours, or its size is not the camera's.
+pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
+    let cloud = if is_ply { read_ply(bytes, camera)? } else { read_pcd(bytes)? };
+    check_cloud_size(&cloud, camera)?;
+    Ok(cloud)
+}
+
+/// Refuses a cloud that is not from the calibrated camera.
+///
+/// # Errors
+/// Where width or height differ from the calibration's.
+pub fn check_cloud_size(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    let (width, height) = (cloud.width(), cloud.height());
+    match (width, height) == (camera.width_px, camera.height_px) {
+        true => Ok(()),
+        false => {
+            Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{write_pcd, write_ply};
+    use super::*;
+
+    fn camera(width_px: usize, height_px: usize) -> PinholeCamera {
+        let (fx_px, fy_px, cx_px, cy_px) = (2.0, 2.0, 1.0, 1.0);
+        let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
+    }
+
+    #[test]
+    fn both_forms_read_and_both_must_fit_the_calibration() {
+        let cloud = OrganizedCloud::new(3, 2, vec![[1.0; 3]; 6], vec![[9; 3]; 6]).expect("counts agree");
+        for file in [write_pcd(&cloud), write_ply(&cloud)] {
+            assert_eq!(read_cloud(&file, &camera(3, 2)).expect("good").color_at(5), [9; 3]);
+            let error = read_cloud(&file, &camera(2, 3)).expect_err("turned").to_string();
+            assert_eq!(error, "the cloud is 3×2, the camera's calibration says 2×3");
+        }
+    }
+}

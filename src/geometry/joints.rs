@@ -1,0 +1,21 @@
+//! The angles of the robot's six axes.
+
+use serde::{Deserialize, Serialize};
+
+/// Where the six axes stand, degrees, as the controller writes them. Never wrapped: A4 and A6 turn past ±180°.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Joints {
+    /// Axis 1, degrees.
+    pub a1_deg: f64,
+    /// Axis 2, degrees.
+    pub a2_deg: f64,
+    /// Axis 3, degrees.
+    pub a3_deg: f64,
+    /// Axis 4, degrees.
+    pub a4_deg: f64,
+    /// Axis 5, degrees.
+    pub a5_deg: f64,
+    /// Axis 6, degrees.
+    pub a6_deg: f64,
+}

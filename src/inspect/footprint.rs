@@ -1,0 +1,265 @@
+//! The region as the camera sees it where the panel stands now: which pixels it covers, and what surface each holds.
+//!
+//! Each taught pixel of the region has a point P on the panel and a share of its surface in mm². The point goes to the
+//! camera by  P_camera = camera_from_base · base_from_panel · P  (Eq. 4.6, 4.7) and to a pixel by Eq. 3.11, once; the
+//! surface then belongs to the nearest pixel. A broken pixel breaks the surface that it holds. So area is measured on
+//! the curved panel, at the taught place, and does not depend on where the panel stands.
+//!
+//! Pixels between projected ones, which hold no surface, belong to the region too where the panel appears larger than
+//! at teaching; a gap of one pixel is closed, so the panel may appear up to twice as large.
+
+use super::InspectError;
+use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
+use crate::imaging::{ImagingError, named};
+use crate::panel::{GridId, TaughtPanel};
+use nalgebra::Point2;
+use opencv::core::{Mat, MatTraitConstManual};
+use opencv::imgproc;
+
+/// A grid of which less than this share of its surface is in the picture was not seen; the rest is rounding at edges.
+const SEEN_SHARE: f64 = 0.99;
+
+/// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
+const MIN_MARGIN_PX: usize = 2;
+
+/// Neighbours this far give a pixel's surface: far enough for the scanner's noise, near enough for the curvature.
+const AREA_REACH_PX: usize = 3;
+
+/// A rectangle of the picture.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    pub left: usize,
+    pub top: usize,
+    pub width: usize,
+    pub height: usize,
+}
+
+/// A taught pixel's surface, held by a pixel of the picture.
+#[derive(Debug, Clone, Copy)]
+struct Patch {
+    grid: u32,
+    area_mm2: f32,
+}
+
+/// One grid as the camera sees it.
+#[derive(Debug, Clone)]
+pub struct GridFootprint {
+    /// Its name.
+    pub id: GridId,
+    /// Its whole surface, mm².
+    pub area_mm2: f64,
+    /// The share of it that lies in the picture, 0…1.
+    pub seen_share: f64,
+    /// Its edge in the picture, px, closed: curves on a curved panel under a real lens.
+    pub edge_px: Vec<Pixel>,
+}
+
+impl GridFootprint {
+    /// A grid that is not seen cannot pass.
+    pub fn seen(&self) -> bool {
+        self.seen_share >= SEEN_SHARE
+    }
+}
+
+/// The region in the picture.
+#[derive(Debug, Clone)]
+pub struct Footprint {
+    width_px: usize,
+    height_px: usize,
+    window: Window,
+    /// Pixels of the window that belong to the region.
+    inside: Vec<bool>,
+    /// Patches of the window's pixel `i` are `patches[starts[i]..starts[i + 1]]`.
+    starts: Vec<u32>,
+    patches: Vec<Patch>,
+    grids: Vec<GridFootprint>,
+}
+
+/// A taught pixel of the region, before projection.
+struct Sample {
+    grid: usize,
+    point: Option<Point<Panel>>,
+    area_mm2: Option<f64>,
+}
+
+impl Footprint {
+    /// Projects the region's taught pixels; the window is their bounding box and `margin_px` more.
+    pub(super) fn new(
+        taught: &TaughtPanel,
+        camera: &PinholeCamera,
+        camera_from_panel: Rigid<Camera, Panel>,
+        margin_px: usize,
+    ) -> Result<Self, InspectError> {
+        let samples = region_samples(taught);
+        let mean_mm2 = mean_areas(&samples, taught.grids.len());
+        let (mut whole_mm2, mut seen_mm2) = (vec![0.0; mean_mm2.len()], vec![0.0; mean_mm2.len()]);
+        let mut held: Vec<(Place, Patch)> = Vec::with_capacity(samples.len());
+        for Sample { grid, point, area_mm2 } in samples {
+            let area_mm2 = area_mm2.unwrap_or(mean_mm2[grid]);
+            whole_mm2[grid] += area_mm2;
+            let pixel = point.and_then(|point| camera.project(camera_from_panel * point)); // Eq. 4.6, 4.7, 3.11
+            if let Some((column, row)) = pixel.and_then(|px| px.whole(camera.width_px, camera.height_px)) {
+                seen_mm2[grid] += area_mm2;
+                held.push((Place { row, column }, Patch { grid: grid as u32, area_mm2: area_mm2 as f32 }));
+            }
+        }
+        held.sort_by_key(|(place, _)| *place);
+        let window =
+            window_around(&held, camera, margin_px.max(MIN_MARGIN_PX)).ok_or(InspectError::RegionNotInPicture)?;
+        let starts = starts_of(&held, &window);
+        let inside = closed(&window, |index| starts[index] < starts[index + 1])?;
+        let grids = taught.grids.iter().enumerate().map(|(index, grid)| GridFootprint {
+            id: grid.id,
+            area_mm2: whole_mm2[index],
+            seen_share: if whole_mm2[index] > 0.0 { seen_mm2[index] / whole_mm2[index] } else { 0.0 },
+            edge_px: grid.edge.iter().filter_map(|&point| camera.project(camera_from_panel * point)).collect(),
+        });
+        Ok(Footprint {
+            width_px: camera.width_px,
+            height_px: camera.height_px,
+            window,
+            inside,
+            grids: grids.collect(),
+            starts,
+            patches: held.into_iter().map(|(_, patch)| patch).collect(),
+        })
+    }
+
+    /// The grids, row by row.
+    pub fn grids(&self) -> &[GridFootprint] {
+        &self.grids
+    }
+
+    /// The region's pixels.
+    pub fn region(&self) -> Mask {
+        self.to_picture(|index| self.inside[index])
+    }
+
+    /// The broken surface of each grid where these pixels of the picture are broken, mm², in the order of the grids.
+    /// The mask has the picture's size.
+    pub fn broken_mm2(&self, mask: &Mask) -> Vec<f64> {
+        let mut broken_mm2 = vec![0.0; self.grids.len()];
+        for index in 0..self.inside.len() {
+            let (column, row) = self.place(index);
+            if self.inside[index] && mask.contains(column, row) {
+                self.add_area(index, &mut broken_mm2);
+            }
+        }
+        broken_mm2
+    }
+
+    pub(super) fn window(&self) -> &Window {
+        &self.window
+    }
+
+    /// The window's pixels that belong to the region, row by row.
+    pub(super) fn inside(&self) -> &[bool] {
+        &self.inside
+    }
+
+    /// Adds the surface of one of the window's pixels to its grids.
+    pub(super) fn add_area(&self, index: usize, area_mm2: &mut [f64]) {
+        for patch in &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize] {
+            area_mm2[patch.grid as usize] += f64::from(patch.area_mm2);
+        }
+    }
+
+    /// Column and row in the picture of one of the window's pixels.
+    pub(super) fn place(&self, index: usize) -> (usize, usize) {
+        (self.window.left + index % self.window.width, self.window.top + index / self.window.width)
+    }
+
+    /// The window's index of a pixel of the picture.
+    pub(super) fn index_of(&self, column: usize, row: usize) -> Option<usize> {
+        let (column, row) = (column.checked_sub(self.window.left)?, row.checked_sub(self.window.top)?);
+        (column < self.window.width && row < self.window.height).then_some(row * self.window.width + column)
+    }
+
+    /// A mask of the whole picture from one of the window.
+    pub(super) fn to_picture(&self, inside: impl Fn(usize) -> bool) -> Mask {
+        let mut mask = Mask::empty(self.width_px, self.height_px);
+        for index in (0..self.inside.len()).filter(|&index| inside(index)) {
+            let (column, row) = self.place(index);
+            mask.inside[row * self.width_px + column] = true;
+        }
+        mask
+    }
+}
+
+/// A pixel of the picture; sorted row by row.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    row: usize,
+    column: usize,
+}
+
+/// The region's taught pixels. One without a point of its own, a drop-out, takes the surface through its neighbours.
+fn region_samples(taught: &TaughtPanel) -> Vec<Sample> {
+    let corners =
+        [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| taught.region.pixel(Point2::new(s, t)));
+    let columns = whole_range(corners.map(|corner| corner.u), taught.mask.width);
+    let rows = whole_range(corners.map(|corner| corner.v), taught.mask.height);
+    let sample = |(column, row): (usize, usize)| {
+        let pixel = Pixel::at(column as f64, row as f64);
+        let id = taught.region.grid_at(pixel)?;
+        let grid = (id.row - 1) * taught.region.columns + id.column - 1;
+        let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
+        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
+        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2 })
+    };
+    rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
+}
+
+/// The whole pixels from the least to the greatest of these, within a picture's length.
+fn whole_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
+    let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
+    let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
+    low..high.min(length)
+}
+
+/// The mean surface of a pixel of each grid, for pixels beside a missing point.
+fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0usize); grids];
+    for sample in samples {
+        if let Some(area_mm2) = sample.area_mm2 {
+            sums[sample.grid].0 += area_mm2;
+            sums[sample.grid].1 += 1;
+        }
+    }
+    sums.into_iter().map(|(sum, count)| sum / count.max(1) as f64).collect()
+}
+
+fn window_around(held: &[(Place, Patch)], camera: &PinholeCamera, margin_px: usize) -> Option<Window> {
+    let (top, bottom) = (held.first()?.0.row, held.last()?.0.row);
+    let left = held.iter().map(|(place, _)| place.column).min()?;
+    let right = held.iter().map(|(place, _)| place.column).max()?;
+    let (left, top) = (left.saturating_sub(margin_px), top.saturating_sub(margin_px));
+    let width = (right + margin_px + 1).min(camera.width_px) - left;
+    let height = (bottom + margin_px + 1).min(camera.height_px) - top;
+    Some(Window { left, top, width, height })
+}
+
+fn starts_of(held: &[(Place, Patch)], window: &Window) -> Vec<u32> {
+    let mut starts = vec![0u32; window.width * window.height + 1];
+    for (place, _) in held {
+        starts[(place.row - window.top) * window.width + place.column - window.left + 1] += 1;
+    }
+    for index in 1..starts.len() {
+        starts[index] += starts[index - 1];
+    }
+    starts
+}
+
+/// The pixels of the window for which `holds`, and the gaps of one pixel between them.
+fn closed(window: &Window, holds: impl Fn(usize) -> bool) -> Result<Vec<bool>, ImagingError> {
+    let bytes: Vec<u8> = (0..window.width * window.height).map(|index| u8::from(holds(index))).collect();
+    named("closing the region's mask", closed_bytes(window, &bytes))
+}
+
+fn closed_bytes(window: &Window, bytes: &[u8]) -> opencv::Result<Vec<bool>> {
+    let mask = Mat::new_rows_cols_with_data(window.height as i32, window.width as i32, bytes)?;
+    let kernel = imgproc::get_structuring_element_def(imgproc::MORPH_RECT, opencv::core::Size::new(3, 3))?;
+    let mut closed = Mat::default();
+    imgproc::morphology_ex_def(&mask, &mut closed, imgproc::MORPH_CLOSE, &kernel)?;
+    Ok(closed.data_bytes()?.iter().map(|&byte| byte > 0).collect())
+}

@@ -1,0 +1,73 @@
+//! Breaks: the connected pieces of what broke, each with its contour (thesis Fig. 4.17).
+
+use super::film::NEVER;
+use super::footprint::Footprint;
+use crate::geometry::{Mask, Pixel};
+use crate::imaging::{ImagingError, named, outer_contours};
+use crate::panel::GridId;
+use opencv::core::{Mat, MatTraitConstManual};
+use opencv::imgproc;
+
+/// One connected piece of broken film.
+#[derive(Debug, Clone)]
+pub struct Break {
+    /// Its surface, mm².
+    pub area_mm2: f64,
+    /// When its first pixel broke, s after the first fully wet picture.
+    pub first_seen_s: f64,
+    /// The grids it lies in, row by row.
+    pub grids: Vec<GridId>,
+    /// Its outer contour in the picture, px.
+    pub contour_px: Vec<Pixel>,
+}
+
+/// The breaks of a window, largest first. A piece that holds no surface is none.
+pub fn breaks(footprint: &Footprint, since_wet_s: &[f32]) -> Result<Vec<Break>, ImagingError> {
+    let window = footprint.window();
+    let bytes: Vec<u8> = since_wet_s.iter().map(|&time| u8::from(time < NEVER)).collect();
+    let labels = named("connected pieces", labels_of(window.height, window.width, &bytes))?;
+    let mut pieces: Vec<Vec<usize>> = Vec::new();
+    for (index, &label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
+        pieces.resize_with(pieces.len().max(label as usize), Vec::new);
+        pieces[label as usize - 1].push(index);
+    }
+    let mut breaks = Vec::with_capacity(pieces.len());
+    for piece in &pieces {
+        let mut area_mm2 = vec![0.0; footprint.grids().len()];
+        piece.iter().for_each(|&index| footprint.add_area(index, &mut area_mm2));
+        let touched = footprint.grids().iter().zip(&area_mm2).filter(|(_, area)| **area > 0.0);
+        breaks.push(Break {
+            area_mm2: area_mm2.iter().sum(),
+            first_seen_s: piece.iter().map(|&index| since_wet_s[index]).fold(NEVER, f32::min).into(),
+            grids: touched.map(|(grid, _)| grid.id).collect(),
+            contour_px: contour(footprint, piece)?,
+        });
+    }
+    breaks.retain(|found| found.area_mm2 > 0.0);
+    breaks.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    Ok(breaks)
+}
+
+fn labels_of(height: usize, width: usize, bytes: &[u8]) -> opencv::Result<Vec<i32>> {
+    let mask = Mat::new_rows_cols_with_data(height as i32, width as i32, bytes)?;
+    let mut labels = Mat::default();
+    imgproc::connected_components_def(&mask, &mut labels)?;
+    Ok(labels.data_typed::<i32>()?.to_vec())
+}
+
+/// The outer contour of one piece alone: traced together, a piece in the hole of another would have none.
+fn contour(footprint: &Footprint, piece: &[usize]) -> Result<Vec<Pixel>, ImagingError> {
+    let places = || piece.iter().map(|&index| footprint.place(index));
+    let (left, right) = ends(places().map(|(column, _)| column));
+    let (top, bottom) = ends(places().map(|(_, row)| row));
+    let mut mask = Mask::empty(right - left + 1, bottom - top + 1);
+    for (column, row) in places() {
+        mask.inside[(row - top) * mask.width + column - left] = true;
+    }
+    let outer = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
+    Ok(outer.into_iter().map(|pixel| Pixel::at(pixel.u + left as f64, pixel.v + top as f64)).collect())
+}
+
+fn ends(values: impl Iterator<Item = usize>) -> (usize, usize) {
+    values.fold((usize::MAX, 0), |(low, high), value| (low.min(value), high.max(value)))
+}

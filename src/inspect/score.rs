@@ -1,0 +1,106 @@
+//! How well what was found agrees with a truth that the test did not see.
+
+use super::{InspectError, Inspection};
+use crate::geometry::Mask;
+
+/// Agreement of two masks, each a share 0…1. Where there is nothing to find and nothing was found, all are 1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Score {
+    /// Pixels in both over pixels in either.
+    pub iou: f64,
+    /// Pixels in both over pixels found.
+    pub precision: f64,
+    /// Pixels in both over true pixels.
+    pub recall: f64,
+}
+
+/// Grids by what they truly are and what was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Confusion {
+    /// Broken and failed.
+    pub true_fail: usize,
+    /// Whole, yet failed: an hour of sanding.
+    pub false_fail: usize,
+    /// Broken, yet passed: a coating that peels.
+    pub false_pass: usize,
+    /// Whole and passed.
+    pub true_pass: usize,
+}
+
+/// Scores a mask against the true one, in the pixels of `region`.
+///
+/// # Errors
+/// Where the three differ in size.
+pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
+    same_size(mask, region)?;
+    same_size(truth, region)?;
+    let (mut both, mut found, mut real) = (0usize, 0usize, 0usize);
+    for index in (0..region.inside.len()).filter(|&index| region.inside[index]) {
+        both += usize::from(mask.inside[index] && truth.inside[index]);
+        found += usize::from(mask.inside[index]);
+        real += usize::from(truth.inside[index]);
+    }
+    let share = |of: usize| if of == 0 { 1.0 } else { both as f64 / of as f64 };
+    Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
+}
+
+impl Inspection {
+    /// Compares failed grids with those that a true mask makes fail by the same rule.
+    ///
+    /// # Errors
+    /// Where the mask has another size than the pictures.
+    pub fn confusion(&self, truth: &Mask) -> Result<Confusion, InspectError> {
+        same_size(truth, &self.footprint.region())?;
+        let mut confusion = Confusion::default();
+        for (grid, real_mm2) in self.grids.iter().zip(self.footprint.broken_mm2(truth)) {
+            *match (real_mm2 >= self.observation.min_break_mm2, grid.failed) {
+                (true, true) => &mut confusion.true_fail,
+                (false, true) => &mut confusion.false_fail,
+                (true, false) => &mut confusion.false_pass,
+                (false, false) => &mut confusion.true_pass,
+            } += 1;
+        }
+        Ok(confusion)
+    }
+}
+
+fn same_size(mask: &Mask, region: &Mask) -> Result<(), InspectError> {
+    if (mask.width, mask.height) == (region.width, region.height) {
+        return Ok(());
+    }
+    Err(InspectError::PictureSize {
+        found_width: mask.width,
+        found_height: mask.height,
+        width: region.width,
+        height: region.height,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mask(flags: [u8; 6]) -> Mask {
+        Mask { width: 3, height: 2, inside: flags.map(|flag| flag == 1).to_vec() }
+    }
+
+    /// By hand: in the five pixels of the region 3 found, 2 true, 1 both: 1/4, 1/3, 1/2.
+    #[test]
+    fn agreement_by_hand() {
+        let region = mask([1, 1, 1, 1, 1, 0]);
+        let score = score(&mask([1, 1, 1, 0, 0, 1]), &mask([0, 0, 1, 1, 0, 1]), &region).expect("one size");
+        assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
+    }
+
+    #[test]
+    fn nothing_found_where_nothing_is_agrees() {
+        let (none, region) = (mask([0; 6]), mask([1; 6]));
+        assert_eq!(score(&none, &none, &region).map(|score| score.iou), Ok(1.0));
+        assert_eq!(score(&none, &region, &region).map(|score| score.recall), Ok(0.0));
+    }
+
+    #[test]
+    fn another_size_is_refused() {
+        assert!(score(&Mask::empty(2, 3), &mask([0; 6]), &mask([1; 6])).is_err());
+    }
+}

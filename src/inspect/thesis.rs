@@ -1,0 +1,134 @@
+//! The thesis's pipeline for one picture (4.3, Fig. 4.9), by OpenCV, on the window around the region alone.
+//!
+//!     sub = |reference − test|                                                  in each channel      (4.1)
+//!     g = α · sub + β, saturated to 0…255; then successive median blurs of g                          (4.2)
+//!     changed where max over the channels of g ≥ threshold
+//!     broken where changed, and H, S, V of the test picture are in the range of a dry pixel        (4.3–4.5)
+//!
+//! The thesis leaves open how the three channels become one binary picture. Here the largest counts: a film changes
+//! the panel most in one channel (its blue one, 4.2), and the grey of the difference would dilute that one by the
+//! others. The thesis masks the test picture and filters the masked one by HSV, where black means masked out; here the
+//! two binary pictures meet in an "and", which is the same and lets the range contain black.
+//!
+//! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
+
+use super::footprint::Window;
+use crate::geometry::ColorPicture;
+use crate::imaging::{ImagingError, named};
+use crate::recipe;
+use opencv::core::{self, CV_8U, Mat, MatTraitConst, MatTraitConstManual, Rect};
+use opencv::imgproc;
+
+/// How far beyond a window the medians look: a window wider by this gives the same pixels as the whole picture.
+pub fn margin_px(settings: &recipe::Inspect) -> usize {
+    settings.median_passes() * (settings.median_px() / 2)
+}
+
+/// The window's part of a picture, three channels.
+pub fn crop(picture: &ColorPicture, window: &Window) -> Result<Mat, ImagingError> {
+    named("the window", crop_of(picture, window))
+}
+
+fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
+    // Bytes have a safe view and triples have none, hence columns of bytes until the copy.
+    let bytes = picture.rgb.as_flattened();
+    let whole = Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32 * 3, bytes)?;
+    let [left, top, width, height] = [window.left, window.top, window.width, window.height].map(|n| n as i32);
+    let part = Mat::roi(&whole, Rect::new(left * 3, top, width * 3, height))?;
+    part.reshape_def(3)?.try_clone()
+}
+
+/// Which pixels of `test` differ from `reference`, row by row.
+pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
+    let largest = named("the difference to the reference", adjusted_difference(settings, reference, test))?;
+    let threshold = settings.threshold();
+    Ok(largest.into_iter().map(|difference| usize::from(difference) >= threshold).collect())
+}
+
+fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> opencv::Result<Vec<u8>> {
+    let (mut difference, mut adjusted, mut blurred) = (Mat::default(), Mat::default(), Mat::default());
+    core::absdiff(reference, test, &mut difference)?; // Eq. 4.1
+    difference.convert_to(&mut adjusted, CV_8U, settings.gain(), settings.bias())?; // Eq. 4.2
+    for _ in 0..settings.median_passes() {
+        imgproc::median_blur(&adjusted, &mut blurred, settings.median_px() as i32)?;
+        std::mem::swap(&mut adjusted, &mut blurred);
+    }
+    let (channels, _) = adjusted.data_bytes()?.as_chunks::<3>();
+    Ok(channels.iter().map(|&[r, g, b]| r.max(g).max(b)).collect())
+}
+
+/// Which pixels have the colour of a dry panel, row by row.
+pub fn looks_dry(settings: &recipe::Inspect, test: &Mat) -> Result<Vec<bool>, ImagingError> {
+    let (low, high) = (settings.hsv_min(), settings.hsv_max());
+    let in_range = |hsv: &[u8; 3]| (0..3).all(|i| (low[i]..=high[i]).contains(&usize::from(hsv[i])));
+    Ok(named("hue, saturation and value", hue_saturation_value(test))?.iter().map(in_range).collect())
+}
+
+fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
+    let mut hsv = Mat::default();
+    imgproc::cvt_color_def(test, &mut hsv, imgproc::COLOR_RGB2HSV)?; // Eq. 4.3–4.5
+    let (pixels, _) = hsv.data_bytes()?.as_chunks::<3>();
+    Ok(pixels.to_vec())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{inspect_table, pseudo_random};
+    use super::*;
+
+    const WHOLE: Window = Window { left: 0, top: 0, width: 8, height: 8 };
+
+    /// By hand: blue differs by 30 in a block of 4 × 4 px, so g = 2·30 − 20 = 40 there; one more pixel is white. A
+    /// median of 3 × 3 takes the lone pixel and the block's four corners, which see 4 of 9 pixels.
+    #[test]
+    fn a_difference_by_hand() {
+        let reference = ColorPicture::filled(8, 8, [100, 100, 100]);
+        let mut test = reference.clone();
+        for index in (0..64).filter(|i| (2..6).contains(&(i % 8)) && (2..6).contains(&(i / 8))) {
+            test.rgb[index] = [100, 100, 130];
+        }
+        test.rgb[7] = [255; 3];
+        let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
+        let found = |threshold: usize| {
+            let table = format!("gain = 2\nbias = -20\nmedian_px = 3\nmedian_passes = 1\nthreshold = {threshold}");
+            let changed = changed(&inspect_table(&table), &reference, &test).expect("one size");
+            (0..64).filter(|&i| changed[i]).collect::<Vec<usize>>()
+        };
+        assert_eq!(found(40), [19, 20, 26, 27, 28, 29, 34, 35, 36, 37, 43, 44]);
+        assert_eq!(found(41), [0usize; 0]);
+    }
+
+    /// By hand, Eq. 4.3–4.5 in 8 bits: green 120°/2 = 60; (255, 0, 128) has 60·(0 − 128)/255 = −30.1°, which wraps to
+    /// 329.9°, half is 165; (100, 50, 50) has saturation 255·50/100 = 127.5 and value 100.
+    #[test]
+    fn colours_become_hue_saturation_value() {
+        let rgb = vec![[0, 255, 0], [255, 0, 128], [100, 50, 50], [0, 0, 0]];
+        let picture = ColorPicture { width: 4, height: 1, rgb };
+        let window = Window { left: 0, top: 0, width: 4, height: 1 };
+        let hsv = hue_saturation_value(&crop(&picture, &window).expect("a picture")).expect("three channels");
+        assert_eq!(hsv, [[60, 255, 255], [165, 255, 255], [0, 128, 100], [0, 0, 0]]);
+    }
+
+    #[test]
+    fn a_window_with_its_margin_gives_the_pixels_of_the_whole_picture() {
+        let settings = inspect_table("median_px = 5\nmedian_passes = 2\ngain = 2\nthreshold = 170");
+        let whole = Window { left: 0, top: 0, width: 40, height: 30 };
+        let [reference, test] = [1, 2].map(|seed| pseudo_random(40, 30, seed));
+        let changed_in = |window: &Window| {
+            let [reference, test] = [&reference, &test].map(|picture| crop(picture, window).expect("inside"));
+            changed(&settings, &reference, &test).expect("one size")
+        };
+        let expected = changed_in(&whole);
+        let margin = margin_px(&settings);
+        let part = Window { left: 10 - margin, top: 8 - margin, width: 15 + 2 * margin, height: 9 + 2 * margin };
+        let found = changed_in(&part);
+        let (mut same, mut changed) = (0, 0);
+        for (row, column) in (8..17).flat_map(|row| (10..25).map(move |column| (row, column))) {
+            let index = (row - part.top) * part.width + column - part.left;
+            same += usize::from(found[index] == expected[row * 40 + column]);
+            changed += usize::from(found[index]);
+        }
+        assert_eq!(same, 9 * 15);
+        assert!((20..115).contains(&changed), "noise is cut in two: {changed}");
+    }
+}

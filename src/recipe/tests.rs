@@ -1,0 +1,115 @@
+//! A recipe as a user writes it, and what is said to the wrong ones.
+
+use super::*;
+use proptest::prelude::*;
+
+const LEAST: &str = "panel = 'door'
+locate.box_min_mm = [300, -400, 100]
+locate.box_max_mm = [700, 400, 800]
+region = {corners_px = [[700, 350], [1250, 350], [1250, 850], [700, 850]], rows = 4, columns = 6}
+";
+
+fn says(text: &str) -> Vec<String> {
+    let problems = Recipe::check("f", text).err().map_or(String::new(), |problems| problems.to_string());
+    problems.lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
+}
+
+#[test]
+fn the_least_recipe_names_panel_box_and_region() {
+    let recipe = Recipe::check("f", LEAST).unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
+    assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
+    assert_eq!((recipe.corner().which(), recipe.inspect().method()), (CornerName::TopLeft, Method::Thesis));
+    assert_eq!((recipe.path().disc_diameter_mm(), recipe.surface().max_rms_mm()), (30.0, 0.2));
+    assert_eq!(
+        says(""),
+        [
+            "1: locate: this table is missing; it needs box_min_mm, box_max_mm",
+            "1: panel: is missing; this key has no default",
+            "1: region: this table is missing; it needs corners_px, rows, columns"
+        ]
+    );
+}
+
+#[test]
+fn each_mistake_is_named() {
+    let cases = [
+        ("locate.max_shift_cm = 6", "locate.max_shift_cm: unknown key; this length is in mm: write max_shift_mm"),
+        ("path.feed_m_s = 0.1", "path.feed_m_s: unknown key; this speed is in mm/s: write feed_mm_s"),
+        ("path.stepover_mm = 9", "path.stepover_mm: unknown key; did you mean step_over_mm?"),
+        ("path.min_break_mm2 = 9", "path.min_break_mm2: unknown key here; did you mean inspect.min_break_mm2?"),
+        (
+            "path.step_over_mm = 31",
+            "path.step_over_mm: found 31, allowed is at most disc_diameter_mm, 30: wider rows leave stripes",
+        ),
+        (
+            "path.disc_diameter_mm = 10",
+            "path.step_over_mm: found 12, allowed is at most disc_diameter_mm, 10: wider rows leave stripes",
+        ),
+        (
+            "path.reference_axis = [0, 0, 0.001]",
+            "path.reference_axis: found a direction of length 0.001, allowed is 0.1 to 1.8, or [0, 0, 0]",
+        ),
+        ("locate.min_overlap = 90", "locate.min_overlap: found 90, allowed is a number from 0 to 1"),
+        (
+            "corner.which = 'top left'",
+            "corner.which: found the text \"top left\", allowed is \"top-left\" or \"top-right\" or \"bottom-right\" or \"bottom-left\"",
+        ),
+        ("corner.panel_gray_min = 110", "corner.panel_gray_max: must exceed panel_gray_min, 110"),
+        ("inspect.method = 'films'", "inspect.method: found the text \"films\", allowed is \"thesis\""),
+        ("inspect.median_px = 4", "inspect.median_px: found 4, allowed is an odd number"),
+        (
+            "inspect.hsv_max = [180, 255, 255]",
+            "inspect.hsv_max: found hue 180, allowed is 0 to 179: half of its degrees",
+        ),
+        (
+            "inspect.hsv_max = [179, 256, 255]",
+            "inspect.hsv_max: item 2: found 256, allowed is a whole number from 0 to 255",
+        ),
+        (
+            "inspect.hsv_min = [0, 9, 0]\ninspect.hsv_max = [179, 8, 255]",
+            "inspect.hsv_max: must not be below hsv_min in any channel",
+        ),
+        (
+            "process.max_passes_per_grid = 0",
+            "process.max_passes_per_grid: found 0, allowed is a whole number from 1 to 10",
+        ),
+    ];
+    for (mistake, message) in cases {
+        let said = says(&format!("{LEAST}{mistake}"));
+        let without_line: Vec<&str> =
+            said.iter().filter_map(|said| said.split_once(": ")).map(|(_, said)| said).collect();
+        assert_eq!(without_line, [message], "{mistake}");
+    }
+}
+
+#[test]
+fn a_region_goes_round() {
+    let with_corners =
+        |corners: &str| says(&LEAST.replace("[[700, 350], [1250, 350], [1250, 850], [700, 850]]", corners));
+    let round = "4: region.corners_px: the four corners must go round a convex region in order, none on a line";
+    assert_eq!(with_corners("[[700, 350], [1250, 850], [1250, 350], [700, 850]]"), [round], "crossed");
+    assert_eq!(with_corners("[[700, 350], [900, 350], [1250, 350], [700, 850]]"), [round], "on a line");
+    assert_eq!(with_corners("[[700, 350], [800, 400], [1250, 350], [900, 850]]"), [round], "dented");
+    assert!(with_corners("[[700, 850], [1250, 850], [1250, 350], [700, 350]]").is_empty(), "either way round");
+    assert_eq!(
+        with_corners("[[700, 350], [1250, 350], [1250, 850]]"),
+        ["4: region.corners_px: found a list of 3, allowed is a list of 4"]
+    );
+}
+
+#[test]
+fn a_search_box_has_a_size() {
+    assert_eq!(
+        says(&LEAST.replace("[700, 400, 800]", "[700, 400, 100]")),
+        ["3: locate.box_max_mm: [700.0, 400.0, 100.0] must exceed box_min_mm [300.0, -400.0, 100.0] in every axis"]
+    );
+}
+
+proptest! {
+    #[test]
+    fn any_text_is_an_answer(text in "(?s).{0,200}") {
+        let _ = Recipe::check("f", &text);
+        let _ = Recipe::check("f", &format!("{LEAST}{text}"));
+    }
+}

@@ -1,0 +1,265 @@
+//! Drawing on a picture: lines, areas, labels, a scale bar, in colours that colour-blind people can tell apart.
+//!
+//! Every line and label has a dark rim, so that it is read on light and dark grounds alike. OpenCV draws.
+
+use crate::geometry::{ColorPicture, Mask, Pixel};
+use crate::imaging::ImagingError;
+use opencv::core::{Mat, MatTraitConst, MatTraitConstManual, Point2i, Scalar, Size, Vector};
+use opencv::imgproc;
+
+/// Colours of Okabe and Ito (2008), told apart with every common colour vision; red, green, blue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ink(pub [u8; 3]);
+
+impl Ink {
+    /// What was expected or taught.
+    pub const BLUE: Ink = Ink([86, 180, 233]);
+    /// What was found.
+    pub const ORANGE: Ink = Ink([230, 159, 0]);
+    /// What failed.
+    pub const VERMILLION: Ink = Ink([213, 94, 0]);
+    /// What passed.
+    pub const GREEN: Ink = Ink([0, 158, 115]);
+    /// Tool paths.
+    pub const YELLOW: Ink = Ink([240, 228, 66]);
+    /// Labels.
+    pub const WHITE: Ink = Ink([255, 255, 255]);
+    const RIM: Ink = Ink([20, 20, 20]);
+
+    fn scalar(self) -> Scalar {
+        let [r, g, b] = self.0;
+        Scalar::new(r.into(), g.into(), b.into(), 0.0)
+    }
+}
+
+/// How thick a line is, or how large a label.
+#[derive(Debug, Clone, Copy)]
+pub struct Pen {
+    /// Its colour.
+    pub ink: Ink,
+    /// Its width, px.
+    pub width_px: i32,
+}
+
+/// Sub-pixel bits of OpenCV's drawing.
+const SHIFT: i32 = 4;
+const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
+/// Height of a capital letter at scale 1, px.
+const FONT_HEIGHT_PX: f64 = 22.0;
+
+/// A picture being drawn on.
+pub struct Canvas {
+    mat: Mat,
+}
+
+fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
+    result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
+}
+
+fn fixed(pixel: Pixel) -> Point2i {
+    let scaled = |n: f64| (n * f64::from(1 << SHIFT)).round() as i32;
+    Point2i::new(scaled(pixel.u), scaled(pixel.v))
+}
+
+impl Canvas {
+    /// Begins with a copy of a picture.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses the picture, such as an empty one.
+    pub fn on(picture: &ColorPicture) -> Result<Self, ImagingError> {
+        let flat = drawn(Mat::from_slice(picture.rgb.as_flattened()))?;
+        let shaped = drawn(flat.reshape(3, picture.height as i32))?;
+        Ok(Canvas { mat: drawn(shaped.try_clone())? })
+    }
+
+    /// The picture as drawn.
+    ///
+    /// # Errors
+    /// Where OpenCV cannot give its pixels.
+    pub fn finish(self) -> Result<ColorPicture, ImagingError> {
+        let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
+        let bytes = drawn(self.mat.data_bytes())?;
+        Ok(ColorPicture { width, height, rgb: bytes.as_chunks::<3>().0.to_vec() })
+    }
+
+    /// A line through pixels.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses to draw; likewise for the other shapes.
+    pub fn polyline(&mut self, pixels: &[Pixel], closed: bool, pen: Pen) -> Result<(), ImagingError> {
+        if pixels.len() < 2 {
+            return Ok(());
+        }
+        let points: Vector<Point2i> = pixels.iter().copied().map(fixed).collect();
+        let lines: Vector<Vector<Point2i>> = std::iter::once(points).collect();
+        for (ink, width) in [(Ink::RIM, pen.width_px + 2), (pen.ink, pen.width_px)] {
+            drawn(imgproc::polylines(&mut self.mat, &lines, closed, ink.scalar(), width, imgproc::LINE_AA, SHIFT))?;
+        }
+        Ok(())
+    }
+
+    /// A cross with a ring: a measured point.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn cross(&mut self, at: Pixel, radius_px: f64, pen: Pen) -> Result<(), ImagingError> {
+        let arm = |du: f64, dv: f64| [Pixel::at(at.u - du, at.v - dv), Pixel::at(at.u + du, at.v + dv)];
+        self.polyline(&arm(radius_px, 0.0), false, pen)?;
+        self.polyline(&arm(0.0, radius_px), false, pen)?;
+        let ring: Vec<Pixel> = (0..24)
+            .map(|i| f64::from(i) * std::f64::consts::TAU / 24.0)
+            .map(|angle_rad| {
+                Pixel::at(at.u + radius_px * 0.7 * angle_rad.cos(), at.v + radius_px * 0.7 * angle_rad.sin())
+            })
+            .collect();
+        self.polyline(&ring, true, pen)
+    }
+
+    /// Tints the pixels of a mask.
+    pub fn shade(&mut self, mask: &Mask, ink: Ink, strength: f64) -> Result<(), ImagingError> {
+        use opencv::core::MatTraitManual;
+        let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
+        for (pixel, _) in pixels.iter_mut().zip(&mask.inside).filter(|(_, inside)| **inside) {
+            for (value, tint) in pixel.iter_mut().zip(ink.0) {
+                *value = (f64::from(*value) * (1.0 - strength) + f64::from(tint) * strength).round() as u8;
+            }
+        }
+        Ok(())
+    }
+
+    /// A label whose text begins at `at`, its baseline there; on a dark ground.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn label(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
+        let scale = height_px / FONT_HEIGHT_PX;
+        let weight = (scale * 1.6).round().max(1.0) as i32;
+        let origin = Point2i::new(at.u.round() as i32, at.v.round() as i32);
+        for (ink, weight) in [(Ink::RIM, weight * 3 + 1), (ink, weight)] {
+            let color = ink.scalar();
+            drawn(imgproc::put_text(
+                &mut self.mat,
+                text,
+                origin,
+                FONT,
+                scale,
+                color,
+                weight,
+                imgproc::LINE_AA,
+                false,
+            ))?;
+        }
+        Ok(())
+    }
+
+    /// A scale bar in the lower left corner: `px_per_mm` at the panel's depth.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn scale_bar(&mut self, length_mm: f64, px_per_mm: f64) -> Result<(), ImagingError> {
+        let height = f64::from(self.mat.rows());
+        let text_px = (height / 48.0).max(11.0);
+        let (left, base) = (text_px * 1.5, height - text_px * 1.5);
+        let right = left + length_mm * px_per_mm;
+        let bar = [(left, -0.4), (left, 0.4), (left, 0.0), (right, 0.0), (right, 0.4), (right, -0.4)]
+            .map(|(u, rise)| Pixel::at(u, base + rise * text_px));
+        self.polyline(&bar, false, Pen { ink: Ink::WHITE, width_px: (text_px / 8.0).round().max(1.0) as i32 })?;
+        let above = Pixel::at(left + text_px * 0.3, base - text_px * 0.7);
+        self.label(above, &format!("{length_mm:.0} mm"), text_px, Ink::WHITE)
+    }
+
+    /// The picture with a dark band above it that holds a legend: a stroke of each ink beside its meaning.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn with_legend(self, lines: &[(Ink, &str)]) -> Result<Self, ImagingError> {
+        let text_px = (f64::from(self.mat.rows()) / 48.0).max(11.0);
+        let line_px = text_px * 1.8;
+        let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
+        let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
+        let mut mat = Mat::default();
+        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, 0, border, ground))?;
+        let mut canvas = Canvas { mat };
+        for (index, (ink, meaning)) in lines.iter().enumerate() {
+            let base = line_px * (index as f64 + 1.0) - text_px * 0.2;
+            let stroke = [Pixel::at(text_px, base - text_px * 0.4), Pixel::at(text_px * 3.0, base - text_px * 0.4)];
+            canvas.polyline(&stroke, false, Pen { ink: *ink, width_px: (text_px / 4.0).round() as i32 })?;
+            canvas.label(Pixel::at(text_px * 3.6, base), meaning, text_px, Ink::WHITE)?;
+        }
+        Ok(canvas)
+    }
+}
+
+/// A part of a picture; the part is cut at the picture's border.
+pub fn crop(picture: &ColorPicture, left: usize, top: usize, size: (usize, usize)) -> ColorPicture {
+    let width = size.0.min(picture.width.saturating_sub(left));
+    let height = size.1.min(picture.height.saturating_sub(top));
+    let rows = (top..top + height).flat_map(|row| &picture.rgb[row * picture.width + left..][..width]);
+    ColorPicture { width, height, rgb: rows.copied().collect() }
+}
+
+/// The picture at another width, its sides in proportion.
+///
+/// # Errors
+/// Where OpenCV refuses the picture.
+pub fn resized(picture: &ColorPicture, width: usize) -> Result<ColorPicture, ImagingError> {
+    let height = (picture.height * width).div_ceil(picture.width.max(1)).max(1);
+    let canvas = Canvas::on(picture)?;
+    let (mut mat, size) = (Mat::default(), Size::new(width as i32, height as i32));
+    let way = if width < picture.width { imgproc::INTER_AREA } else { imgproc::INTER_LINEAR };
+    drawn(imgproc::resize(&canvas.mat, &mut mat, size, 0.0, 0.0, way))?;
+    Canvas { mat }.finish()
+}
+
+/// Pictures of one size side by side, `columns` a row.
+pub fn sheet(pictures: &[ColorPicture], columns: usize) -> ColorPicture {
+    const GAP: usize = 6;
+    let Some(first) = pictures.first() else { return ColorPicture::filled(1, 1, [255; 3]) };
+    let columns = columns.clamp(1, pictures.len());
+    let rows = pictures.len().div_ceil(columns);
+    let (step_u, step_v) = (first.width + GAP, first.height + GAP);
+    let mut sheet = ColorPicture::filled(columns * step_u - GAP, rows * step_v - GAP, [255; 3]);
+    for (index, picture) in pictures.iter().enumerate() {
+        let (left, top) = (index % columns * step_u, index / columns * step_v);
+        for row in 0..picture.height.min(first.height) {
+            let width = picture.width.min(first.width);
+            let source = &picture.rgb[row * picture.width..][..width];
+            sheet.rgb[(top + row) * sheet.width + left..][..width].copy_from_slice(source);
+        }
+    }
+    sheet
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_has_its_colour_and_a_dark_rim() {
+        let mut canvas = Canvas::on(&ColorPicture::filled(40, 20, [128; 3])).expect("a picture");
+        let line = [Pixel::at(5.0, 10.0), Pixel::at(35.0, 10.0)];
+        canvas.polyline(&line, false, Pen { ink: Ink::BLUE, width_px: 3 }).expect("drawn");
+        let picture = canvas.finish().expect("pixels");
+        assert_eq!(picture.rgb[10 * 40 + 20], Ink::BLUE.0);
+        let dark = |row: usize| picture.rgb[row * 40 + 20].iter().all(|&value| value < 100);
+        assert!((11..16).any(dark) && (4..9).any(dark), "a rim on both sides");
+        assert_eq!(picture.rgb[20], [128; 3]);
+    }
+
+    /// By hand: pixel (3, 2) of the whole is pixel (1, 1) of the part that begins at (2, 1).
+    #[test]
+    fn a_part_begins_where_asked() {
+        let mut picture = ColorPicture::filled(6, 5, [0; 3]);
+        picture.rgb[2 * 6 + 3] = [9; 3];
+        let part = crop(&picture, 2, 1, (3, 10));
+        assert_eq!((part.width, part.height, part.rgb[3 + 1]), (3, 4, [9; 3]));
+    }
+
+    #[test]
+    fn a_sheet_sets_pictures_in_rows() {
+        let pictures: Vec<_> = (1..=3).map(|shade| ColorPicture::filled(4, 4, [shade; 3])).collect();
+        let sheet = sheet(&pictures, 2);
+        assert_eq!((sheet.width, sheet.height), (14, 14));
+        assert_eq!(sheet.rgb[10 * 14], [3; 3]);
+    }
+}

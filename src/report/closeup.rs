@@ -1,0 +1,90 @@
+//! Close pictures: the corner before and after its correction, and the film as a strip in time.
+
+use super::canvas::{Canvas, Ink, Pen, crop, resized, sheet};
+use crate::geometry::{ColorPicture, Mask, Pixel};
+use crate::imaging::ImagingError;
+
+/// A corner as the flange camera sees it.
+#[derive(Debug, Clone, Copy)]
+pub struct CornerView<'a> {
+    /// The flange camera's picture.
+    pub picture: &'a ColorPicture,
+    /// Where the corner was expected.
+    pub expected_px: Pixel,
+    /// Where it was found.
+    pub found_px: Pixel,
+    /// Pixels for one mm at the corner.
+    pub px_per_mm: f64,
+}
+
+/// Width of a close picture, px.
+const CLOSE_PX: usize = 720;
+
+impl CornerView<'_> {
+    /// The corner with both places marked, enlarged; `title` says which of the two pictures it is.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses to draw.
+    pub fn drawn(&self, title: &str) -> Result<ColorPicture, ImagingError> {
+        // Both marks and some edge must be seen, however far apart they are.
+        let apart_px = self.expected_px.distance_px(self.found_px);
+        let half_px = (apart_px * 1.3).max(8.0 * self.px_per_mm);
+        let left = (self.found_px.u - half_px).max(0.0);
+        let top = (self.found_px.v - half_px).max(0.0);
+        let side = (2.0 * half_px).round() as usize;
+        let (left_px, top_px) = (left as usize, top as usize);
+        let part = crop(self.picture, left_px, top_px, (side.max(8), side.max(8)));
+        let zoom = CLOSE_PX as f64 / part.width.max(1) as f64;
+        let mut canvas = Canvas::on(&resized(&part, CLOSE_PX)?)?;
+        let place = |pixel: Pixel| {
+            // Pixel centres are whole numbers: half a pixel is added before and taken after the enlargement.
+            let enlarge = |n: f64, first: usize| (n - first as f64 + 0.5) * zoom - 0.5;
+            Pixel::at(enlarge(pixel.u, left_px), enlarge(pixel.v, top_px))
+        };
+        let (expected, found) = (place(self.expected_px), place(self.found_px));
+        canvas.polyline(&[expected, found], false, Pen { ink: Ink::WHITE, width_px: 1 })?;
+        canvas.cross(expected, 16.0, Pen { ink: Ink::BLUE, width_px: 2 })?;
+        canvas.cross(found, 16.0, Pen { ink: Ink::ORANGE, width_px: 2 })?;
+        canvas.scale_bar(5.0, self.px_per_mm * zoom)?;
+        let apart = format!("{title}: {apart_px:.2} px, {:.2} mm apart", apart_px / self.px_per_mm);
+        canvas.with_legend(&[(Ink::BLUE, "expected"), (Ink::ORANGE, "found"), (Ink::WHITE, &apart)])?.finish()
+    }
+}
+
+/// One picture of a film strip.
+#[derive(Debug, Clone)]
+pub struct StripPicture {
+    /// The clip's picture, cut to the region.
+    pub picture: ColorPicture,
+    /// What was broken by then.
+    pub broken: Mask,
+    /// Its label, such as the time.
+    pub label: String,
+}
+
+/// The film in time: pictures side by side with what had broken by then.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingError> {
+    const WIDTH_PX: usize = 420;
+    let one = |strip: &StripPicture| {
+        let mut canvas = Canvas::on(&strip.picture)?;
+        canvas.shade(&strip.broken, Ink::ORANGE, 0.55)?;
+        let mut canvas = Canvas::on(&resized(&canvas.finish()?, WIDTH_PX)?)?;
+        canvas.label(Pixel::at(8.0, 24.0), &strip.label, 16.0, Ink::WHITE)?;
+        canvas.finish()
+    };
+    let drawn = pictures.iter().map(one).collect::<Result<Vec<_>, _>>()?;
+    Ok(sheet(&drawn, 3))
+}
+
+/// The part of a picture inside a box, and of a mask.
+pub fn cut(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
+    let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));
+    let part = crop(picture, low.0, low.1, size);
+    let rows = (low.1..low.1 + part.height).flat_map(|row| &mask.inside[row * mask.width + low.0..][..part.width]);
+    let inside = rows.copied().collect();
+    let mask = Mask { width: part.width, height: part.height, inside };
+    (part, mask)
+}

@@ -1,0 +1,9 @@
+//! Pictures and pages for people: from results to something to look at. Computes nothing that decides.
+
+pub mod canvas;
+mod closeup;
+mod overlay;
+pub mod page;
+
+pub use closeup::{CornerView, StripPicture, cut, film_strip};
+pub use overlay::View;

@@ -1,0 +1,165 @@
+//! The panel drawn into the 3D camera's picture: outline, grids, broken film, paths.
+//!
+//! Everything is projected from the panel's frame through one camera model, so that what is drawn is where the
+//! program believes it to be (thesis Eq. 4.6, 4.7, 3.11).
+
+use super::canvas::{Canvas, Ink, Pen, crop};
+use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
+use crate::imaging::ImagingError;
+use crate::panel::{Grid, TaughtPanel};
+
+/// A picture of the 3D camera and where the panel stands in it.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// The picture.
+    pub picture: &'a ColorPicture,
+    /// The camera.
+    pub camera: &'a PinholeCamera,
+    /// Where the panel stands.
+    pub camera_from_panel: Rigid<Camera, Panel>,
+}
+
+/// Space around the panel in a picture of it, px at full size.
+const MARGIN_PX: f64 = 40.0;
+
+impl View<'_> {
+    fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
+        points.iter().filter_map(|&point| self.camera.project(self.camera_from_panel * point)).collect()
+    }
+
+    fn px_per_mm(&self, at: Point<Panel>) -> f64 {
+        self.camera.px_per_mm_at((self.camera_from_panel * at).mm.z).0
+    }
+
+    fn line_px(&self) -> i32 {
+        (self.picture.height as f64 / 600.0).round().max(1.0) as i32
+    }
+
+    /// Draws the outline, where the taught panel would show it.
+    fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, ink: Ink) -> Result<(), ImagingError> {
+        let step = (panel.outline.len() / 400).max(1);
+        let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
+        canvas.polyline(&self.pixels(&thinned), true, Pen { ink, width_px: self.line_px() })
+    }
+
+    fn grids(
+        &self,
+        canvas: &mut Canvas,
+        grids: &[Grid],
+        failed: &dyn Fn(&Grid) -> bool,
+    ) -> Result<(), ImagingError> {
+        let thin = Pen { ink: Ink::WHITE, width_px: 1 };
+        let thick = Pen { ink: Ink::VERMILLION, width_px: self.line_px() };
+        // Failed ones last, so that their rim is not painted over.
+        for (only_failed, pen) in [(false, thin), (true, thick)] {
+            for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
+                let edge = self.pixels(&grid.edge);
+                canvas.polyline(&edge, true, pen)?;
+                // In the grid's first corner, so that what lies in its middle stays to be seen.
+                let height_px = (self.picture.height as f64 / 80.0).max(8.0);
+                let Some(first) = edge.first() else {
+                    continue;
+                };
+                let corner = Pixel::at(first.u + height_px * 0.5, first.v + height_px * 1.6);
+                canvas.label(corner, &grid.id.to_string(), height_px, pen.ink)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// The part of the picture around the panel, with a scale bar and a legend.
+    fn framed(
+        &self,
+        canvas: Canvas,
+        panel: &TaughtPanel,
+        legend: &[(Ink, &str)],
+    ) -> Result<ColorPicture, ImagingError> {
+        let outline = self.pixels(&panel.outline);
+        let margin = MARGIN_PX * self.picture.width as f64 / 1944.0;
+        let bounds = |of: fn(&Pixel) -> f64, size: usize| {
+            let low = outline.iter().map(of).fold(f64::INFINITY, f64::min) - margin;
+            let high = outline.iter().map(of).fold(f64::NEG_INFINITY, f64::max) + margin;
+            (low.clamp(0.0, size as f64 - 2.0) as usize, high.clamp(2.0, size as f64) as usize)
+        };
+        let (left, right) = bounds(|pixel| pixel.u, self.picture.width);
+        let (top, bottom) = bounds(|pixel| pixel.v, self.picture.height);
+        let size = (right.saturating_sub(left).max(2), bottom.saturating_sub(top).max(2));
+        let part = crop(&canvas.finish()?, left, top, size);
+        let mut canvas = Canvas::on(&part)?;
+        canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
+        canvas.with_legend(legend)?.finish()
+    }
+
+    /// What was learnt: the panel's pixels, its outline, the region's grids.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses to draw; likewise for the other pictures.
+    pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
+        self.outline(&mut canvas, panel, Ink::BLUE)?;
+        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        for pixel in self.pixels(corners) {
+            canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
+        }
+        let legend = [(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids"), (Ink::ORANGE, "taught corner")];
+        self.framed(canvas, panel, &legend[..if corners.is_empty() { 2 } else { 3 }])
+    }
+
+    /// Where the panel was found: its taught outline and grids at the place found, over the new picture.
+    ///
+    /// # Errors
+    /// As [`View::taught`].
+    pub fn located(&self, panel: &TaughtPanel) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        self.outline(&mut canvas, panel, Ink::ORANGE)?;
+        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
+    }
+
+    /// What broke: the mask tinted, failed grids with a thick rim.
+    ///
+    /// # Errors
+    /// As [`View::taught`].
+    pub fn inspected(
+        &self,
+        panel: &TaughtPanel,
+        broken: &Mask,
+        failed: &dyn Fn(&Grid) -> bool,
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        canvas.shade(broken, Ink::ORANGE, 0.55)?;
+        self.grids(&mut canvas, &panel.grids, failed)?;
+        let legend = [(Ink::ORANGE, "broken film"), (Ink::VERMILLION, "failed grid"), (Ink::WHITE, "passed grid")];
+        self.framed(canvas, panel, &legend)
+    }
+
+    /// The tool's paths over the panel, each with its first point ringed.
+    ///
+    /// # Errors
+    /// As [`View::taught`].
+    pub fn planned(
+        &self,
+        panel: &TaughtPanel,
+        paths: &[Vec<Point<Panel>>],
+        planned: &dyn Fn(&Grid) -> bool,
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        self.grids(&mut canvas, &panel.grids, planned)?;
+        let pen = Pen { ink: Ink::YELLOW, width_px: self.line_px() };
+        for path in paths {
+            let pixels = self.pixels(path);
+            canvas.polyline(&pixels, false, pen)?;
+            if let Some(first) = pixels.first() {
+                canvas.cross(*first, f64::from(pen.width_px) * 4.0, Pen { ink: Ink::BLUE, ..pen })?;
+            }
+        }
+        let legend = [
+            (Ink::YELLOW, "path of the tool centre point"),
+            (Ink::BLUE, "first contact"),
+            (Ink::VERMILLION, "grid to abrade"),
+            (Ink::WHITE, "other grid"),
+        ];
+        self.framed(canvas, panel, &legend)
+    }
+}

@@ -1,0 +1,156 @@
+//! One self-contained HTML page: verdict, numbers with their limits, pictures. No scripts, nothing fetched.
+
+use crate::verdict::{Judgement, Verdict};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+/// A page from top to bottom.
+#[derive(Debug, Clone)]
+pub struct Page {
+    /// Heading.
+    pub title: String,
+    /// One line below it: what was done, with what.
+    pub subtitle: String,
+    /// How it ended.
+    pub judgement: Judgement,
+    /// The parts, in order.
+    pub sections: Vec<Section>,
+}
+
+/// One part of a page.
+#[derive(Debug, Clone)]
+pub struct Section {
+    /// Heading.
+    pub heading: String,
+    /// A few sentences: what the pictures show.
+    pub text: String,
+    /// Numbers.
+    pub rows: Vec<Row>,
+    /// Pictures.
+    pub figures: Vec<Figure>,
+}
+
+/// One number with its limit.
+#[derive(Debug, Clone)]
+pub struct Row {
+    /// What it is.
+    pub name: String,
+    /// The value with its unit.
+    pub value: String,
+    /// What is allowed; empty where there is no limit.
+    pub allowed: String,
+}
+
+impl Row {
+    /// A row from its three texts.
+    pub fn new(name: &str, value: impl Into<String>, allowed: impl Into<String>) -> Self {
+        Row { name: name.to_owned(), value: value.into(), allowed: allowed.into() }
+    }
+}
+
+/// One picture.
+#[derive(Debug, Clone)]
+pub struct Figure {
+    /// What it shows, for those who see it and for those who do not.
+    pub caption: String,
+    /// The picture, encoded as JPEG.
+    pub jpeg: Vec<u8>,
+}
+
+const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;margin:2rem auto;padding:0 1rem;color:#1a1a1a;\
+background:#fff}h1{margin-bottom:0}.sub{color:#555;margin-top:.2rem}.verdict{padding:.6rem 1rem;border-left:.6rem solid;\
+background:#f4f4f4;font-size:1.15rem}.good{border-color:#009e73}.doubt{border-color:#e69f00}.bad{border-color:#d55e00}\
+table{border-collapse:collapse;margin:.6rem 0}th,td{text-align:left;padding:.15rem 1.2rem .15rem 0;border-bottom:1px solid #ddd;\
+font-variant-numeric:tabular-nums}figure{margin:1rem 0}img{max-width:100%;height:auto;border:1px solid #ccc}\
+figcaption{color:#555;font-size:.9rem}@media print{figure{break-inside:avoid}}";
+
+impl Page {
+    /// The page as HTML text.
+    pub fn html(&self) -> String {
+        let sections: String = self.sections.iter().map(Section::html).collect();
+        format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
+             <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n<p class=\"sub\">{subtitle}</p>\n{verdict}{sections}\
+             </body></html>\n",
+            title = escaped(&self.title),
+            subtitle = escaped(&self.subtitle),
+            verdict = verdict_html(&self.judgement),
+        )
+    }
+}
+
+impl Section {
+    fn html(&self) -> String {
+        let row = |row: &Row| {
+            let [name, value, allowed] = [&row.name, &row.value, &row.allowed].map(|text| escaped(text));
+            format!("<tr><td>{name}</td><td>{value}</td><td>{allowed}</td></tr>\n")
+        };
+        let table = if self.rows.is_empty() {
+            String::new()
+        } else {
+            let rows: String = self.rows.iter().map(row).collect();
+            format!(
+                "<table><thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead><tbody>{rows}</tbody></table>\n"
+            )
+        };
+        let figures: String = self.figures.iter().map(Figure::html).collect();
+        format!("<h2>{}</h2>\n<p>{}</p>\n{table}{figures}", escaped(&self.heading), escaped(&self.text))
+    }
+}
+
+impl Figure {
+    fn html(&self) -> String {
+        let caption = escaped(&self.caption);
+        let data = STANDARD.encode(&self.jpeg);
+        format!(
+            "<figure><img alt=\"{caption}\" src=\"data:image/jpeg;base64,{data}\"><figcaption>{caption}</figcaption></figure>\n"
+        )
+    }
+}
+
+fn verdict_html(judgement: &Judgement) -> String {
+    let class = match judgement.verdict {
+        Verdict::Accept | Verdict::Pass => "good",
+        Verdict::Review | Verdict::Invalid => "doubt",
+        Verdict::Reject | Verdict::Fail | Verdict::Aborted => "bad",
+    };
+    let reasons: String = judgement
+        .reasons
+        .iter()
+        .map(|reason| format!("<br>{} <small>({})</small>", escaped(&reason.message), reason.code))
+        .collect();
+    format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", judgement.verdict.word())
+}
+
+fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::verdict::Reason;
+
+    #[test]
+    fn a_page_shows_verdict_numbers_and_pictures_and_escapes_text() {
+        let reasons = vec![Reason::new("shift_limit", "moved 80 mm, allowed < 60 mm")];
+        let page = Page {
+            title: "Panel <A & B>".to_owned(),
+            subtitle: "seed 1".to_owned(),
+            judgement: Judgement { verdict: Verdict::Reject, reasons },
+            sections: vec![Section {
+                heading: "Where".to_owned(),
+                text: "Found.".to_owned(),
+                rows: vec![Row::new("rms", "0.1 mm", "≤ 0.25 mm")],
+                figures: vec![Figure { caption: "outline".to_owned(), jpeg: vec![1, 2, 3] }],
+            }],
+        };
+        let html = page.html();
+        assert!(html.contains("<h1>Panel &lt;A &amp; B&gt;</h1>"));
+        assert!(html.contains("class=\"verdict bad\"><b>reject</b><br>moved 80 mm, allowed &lt; 60 mm"));
+        assert!(html.contains("<td>0.1 mm</td><td>≤ 0.25 mm</td>"));
+        assert!(html.contains("data:image/jpeg;base64,AQID"));
+        assert!(!html.contains("http"), "nothing is fetched");
+    }
+}

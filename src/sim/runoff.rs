@@ -1,0 +1,102 @@
+//! The run-off: streaks of thicker film that travel down the panel and fade as the water thins out.
+//!
+//! Two copies of one streaky pattern, periodic in both directions, travel at their own speeds.
+
+use super::film::WET_FROM_S;
+use super::noise::{Normal, Purpose, Seed, smoothstep};
+
+/// The pattern repeats after this many cells; powers of two. A cell is 1 mm wide and 1 mm high.
+const STREAK_COLUMNS: usize = 512;
+const STREAK_ROWS: usize = 1_024;
+/// How much thicker the film is in a streak at first, and later.
+const STREAK_FIRST: f32 = 0.14;
+const STREAK_LAST: f32 = 0.05;
+const STREAK_FADES_S: f32 = 12.0;
+/// How fast the two copies travel, mm/s.
+const STREAK_SPEEDS: [f64; 2] = [17.0, 41.0];
+
+/// The pattern.
+#[derive(Debug, Clone)]
+pub(super) struct Runoff {
+    pattern: Vec<f32>,
+}
+
+/// The pattern at one time.
+pub(super) struct Drift<'a> {
+    pattern: &'a [f32],
+    shifts: [usize; 2],
+    amplitude: f32,
+}
+
+impl Runoff {
+    /// Narrow across, long down.
+    pub fn new(seed: Seed) -> Self {
+        const ACROSS: usize = 4;
+        const DOWN: usize = 64;
+        let columns = STREAK_COLUMNS / ACROSS;
+        let rows = STREAK_ROWS / DOWN;
+        let mut normal = Normal::new(seed.stream(Purpose::Runoff, 0));
+        let nodes: Vec<f64> = (0..columns * rows).map(|_| normal.next()).collect();
+        let node = |column: usize, row: usize| nodes[row % rows * columns + column % columns];
+        let value = |index: usize| {
+            let (column, row) = (index % STREAK_COLUMNS, index / STREAK_COLUMNS);
+            let (i, j) = (column / ACROSS, row / DOWN);
+            let across = smoothstep((column % ACROSS) as f64 / ACROSS as f64);
+            let down = smoothstep((row % DOWN) as f64 / DOWN as f64);
+            let mix = |a: f64, b: f64, share: f64| a + share * (b - a);
+            let low = mix(node(i, j), node(i + 1, j), across);
+            let high = mix(node(i, j + 1), node(i + 1, j + 1), across);
+            // Streaks are rare: only what stands out of the pattern.
+            ((mix(low, high, down) - 0.6).max(0.0) / 1.2).min(1.0) as f32
+        };
+        Runoff { pattern: (0..STREAK_COLUMNS * STREAK_ROWS).map(value).collect() }
+    }
+
+    /// Column and row of the pattern for a place of the sheet; rows grow upwards.
+    pub fn place([s, t]: [f64; 2]) -> [u16; 2] {
+        [s, t].map(|mm| (mm + 256.0).round().clamp(0.0, 511.0) as u16)
+    }
+
+    /// The pattern as far as it has come at this time of the film, s.
+    pub fn at(&self, time_s: f64) -> Drift<'_> {
+        let since_wet_s = (time_s - WET_FROM_S).max(0.0) as f32;
+        let amplitude = STREAK_LAST + (STREAK_FIRST - STREAK_LAST) * (-since_wet_s / STREAK_FADES_S).exp();
+        let shifts = STREAK_SPEEDS.map(|speed| (speed * time_s.max(0.0)) as usize % STREAK_ROWS);
+        Drift { pattern: &self.pattern, shifts, amplitude }
+    }
+}
+
+impl Drift<'_> {
+    /// How much the film darkens here, about 1.
+    pub fn thickness(&self, [column, row]: [u16; 2]) -> f32 {
+        let (column, row) = (usize::from(column), usize::from(row));
+        let cell = |column: usize, shift: usize| {
+            self.pattern[(row + shift) % STREAK_ROWS * STREAK_COLUMNS + column % STREAK_COLUMNS]
+        };
+        let streaks = cell(column, self.shifts[0]) + cell(column + 211, self.shifts[1]);
+        1.0 + self.amplitude * streaks
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: after one second the first copy has come down by 17 mm: what was at row 100 is at row 83.
+    #[test]
+    fn streaks_travel_down_and_thin_out() {
+        let runoff = Runoff::new(Seed(1));
+        let one = |time_s: f64, row: u16| {
+            let drift = Drift { amplitude: 1.0, ..runoff.at(time_s) };
+            (0..100)
+                .map(|column| {
+                    drift.pattern[(usize::from(row) + drift.shifts[0]) % STREAK_ROWS * STREAK_COLUMNS + column]
+                })
+                .sum::<f32>()
+        };
+        assert_eq!(one(0.0, 100).to_bits(), one(1.0, 83).to_bits());
+        assert!((runoff.at(WET_FROM_S).amplitude - STREAK_FIRST).abs() < 1e-6);
+        assert!((runoff.at(300.0).amplitude - STREAK_LAST).abs() < 1e-6);
+        assert!((0..100).all(|column| (1.0..1.3).contains(&runoff.at(5.0).thickness([column, 9]))));
+    }
+}

@@ -1,0 +1,58 @@
+//! Files named by their content.
+
+use super::error::StoreError;
+use crate::files::content_hash;
+use std::fs::{self, File};
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+#[derive(Debug)]
+pub(super) struct Blobs {
+    folder: PathBuf,
+}
+
+impl Blobs {
+    pub fn open(store: &Path) -> Result<Self, StoreError> {
+        let folder = store.join("blobs");
+        fs::create_dir_all(&folder).map_err(at("create", &folder))?;
+        Ok(Blobs { folder })
+    }
+
+    /// Written under another name, flushed, then renamed: under its hash a file is whole or not there.
+    pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
+        let hash = content_hash(bytes);
+        let path = self.folder.join(&hash);
+        match self.get(&hash) {
+            Ok(_) => return Ok(hash),
+            Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
+            Err(error) => return Err(error),
+        }
+        let part = self.folder.join(format!("{hash}.{}.part", std::process::id()));
+        let written = write_flushed(&part, bytes).map_err(at("write", &part));
+        let renamed = written.and_then(|()| fs::rename(&part, &path).map_err(at("rename", &part)));
+        if renamed.is_err() {
+            // The first error is the one to tell; a part that stays is never read.
+            let _ = fs::remove_file(&part);
+        }
+        renamed?;
+        File::open(&self.folder).and_then(|folder| folder.sync_all()).map_err(at("flush", &self.folder))?;
+        Ok(hash)
+    }
+
+    pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
+        let path = self.folder.join(hash);
+        let bytes = fs::read(&path).map_err(at("read", &path))?;
+        let found = content_hash(&bytes);
+        if found == hash { Ok(bytes) } else { Err(StoreError::DamagedBlob { path, found }) }
+    }
+}
+
+fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let mut file = File::create(path)?;
+    file.write_all(bytes)?;
+    file.sync_all()
+}
+
+fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
+    move |source| StoreError::File { doing, path: path.to_owned(), source }
+}

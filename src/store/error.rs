@@ -1,0 +1,108 @@
+//! What goes wrong with the store.
+
+use std::path::{Path, PathBuf};
+
+/// Why something could not be remembered or recalled.
+#[derive(Debug, thiserror::Error)]
+pub enum StoreError {
+    /// A file or folder refused.
+    #[error("cannot {doing} {}: {source}", path.display())]
+    File {
+        /// What was tried.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The database refused.
+    #[error("cannot {doing} the store {}: {problem}", path.display())]
+    Database {
+        /// What was tried.
+        doing: &'static str,
+        /// The database.
+        path: PathBuf,
+        /// What SQLite says.
+        problem: String,
+    },
+    /// Written by a later version of this program.
+    #[error(
+        "the store {} has schema {found}, this program knows up to {known}: use the newer program, or another folder",
+        path.display()
+    )]
+    Newer {
+        /// The database.
+        path: PathBuf,
+        /// Its schema.
+        found: i64,
+        /// The newest schema that this program knows.
+        known: i64,
+    },
+    /// Written by another program.
+    #[error("{} is a database of another program; name another folder", path.display())]
+    Foreign {
+        /// The database.
+        path: PathBuf,
+    },
+    /// A stored file is not what was stored.
+    #[error("{} is damaged: its SHA-256 is {found}; restore it from a copy, or delete it and teach again", path.display())]
+    DamagedBlob {
+        /// The file, named by the hash that it should have.
+        path: PathBuf,
+        /// The hash that it has.
+        found: String,
+    },
+    /// A row is not what was stored.
+    #[error("version {version} of the taught panel '{name}' is damaged: {problem}; teach it again")]
+    DamagedRow {
+        /// The panel.
+        name: String,
+        /// The version.
+        version: String,
+        /// What does not fit.
+        problem: String,
+    },
+    /// A pose that cannot be kept.
+    #[error("corner {corner} has a flange pose with NaN or infinite numbers")]
+    Pose {
+        /// The corner, from 1.
+        corner: usize,
+    },
+    /// No such panel.
+    #[error("no panel '{name}' was taught; {}", known_names(nearest.as_deref(), known))]
+    UnknownPanel {
+        /// The name asked for.
+        name: String,
+        /// The name most likely meant.
+        nearest: Option<String>,
+        /// All names.
+        known: Vec<String>,
+    },
+    /// No such version.
+    #[error("the panel '{name}' has no version {version}; there are, oldest first: {}", known.join(", "))]
+    UnknownVersion {
+        /// The panel.
+        name: String,
+        /// The version asked for.
+        version: String,
+        /// All versions.
+        known: Vec<String>,
+    },
+    /// The computer's clock.
+    #[error("the computer's clock stands before 1970; set it, since the time of teaching is recorded")]
+    Clock,
+}
+
+impl StoreError {
+    pub(super) fn database(doing: &'static str, path: &Path, error: &rusqlite::Error) -> Self {
+        StoreError::Database { doing, path: path.to_owned(), problem: error.to_string() }
+    }
+}
+
+fn known_names(nearest: Option<&str>, known: &[String]) -> String {
+    match (nearest, known) {
+        (_, []) => "none was, in this store: run panelprep teach first".to_owned(),
+        (Some(nearest), _) => format!("did you mean '{nearest}'? There are: {}", known.join(", ")),
+        (None, _) => format!("there are: {}", known.join(", ")),
+    }
+}

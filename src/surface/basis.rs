@@ -1,0 +1,297 @@
+//! B-spline basis functions of one parameter, with first and second derivatives.
+//!
+//! N_{i,0}(u) = 1 on [u_i, u_{i+1}), the last non-empty span closed;
+//!     N_{i,p} = (u − u_i)/(u_{i+p} − u_i) N_{i,p−1} + (u_{i+p+1} − u)/(u_{i+p+1} − u_{i+1}) N_{i+1,p−1},   (4.10)
+//! with 0/0 = 0: Cox–de Boor by degree, where the thesis mixes order and degree. Only the p + 1 functions that are
+//! not zero on the span of u are computed, so the quotients 0/0 never arise. The derivative is
+//!     N'_{i,p} = p ( N_{i,p−1}/(u_{i+p} − u_i) − N_{i+1,p−1}/(u_{i+p+1} − u_{i+1}) ).
+//! Source: Piegl & Tiller, The NURBS Book, 2nd ed., sections 2.2 and 2.3.
+
+use std::ops::RangeInclusive;
+
+/// Highest degree that is served.
+pub const MAX_DEGREE: usize = 5;
+
+/// Numbers that belong to the `degree + 1` functions of one span; the rest is zero.
+pub type Local = [f64; MAX_DEGREE + 1];
+
+/// Why numbers are no knot vector.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum KnotError {
+    /// The degree is not served.
+    #[error("degree {found}, allowed is 1 to {MAX_DEGREE}")]
+    Degree {
+        /// Degree asked for.
+        found: usize,
+    },
+    /// Not open, not rising, or broken inside.
+    #[error(
+        "{knots:?} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
+         degree + 1 times, no other knot more than degree times"
+    )]
+    NotOpen {
+        /// Degree asked for.
+        degree: usize,
+        /// Knots found.
+        knots: Vec<f64>,
+    },
+}
+
+/// An open knot vector with its degree (Eq. 4.9).
+#[derive(Debug, Clone, PartialEq)]
+pub struct KnotVector {
+    degree: usize,
+    knots: Vec<f64>,
+}
+
+/// The functions that are not zero at a parameter.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Basis {
+    /// Control point of the first function.
+    pub first_control: usize,
+    /// Values; they sum to 1.
+    pub values: Local,
+    /// First derivatives; they sum to 0.
+    pub first: Local,
+    /// Second derivatives; they sum to 0.
+    pub second: Local,
+}
+
+impl KnotVector {
+    /// A knot vector from its knots.
+    ///
+    /// # Errors
+    /// Where the knots are not open or the degree is not served.
+    pub fn new(degree: usize, knots: Vec<f64>) -> Result<Self, KnotError> {
+        if !(1..=MAX_DEGREE).contains(&degree) {
+            return Err(KnotError::Degree { found: degree });
+        }
+        let count = knots.len();
+        let open = count >= 2 * (degree + 1)
+            && knots.iter().all(|knot| knot.is_finite())
+            && knots.windows(2).all(|pair| pair[0] <= pair[1])
+            && knots[degree] == knots[0]
+            && knots[count - 1 - degree] == knots[count - 1]
+            // p + 1 neighbours are all equal only at the two ends.
+            && knots[1..count - 1].windows(degree + 1).all(|run| run[0] < run[degree]);
+        if open { Ok(KnotVector { degree, knots }) } else { Err(KnotError::NotOpen { degree, knots }) }
+    }
+
+    /// Equal spans over a domain.
+    ///
+    /// # Errors
+    /// Where the domain or the number of spans is empty, or the degree is not served.
+    pub fn uniform(degree: usize, spans: usize, domain: RangeInclusive<f64>) -> Result<Self, KnotError> {
+        if spans == 0 {
+            return Err(KnotError::NotOpen { degree, knots: Vec::new() });
+        }
+        let (low, high) = (*domain.start(), *domain.end());
+        let inner = (1..spans).map(|i| low + (high - low) * i as f64 / spans as f64);
+        let ends = |at: f64| std::iter::repeat_n(at, degree + 1);
+        Self::new(degree, ends(low).chain(inner).chain(ends(high)).collect())
+    }
+
+    /// The degree p.
+    pub fn degree(&self) -> usize {
+        self.degree
+    }
+
+    /// Number of control points.
+    pub fn controls(&self) -> usize {
+        self.knots.len() - self.degree - 1
+    }
+
+    /// First and last parameter.
+    pub fn domain(&self) -> RangeInclusive<f64> {
+        self.knots[0]..=self.knots[self.knots.len() - 1]
+    }
+
+    /// Number of spans that hold one polynomial each, empty ones included.
+    pub fn spans(&self) -> usize {
+        self.controls() - self.degree
+    }
+
+    /// The span of a parameter, from 0. Beyond the domain the first and the last polynomial go on.
+    pub fn span(&self, at: f64) -> usize {
+        let inner = &self.knots[self.degree + 1..self.controls()];
+        inner.partition_point(|knot| *knot <= at)
+    }
+
+    /// Values alone.
+    pub fn values(&self, at: f64) -> Local {
+        let knot = self.span(at) + self.degree;
+        (1..=self.degree).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at))
+    }
+
+    /// Values and first derivatives; the second ones stay zero.
+    pub fn with_first(&self, at: f64) -> Basis {
+        let (span, top) = (self.span(at), self.degree);
+        let knot = span + top;
+        let lower = (1..top).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at));
+        Basis {
+            first_control: span,
+            values: self.raise(lower, top, knot, at),
+            first: self.differentiate(lower, top, knot),
+            second: [0.0; MAX_DEGREE + 1],
+        }
+    }
+
+    /// Values, first and second derivatives.
+    pub fn with_second(&self, at: f64) -> Basis {
+        let (span, top) = (self.span(at), self.degree);
+        let knot = span + top;
+        if top == 1 {
+            return self.with_first(at);
+        }
+        let lowest = (1..top - 1).fold(constant(), |lower, degree| self.raise(lower, degree, knot, at));
+        let lower = self.raise(lowest, top - 1, knot, at);
+        Basis {
+            first_control: span,
+            values: self.raise(lower, top, knot, at),
+            first: self.differentiate(lower, top, knot),
+            second: self.differentiate(self.differentiate(lowest, top - 1, knot), top, knot),
+        }
+    }
+
+    // Eq. 4.10: from degree − 1 to degree on the span that begins at this knot.
+    fn raise(&self, lower: Local, degree: usize, knot: usize, at: f64) -> Local {
+        let mut raised = [0.0; MAX_DEGREE + 1];
+        for (r, value) in lower.iter().enumerate().take(degree) {
+            let (from, to) = (self.knots[knot + r + 1 - degree], self.knots[knot + r + 1]);
+            let share = value / (to - from);
+            raised[r] += (to - at) * share;
+            raised[r + 1] = (at - from) * share;
+        }
+        raised
+    }
+
+    fn differentiate(&self, lower: Local, degree: usize, knot: usize) -> Local {
+        let mut slopes = [0.0; MAX_DEGREE + 1];
+        for (r, value) in lower.iter().enumerate().take(degree) {
+            let share = degree as f64 * value / (self.knots[knot + r + 1] - self.knots[knot + r + 1 - degree]);
+            slopes[r] -= share;
+            slopes[r + 1] = share;
+        }
+        slopes
+    }
+}
+
+fn constant() -> Local {
+    let mut lowest = [0.0; MAX_DEGREE + 1];
+    lowest[0] = 1.0;
+    lowest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// The recursion word for word, 0/0 = 0, last non-empty span closed: an oracle that shares no code.
+    fn cox_de_boor(knots: &[f64], i: usize, p: usize, u: f64) -> f64 {
+        let last = knots[knots.len() - 1];
+        if p == 0 {
+            let inside = knots[i] <= u && u < knots[i + 1];
+            let closed = u == last && knots[i] < last && knots[i + 1] == last;
+            return if inside || closed { 1.0 } else { 0.0 };
+        }
+        let over = |a: f64, b: f64| if b == 0.0 { 0.0 } else { a / b };
+        over(u - knots[i], knots[i + p] - knots[i]) * cox_de_boor(knots, i, p - 1, u)
+            + over(knots[i + p + 1] - u, knots[i + p + 1] - knots[i + 1]) * cox_de_boor(knots, i + 1, p - 1, u)
+    }
+
+    /// By hand: inside a uniform cubic the values at a knot are 1/6, 4/6, 1/6, 0, the slopes −1/2, 0, 1/2, 0 a span
+    /// and the second derivatives 1, −2, 1, 0.
+    #[test]
+    fn uniform_cubic_at_a_knot() {
+        let knots = KnotVector::uniform(3, 8, 0.0..=8.0).expect("open");
+        let basis = knots.with_second(4.0);
+        assert_eq!(basis.first_control, 4);
+        for (found, expected) in [
+            (basis.values, [1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0, 0.0]),
+            (basis.first, [-0.5, 0.0, 0.5, 0.0]),
+            (basis.second, [1.0, -2.0, 1.0, 0.0]),
+        ] {
+            for r in 0..4 {
+                assert!((found[r] - expected[r]).abs() < 1e-14, "{found:?}");
+            }
+        }
+    }
+
+    /// By hand: without inner knots the cubic is Bernstein's, at u = 1/2: 1/8, 3/8, 3/8, 1/8.
+    #[test]
+    fn one_span_is_bernstein() {
+        let knots = KnotVector::uniform(3, 1, 0.0..=1.0).expect("open");
+        for (r, expected) in [0.125, 0.375, 0.375, 0.125].into_iter().enumerate() {
+            assert!((knots.values(0.5)[r] - expected).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn the_ends_belong_to_the_domain() {
+        let knots = KnotVector::uniform(3, 5, -0.1..=1.1).expect("open");
+        assert_eq!((knots.span(-0.1), knots.span(1.1)), (0, 4));
+        assert!((knots.values(-0.1)[0] - 1.0).abs() < 1e-15 && (knots.values(1.1)[3] - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn closed_falling_or_torn_knots_are_refused() {
+        assert!(matches!(KnotVector::uniform(0, 4, 0.0..=1.0), Err(KnotError::Degree { found: 0 })));
+        assert!(matches!(KnotVector::uniform(3, 0, 0.0..=1.0), Err(KnotError::NotOpen { .. })));
+        for knots in [
+            vec![0.0, 0.0, 0.5, 1.0, 1.0, 1.0],
+            vec![0.0, 0.0, 0.0, 0.7, 0.3, 1.0, 1.0, 1.0],
+            vec![0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0],
+            vec![0.0, 0.0, 0.0, f64::NAN, 1.0, 1.0, 1.0],
+            vec![0.0; 6],
+        ] {
+            assert!(matches!(KnotVector::new(2, knots), Err(KnotError::NotOpen { .. })));
+        }
+    }
+
+    fn knot_vectors() -> impl Strategy<Value = KnotVector> {
+        let gaps = prop::collection::vec(prop_oneof![Just(0.0), 0.05..1.0f64], 0..8);
+        (1..=MAX_DEGREE, gaps).prop_filter_map("an inner knot too often", |(degree, gaps)| {
+            let mut knots = vec![0.0; degree + 1];
+            let mut at = 0.3;
+            for gap in gaps {
+                knots.push(at);
+                at += gap;
+            }
+            knots.extend(std::iter::repeat_n(at + 0.4, degree + 1));
+            KnotVector::new(degree, knots).ok()
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn bases_agree_with_the_recursion_and_sum_to_one(knots in knot_vectors(), share in 0.0..=1.0f64) {
+            let at = knots.domain().end() * share;
+            let basis = knots.with_second(at);
+            let count = knots.degree() + 1;
+            prop_assert!((basis.values[..count].iter().sum::<f64>() - 1.0).abs() < 1e-12);
+            prop_assert!(basis.first.iter().sum::<f64>().abs() < 1e-9);
+            prop_assert_eq!(knots.values(at), basis.values);
+            for control in 0..knots.controls() {
+                let local = control.checked_sub(basis.first_control).filter(|r| *r < count);
+                let found = local.map_or(0.0, |r| basis.values[r]);
+                prop_assert!((found - cox_de_boor(&knots.knots, control, knots.degree(), at)).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn derivatives_agree_with_differences(knots in knot_vectors(), share in 0.001..0.999f64) {
+            let (at, step) = (knots.domain().end() * share, 1e-6);
+            prop_assume!(knots.span(at - step) == knots.span(at + step));
+            let (before, basis, after) =
+                (knots.with_second(at - step), knots.with_second(at), knots.with_second(at + step));
+            for r in 0..=knots.degree() {
+                let first = (after.values[r] - before.values[r]) / (2.0 * step);
+                let second = (after.first[r] - before.first[r]) / (2.0 * step);
+                let scale = 1.0 + basis.second[r].abs();
+                prop_assert!((first - basis.first[r]).abs() < 1e-5 * scale, "{} {}", first, basis.first[r]);
+                prop_assert!((second - basis.second[r]).abs() < 1e-3 * scale * scale);
+            }
+        }
+    }
+}

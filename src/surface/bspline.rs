@@ -1,0 +1,285 @@
+//! The tensor-product B-spline surface of a panel, with derivatives and normals.
+//!
+//!     S(u, v) = Σᵢ Σⱼ N_{i,k}(u) N_{j,l}(v) p_{ij}                                                          (4.12)
+//! with degrees k and l; S_u has N'_{i,k} in place of N_{i,k} (4.14, 4.15), and so on. The normal is
+//!     N = ± S_u × S_v / |S_u × S_v|,                                                                        (4.13)
+//! its sign chosen once, so that it points to the side that the camera saw: the thesis's form depends on the
+//! handedness of (u, v), and the tool's Z and the retract would turn with it. Points in the panel's frame, mm.
+
+use super::basis::{Basis, KnotVector};
+use crate::geometry::{Panel, Point, Vector};
+use nalgebra::{Point3, Vector3};
+use std::ops::RangeInclusive;
+
+/// Sine of the angle between S_u and S_v below which a place has no normal.
+const DEGENERATE_SINE: f64 = 1e-6;
+
+/// A place on a surface by its parameters; no unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parameter {
+    /// Along the columns of the region, 0…1 inside of it.
+    pub u: f64,
+    /// Along the rows of the region, 0…1 inside of it.
+    pub v: f64,
+}
+
+/// A point of a surface with its first derivatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tangents {
+    /// S, mm.
+    pub point: Point<Panel>,
+    /// S_u, mm.
+    pub s_u: Vector<Panel>,
+    /// S_v, mm.
+    pub s_v: Vector<Panel>,
+}
+
+impl Tangents {
+    /// |S_u × S_v|: the surface that a unit of u and v stands for, mm².
+    pub fn area_mm2(&self) -> f64 {
+        self.s_u.mm.cross(&self.s_v.mm).norm()
+    }
+}
+
+/// A point of a surface with its first and second derivatives, all mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Derivatives {
+    /// S, S_u, S_v.
+    pub tangents: Tangents,
+    /// S_uu.
+    pub s_uu: Vector<Panel>,
+    /// S_uv.
+    pub s_uv: Vector<Panel>,
+    /// S_vv.
+    pub s_vv: Vector<Panel>,
+}
+
+/// Why control points make no surface.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SurfaceError {
+    /// The net does not fit the knots.
+    #[error("the knots ask for {needed} control points, found {found}")]
+    ControlCount {
+        /// Control points found.
+        found: usize,
+        /// Control points that the knots ask for.
+        needed: usize,
+    },
+    /// The side that the camera saw cannot be told.
+    #[error("the surface has no normal in its middle, or the camera looks along it")]
+    NoSide,
+}
+
+/// A B-spline surface; immutable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BSplineSurface {
+    knots_u: KnotVector,
+    knots_v: KnotVector,
+    // p_{ij} at i · (controls along v) + j
+    controls: Vec<Point<Panel>>,
+    // +1 or −1: the sign of Eq. 4.13
+    side: f64,
+}
+
+impl BSplineSurface {
+    /// A surface from knots along u and v and its control net, v running fastest. `viewer` is where the camera
+    /// stood: normals point to its side.
+    ///
+    /// # Errors
+    /// Where the counts differ, or the surface shows its edge to the viewer.
+    pub fn new(
+        [knots_u, knots_v]: [KnotVector; 2],
+        controls: Vec<Point<Panel>>,
+        viewer: Point<Panel>,
+    ) -> Result<Self, SurfaceError> {
+        let needed = knots_u.controls() * knots_v.controls();
+        if controls.len() != needed {
+            return Err(SurfaceError::ControlCount { found: controls.len(), needed });
+        }
+        let middle = |knots: &KnotVector| (knots.domain().start() + knots.domain().end()) / 2.0;
+        let at = Parameter { u: middle(&knots_u), v: middle(&knots_v) };
+        let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0 };
+        let normal = surface.normal(at).ok_or(SurfaceError::NoSide)?;
+        let towards = normal.mm.dot(&(viewer - surface.point(at)).mm);
+        if towards == 0.0 || !towards.is_finite() {
+            return Err(SurfaceError::NoSide);
+        }
+        surface.side = towards.signum();
+        Ok(surface)
+    }
+
+    /// Knots along u.
+    pub fn knots_u(&self) -> &KnotVector {
+        &self.knots_u
+    }
+
+    /// Knots along v.
+    pub fn knots_v(&self) -> &KnotVector {
+        &self.knots_v
+    }
+
+    /// Control points, v running fastest.
+    pub fn controls(&self) -> &[Point<Panel>] {
+        &self.controls
+    }
+
+    /// The parameters u and v for which the surface was made; beyond them its border polynomials go on.
+    pub fn domain(&self) -> [RangeInclusive<f64>; 2] {
+        [self.knots_u.domain(), self.knots_v.domain()]
+    }
+
+    /// S(u, v), Eq. 4.12.
+    pub fn point(&self, at: Parameter) -> Point<Panel> {
+        let (values_u, values_v) = (self.knots_u.values(at.u), self.knots_v.values(at.v));
+        let first = (self.knots_u.span(at.u), self.knots_v.span(at.v));
+        let mut sum = Vector3::zeros();
+        for (value, row) in values_u.iter().zip(self.rows(first)) {
+            let mut across = Vector3::zeros();
+            for (weight, control) in values_v.iter().zip(row) {
+                across += control.mm.coords * *weight;
+            }
+            sum += across * *value;
+        }
+        Point::new(Point3::from(sum))
+    }
+
+    /// S, S_u and S_v, Eq. 4.12 and 4.14.
+    pub fn tangents(&self, at: Parameter) -> Tangents {
+        let (u, v) = (self.knots_u.with_first(at.u), self.knots_v.with_first(at.v));
+        let [mut point, mut s_u, mut s_v] = [Vector3::zeros(); 3];
+        for (i, row) in self.rows((u.first_control, v.first_control)).enumerate() {
+            let [mut across, mut slope] = [Vector3::zeros(); 2];
+            for (j, control) in row.iter().enumerate() {
+                across += control.mm.coords * v.values[j];
+                slope += control.mm.coords * v.first[j];
+            }
+            point += across * u.values[i];
+            s_u += across * u.first[i];
+            s_v += slope * u.values[i];
+        }
+        Tangents { point: Point::new(point.into()), s_u: Vector::new(s_u), s_v: Vector::new(s_v) }
+    }
+
+    /// S with its first and second derivatives.
+    pub fn derivatives(&self, at: Parameter) -> Derivatives {
+        let (u, v): (Basis, Basis) = (self.knots_u.with_second(at.u), self.knots_v.with_second(at.v));
+        let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];
+        for (i, row) in self.rows((u.first_control, v.first_control)).enumerate() {
+            let [mut across, mut slope, mut bend] = [Vector3::zeros(); 3];
+            for (j, control) in row.iter().enumerate() {
+                across += control.mm.coords * v.values[j];
+                slope += control.mm.coords * v.first[j];
+                bend += control.mm.coords * v.second[j];
+            }
+            point += across * u.values[i];
+            s_u += across * u.first[i];
+            s_uu += across * u.second[i];
+            s_v += slope * u.values[i];
+            s_uv += slope * u.first[i];
+            s_vv += bend * u.values[i];
+        }
+        Derivatives {
+            tangents: Tangents { point: Point::new(point.into()), s_u: Vector::new(s_u), s_v: Vector::new(s_v) },
+            s_uu: Vector::new(s_uu),
+            s_uv: Vector::new(s_uv),
+            s_vv: Vector::new(s_vv),
+        }
+    }
+
+    /// The unit normal, towards the side that the camera saw; `None` where S_u and S_v are parallel.
+    pub fn normal(&self, at: Parameter) -> Option<Vector<Panel>> {
+        self.normal_of(&self.tangents(at))
+    }
+
+    /// The unit normal that belongs to tangents of this surface.
+    pub fn normal_of(&self, tangents: &Tangents) -> Option<Vector<Panel>> {
+        let cross = tangents.s_u.mm.cross(&tangents.s_v.mm); // Eq. 4.13
+        let length = cross.norm();
+        let straight = length > DEGENERATE_SINE * tangents.s_u.mm.norm() * tangents.s_v.mm.norm();
+        straight.then(|| Vector::new(cross * (self.side / length)))
+    }
+
+    // The k + 1 rows of l + 1 control points that bear on one span of u and v.
+    fn rows(&self, (i, j): (usize, usize)) -> impl Iterator<Item = &[Point<Panel>]> {
+        let (stride, width) = (self.knots_v.controls(), self.knots_v.degree() + 1);
+        (i..=i + self.knots_u.degree()).map(move |i| &self.controls[i * stride + j..i * stride + j + width])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn net(heights_mm: impl Fn(usize, usize) -> f64) -> BSplineSurface {
+        let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
+        // Control points over the Greville abscissae 0, 1/9, 3/9, 6/9, 8/9, 1 make x = 100 u and y = 60 v exact.
+        let greville = [0.0, 1.0, 3.0, 6.0, 8.0, 9.0].map(|ninths: f64| ninths / 9.0);
+        let control =
+            |n: usize| Point::at(100.0 * greville[n / 6], 60.0 * greville[n % 6], heights_mm(n / 6, n % 6));
+        BSplineSurface::new([knots(), knots()], (0..36).map(control).collect(), Point::at(0.0, 0.0, 500.0))
+            .expect("a surface")
+    }
+
+    /// By hand: over Greville abscissae a linear net is the plane itself; S_u = (100, 0, 0), S_v = (0, 60, 0).
+    #[test]
+    fn a_linear_net_is_a_plane_up_to_its_corners() {
+        let plane = net(|_, _| 7.0);
+        for (u, v) in [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.3, 0.8)] {
+            let there = plane.derivatives(Parameter { u, v });
+            assert!(there.tangents.point.distance_mm(Point::at(100.0 * u, 60.0 * v, 7.0)) < 1e-12);
+            assert!((there.tangents.s_u.mm - Vector3::new(100.0, 0.0, 0.0)).norm() < 1e-11);
+            assert!((there.tangents.area_mm2() - 6_000.0).abs() < 1e-8);
+            assert!(there.s_uu.mm.norm() < 1e-9 && there.s_uv.mm.norm() < 1e-10);
+        }
+    }
+
+    #[test]
+    fn normals_point_to_the_viewer_whatever_the_handedness() {
+        let plane = net(|_, _| 0.0);
+        let knots = || KnotVector::uniform(3, 3, 0.0..=1.0).expect("open");
+        for viewer_z_mm in [500.0, -500.0] {
+            let viewer = Point::at(0.0, 0.0, viewer_z_mm);
+            let swapped = (0..36).map(|n| plane.controls()[(n % 6) * 6 + n / 6]).collect();
+            for controls in [plane.controls().to_vec(), swapped] {
+                let surface = BSplineSurface::new([knots(), knots()], controls, viewer).expect("a surface");
+                let normal = surface.normal(Parameter { u: 0.2, v: 0.9 }).expect("not degenerate");
+                assert!((normal.mm - Vector3::z() * viewer_z_mm.signum()).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_net_that_does_not_fit_or_shows_its_edge_is_refused() {
+        let knots = || [0, 1].map(|_| KnotVector::uniform(3, 3, 0.0..=1.0).expect("open"));
+        let short = BSplineSurface::new(knots(), vec![Point::at(0.0, 0.0, 0.0); 35], Point::at(0.0, 0.0, 1.0));
+        assert_eq!(short, Err(SurfaceError::ControlCount { found: 35, needed: 36 }));
+        let point = BSplineSurface::new(knots(), vec![Point::at(0.0, 0.0, 0.0); 36], Point::at(0.0, 0.0, 1.0));
+        assert_eq!(point, Err(SurfaceError::NoSide));
+    }
+
+    proptest! {
+        #[test]
+        fn derivatives_agree_with_differences(
+            heights in prop::collection::vec(-20.0..20.0f64, 36), u in 0.01..0.99f64, v in 0.01..0.99f64,
+        ) {
+            let (surface, step) = (net(|i, j| heights[i * 6 + j]), 1e-6);
+            let at = |du: f64, dv: f64| surface.derivatives(Parameter { u: u + du * step, v: v + dv * step });
+            let here = at(0.0, 0.0);
+            let place = Parameter { u, v };
+            prop_assert_eq!(surface.tangents(place), here.tangents);
+            prop_assert!(surface.point(place).distance_mm(here.tangents.point) < 1e-10);
+            let [east, west, north, south] = [at(1.0, 0.0), at(-1.0, 0.0), at(0.0, 1.0), at(0.0, -1.0)];
+            let slope = |a: Vector3<f64>, b: Vector3<f64>| (a - b) / (2.0 * step);
+            let coords = |d: &Derivatives| d.tangents.point.mm.coords;
+            prop_assert!((slope(coords(&east), coords(&west)) - here.tangents.s_u.mm).norm() < 1e-4);
+            prop_assert!((slope(coords(&north), coords(&south)) - here.tangents.s_v.mm).norm() < 1e-4);
+            let s_u = |d: &Derivatives| d.tangents.s_u.mm;
+            let s_v = |d: &Derivatives| d.tangents.s_v.mm;
+            // A third derivative of a few 1e4 mm times the step bounds the error across a knot.
+            prop_assert!((slope(s_u(&east), s_u(&west)) - here.s_uu.mm).norm() < 0.1);
+            prop_assert!((slope(s_u(&north), s_u(&south)) - here.s_uv.mm).norm() < 0.1);
+            prop_assert!((slope(s_v(&north), s_v(&south)) - here.s_vv.mm).norm() < 0.1);
+        }
+    }
+}

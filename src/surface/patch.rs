@@ -1,0 +1,33 @@
+//! A grid as a patch of the region's one surface: a box of parameters. Neighbouring grids meet as smoothly as the
+//! surface is, which a surface for each grid, as in the thesis's Fig. 4.22, would not give.
+
+use super::bspline::Parameter;
+use crate::panel::{GridId, Region};
+
+/// A box of parameters.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Patch {
+    /// Lowest u and v.
+    pub low: Parameter,
+    /// Highest u and v.
+    pub high: Parameter,
+}
+
+impl Patch {
+    /// The patch of one grid; `None` where the region has no such grid.
+    pub fn of_grid(region: &Region, id: GridId) -> Option<Self> {
+        let known = (1..=region.rows).contains(&id.row) && (1..=region.columns).contains(&id.column);
+        known.then(|| {
+            let [low, high] = region.unit_box(id);
+            Patch { low: Parameter { u: low.x, v: low.y }, high: Parameter { u: high.x, v: high.y } }
+        })
+    }
+
+    /// The place at a share of each side.
+    pub fn at(&self, share: Parameter) -> Parameter {
+        Parameter {
+            u: self.low.u + (self.high.u - self.low.u) * share.u,
+            v: self.low.v + (self.high.v - self.low.v) * share.v,
+        }
+    }
+}

@@ -1,0 +1,191 @@
+//! The layer test: `src/lib.rs` says which module may name which, and the code is held to it.
+//!
+//! Paragraphs of `pub mod` lines are layers, top to bottom; a module may name only modules of earlier paragraphs.
+//! Modules before `store` name no disk, socket, process, clock or database. The code is parsed, so that grouped
+//! imports, aliases and `super` chains are seen; the insides of macros are read as tokens.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use syn::visit::{self, Visit};
+
+/// What only `store` and later modules may touch.
+const EDGE_ONLY: [&str; 8] = [
+    "tokio",
+    "std::fs",
+    "std::net",
+    "std::process",
+    "rusqlite",
+    "std::time::Instant",
+    "std::time::SystemTime",
+    "std::os",
+];
+
+/// Each module's layer, from the paragraphs of `lib.rs`.
+fn layers(lib: &str) -> BTreeMap<String, usize> {
+    let paragraphs = lib.split("\n\n").map(|paragraph| {
+        let name = |line: &str| line.trim().strip_prefix("pub mod ")?.strip_suffix(';').map(str::to_owned);
+        paragraph.lines().filter_map(name).collect::<Vec<_>>()
+    });
+    paragraphs
+        .filter(|names| !names.is_empty())
+        .enumerate()
+        .flat_map(|(layer, names)| names.into_iter().map(move |name| (name, layer)))
+        .collect()
+}
+
+/// Every path that a file names, `crate` and `super` resolved to `crate::…`.
+struct Paths {
+    /// The file's module below the crate's root, `["panel", "region"]`.
+    module: Vec<String>,
+    found: Vec<String>,
+}
+
+impl Paths {
+    fn of(code: &str, module: &[&str]) -> Vec<String> {
+        let file = syn::parse_file(code).expect("the code parses");
+        let mut paths = Paths { module: module.iter().map(|&part| part.to_owned()).collect(), found: Vec::new() };
+        paths.visit_file(&file);
+        paths.found
+    }
+
+    fn note(&mut self, segments: &[String]) {
+        let supers = segments.iter().take_while(|part| *part == "super").count();
+        let rest = &segments[supers..];
+        let resolved = match segments.first().map(String::as_str) {
+            Some("super") => {
+                let kept = self.module.len().saturating_sub(supers);
+                ["crate".to_owned()].iter().chain(&self.module[..kept]).chain(rest).cloned().collect()
+            }
+            Some("self") => return,
+            _ => segments.to_vec(),
+        };
+        self.found.push(resolved.join("::"));
+    }
+
+    fn note_tree(&mut self, before: &[String], tree: &syn::UseTree) {
+        let with = |ident: &syn::Ident| [before, &[ident.to_string()]].concat();
+        match tree {
+            syn::UseTree::Path(path) => self.note_tree(&with(&path.ident), &path.tree),
+            syn::UseTree::Name(name) => self.note(&with(&name.ident)),
+            syn::UseTree::Rename(rename) => self.note(&with(&rename.ident)),
+            syn::UseTree::Glob(_) => self.note(&[before, &["*".to_owned()]].concat()),
+            syn::UseTree::Group(group) => group.items.iter().for_each(|item| self.note_tree(before, item)),
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Paths {
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        self.note_tree(&[], &item.tree);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let segments: Vec<String> = path.segments.iter().map(|segment| segment.ident.to_string()).collect();
+        self.note(&segments);
+        visit::visit_path(self, path);
+    }
+
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if item.content.is_some() {
+            self.module.push(item.ident.to_string());
+            visit::visit_item_mod(self, item);
+            self.module.pop();
+        }
+    }
+
+    fn visit_macro(&mut self, invocation: &'ast syn::Macro) {
+        let text = invocation.tokens.to_string().replace(' ', "");
+        for start in
+            text.match_indices("crate::").map(|(at, _)| at).chain(text.match_indices("std::").map(|(at, _)| at))
+        {
+            let path: String =
+                text[start..].chars().take_while(|c| c.is_alphanumeric() || "_:".contains(*c)).collect();
+            self.found.push(path);
+        }
+        visit::visit_macro(self, invocation);
+    }
+}
+
+/// What a file of `module` does that its layer does not allow.
+fn wrongs(code: &str, module: &[&str], layers: &BTreeMap<String, usize>) -> Vec<String> {
+    let home = module[0];
+    let edge = layers.get("store").copied().unwrap_or(usize::MAX);
+    let mut wrongs = Vec::new();
+    for path in Paths::of(code, module) {
+        if let Some(named) = path.strip_prefix("crate::").and_then(|rest| rest.split("::").next())
+            && let Some(&layer) = layers.get(named)
+            && named != home
+            && layer >= layers[home]
+        {
+            wrongs.push(format!("{home} names {path}, which does not stand above it in lib.rs"));
+        }
+        let edge_path = EDGE_ONLY.iter().find(|edge| path == **edge || path.starts_with(&format!("{edge}::")));
+        if let Some(edge_path) = edge_path.filter(|_| layers[home] < edge) {
+            wrongs.push(format!("{home} names {path}; {edge_path} belongs to store and below"));
+        }
+    }
+    wrongs
+}
+
+fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.is_dir() {
+            files.extend(rust_files(&path));
+        } else if path.extension().is_some_and(|extension| extension == "rs") {
+            files.push(path);
+        }
+    }
+    files.sort();
+    files
+}
+
+#[test]
+fn every_module_names_only_layers_above_it() {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let layers = layers(&std::fs::read_to_string(source.join("lib.rs")).expect("lib.rs"));
+    assert!(layers.len() > 5, "{layers:?}");
+    let mut seen = 0;
+    for file in rust_files(&source) {
+        let relative = file.strip_prefix(&source).expect("below src").with_extension("");
+        let parts: Vec<&str> =
+            relative.iter().filter_map(|part| part.to_str()).filter(|part| *part != "mod").collect();
+        if ["lib", "main"].contains(&parts[0]) {
+            continue;
+        }
+        assert!(layers.contains_key(parts[0]), "src/{} is in no layer of lib.rs", parts[0]);
+        let code = std::fs::read_to_string(&file).expect("a source file");
+        let wrongs = wrongs(&code, &parts, &layers);
+        assert!(wrongs.is_empty(), "{}: {wrongs:#?}", file.display());
+        seen += 1;
+    }
+    assert!(seen > 10, "the test looks at {seen} files only");
+}
+
+/// The rule is worth what it catches: each planted fault is found, each allowed line is not.
+#[test]
+fn planted_faults_are_found() {
+    let layers =
+        layers("pub mod geometry;\n\npub mod panel;\n\npub mod locate;\npub mod inspect;\n\npub mod store;\n");
+    let faults = [
+        ("use crate::{geometry::Point, inspect::Watch};", &["locate"][..]),
+        ("fn f() { crate::locate::run() }", &["panel", "region"]),
+        ("use super::super::locate::Fit;", &["panel", "region"]),
+        ("use std::{collections::BTreeMap, fs};", &["panel"]),
+        ("use std::time::{Duration, Instant as Clock};", &["locate", "gate"]),
+        ("fn f() { println!(\"{}\", crate::inspect::now()) }", &["locate"]),
+        ("mod tests { use super::super::store::Store; }", &["panel"]),
+    ];
+    for (code, module) in faults {
+        assert!(!wrongs(code, module, &layers).is_empty(), "not found: {code}");
+    }
+    let allowed = [
+        ("use crate::{geometry::Point, panel::TaughtPanel};", &["locate"][..]),
+        ("use super::region::Region; use std::time::Duration;", &["panel", "corner"]),
+        ("use std::{fs, time::SystemTime};", &["store"]),
+    ];
+    for (code, module) in allowed {
+        assert_eq!(wrongs(code, module, &layers), Vec::<String>::new(), "{code}");
+    }
+}
