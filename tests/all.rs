@@ -3,3 +3,4 @@
 mod camera_model;
 mod commands;
 mod layers;
+mod locate;
