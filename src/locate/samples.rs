@@ -44,7 +44,7 @@ impl Taught {
         let width = panel.scan.width();
         let surface: Vec<Point<Panel>> = panel
             .points()
-            .filter(|(index, _)| (index % width) % stride == 0 && (index / width) % stride == 0)
+            .filter(|(index, _)| (index % width).is_multiple_of(stride) && (index / width).is_multiple_of(stride))
             .map(|(_, point)| point)
             .collect();
         let spacing_mm = (area_mm2 / panel.mask.count().max(1) as f64).sqrt();
