@@ -17,6 +17,8 @@ mod film;
 mod footprint;
 mod gate;
 mod pieces;
+#[cfg(test)]
+mod rendered;
 mod score;
 #[cfg(test)]
 mod tests;
