@@ -16,6 +16,7 @@ use crate::geometry::{Base, ColorPicture, Panel, Rigid};
 use crate::report::page::{Page, Row, Section};
 use crate::sim::{self, Truth};
 use crate::verdict::{Judgement, Verdict};
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -186,7 +187,7 @@ impl Scored<'_> {
         let (found, true_place) = (base_from_panel * view.corner, self.truth.base_from_panel * view.corner);
         // The camera's axes, carried along with the panel as the thesis's new corner pose is.
         let axes = self.truth.base_from_panel.rotation() * panel_from_camera.rotation();
-        let offset = axes.inverse() * (found - true_place).mm;
+        let offset: Vector3<f64> = axes.inverse() * (found - true_place).mm;
         Some(offset.x.hypot(offset.y))
     }
 

@@ -6,7 +6,7 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::locate::{self, Fit};
+use crate::locate::{self, Fit, gate};
 use crate::recipe::Recipe;
 use crate::report::View;
 use crate::verdict::Judgement;
@@ -62,10 +62,10 @@ pub fn stage(
     let found = locate::locate(&taught.panel, scan, base_from_camera, recipe.locate());
     let (fit, judgement) = match found {
         Ok(fit) => {
-            let judgement = locate::judge(&fit, recipe.locate());
+            let judgement = gate::judge(&fit, recipe.locate());
             (Some(fit), judgement)
         }
-        Err(error) => (None, locate::refusal(&error)),
+        Err(error) => (None, gate::refusal(&error)),
     };
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     Ok(Located { fit, judgement, elapsed_ms, picture: scan.picture(), camera, base_from_camera })

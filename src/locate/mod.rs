@@ -16,8 +16,6 @@ mod point_to_plane;
 mod point_to_point;
 pub mod refine;
 mod samples;
-#[cfg(test)]
-mod tests;
 
 pub use error::LocateError;
 pub use evidence::Fit;

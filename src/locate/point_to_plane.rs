@@ -265,7 +265,7 @@ mod tests {
         let samples = Samples { surface: 17.0, outline: 100.0 };
         let sums = [Sums::over(&surface, centre), Sums::over(&outline, centre)];
         let back = step(&sums, samples, 0.1).expect("held");
-        assert!((back + twist).norm() < 2e-4 * twist.norm(), "{back}");
+        assert!((back + twist).norm() < 1e-3 * twist.norm(), "{back}");
         let slides = [Sums::over(&surface, centre), Sums::over(&[], centre)];
         assert_eq!(step(&slides, samples, 0.1), None);
     }

@@ -21,4 +21,6 @@ pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};
 pub use raster::{Raster, RasterError, raster};
 
 #[cfg(test)]
+mod simulated;
+#[cfg(test)]
 mod tests;

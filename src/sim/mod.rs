@@ -25,6 +25,7 @@ mod spots;
 mod truth;
 
 pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::Spot;
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
