@@ -24,6 +24,8 @@ pub mod surface;
 
 pub mod path;
 
+pub mod cycle;
+
 pub mod files;
 
 pub mod report;
