@@ -1,6 +1,6 @@
 //! After the end of a process, however it came: what its journal says, and where the next one rests.
 
-use super::{At, Cause, Event, Facts, Job, Path, Report, State, step};
+use super::{At, Cause, Event, Facts, Job, Report, State, step};
 
 /// The state that a journal leads to: the table's own steps, their effects left undone.
 pub fn fold(journal: impl IntoIterator<Item = Event>) -> State {
@@ -22,7 +22,6 @@ pub(super) fn booted(before: State) -> State {
         (Some(_), _) => At::Aborted { cause: Cause::Interrupted },
         (None, _) => At::Stopped,
     };
-    let in_contact = before.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
-    let facts = Facts { touching: before.facts.touching || in_contact, ..Facts::UNKNOWN };
+    let facts = Facts { touching: before.facts.touching, ..Facts::UNKNOWN };
     State { at, facts, due: None, job: Job { running: false, ..before.job }, ..before }
 }

@@ -133,7 +133,7 @@ pub enum Film {
     Invalid,
 }
 
-/// Which time. Arming one replaces an armed one of the same kind; only that of an act ends with its answer.
+/// Which time. Arming one replaces an armed one of the same kind; the answer to an act disarms `Answer`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Deadline {

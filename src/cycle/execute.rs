@@ -2,7 +2,7 @@
 
 use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, Row, STARTING, UNHOLDING};
 use super::rules::Rule;
-use super::step::Turn;
+use super::turn::Turn;
 use super::{
     Act, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
     Phase, Refusal, Request, Robot, Switch, Tool, Trouble, Water, Why,
@@ -68,6 +68,7 @@ impl Turn {
             (Act::SelfTest, R::Done) => self.facts().tested = true,
             (Act::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
                 self.state.epoch = epoch;
+                // A new epoch has neither base nor tool.
                 (self.facts().epoch, self.facts().frames) = (Epoch::Open, None);
             }
             (Act::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
@@ -137,12 +138,9 @@ impl Turn {
             _ => (Outcome::Stopped, None),
         };
         let facts = self.facts();
-        (facts.epoch, facts.frames, facts.tool) = (Epoch::Closed, None, Tool::Off);
+        (facts.epoch, facts.tool) = (Epoch::Closed, Tool::Off);
         // With the drives off nothing retracts: the pad is jogged off, and Clear says so.
         facts.touching &= facts.robot != Robot::Ready;
-        if self.state.intent.is_some() {
-            self.facts().arm = None;
-        }
         self.close_intent(outcome, done);
         if let Some(cause) = aborted {
             self.aborted(cause);
@@ -153,8 +151,6 @@ impl Turn {
     fn abort_went_on(&mut self, act: Act) {
         let At::Aborting { cause, .. } = self.state.at else { return };
         if matches!(act, Act::EndEpoch { .. }) {
-            self.facts().forget();
-            self.facts().epoch = Epoch::Closed;
             self.aborted(cause);
         } else {
             self.state.at = At::Aborting { cause, shut_water: false };

@@ -29,6 +29,7 @@ mod interlocks;
 mod rules;
 mod state;
 mod step;
+mod turn;
 
 #[cfg(test)]
 mod tests;

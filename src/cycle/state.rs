@@ -29,7 +29,15 @@ impl State {
     /// Before the first event of a new store.
     pub const NEW: State = State {
         at: At::Stopped,
-        job: Job { running: false, max_passes: 0, max_moves: 0, pass: 0, after_dry: Phase::Wet, plan: 0, waypoints: 0 },
+        job: Job {
+            running: false,
+            max_passes: 0,
+            max_moves: 0,
+            pass: 0,
+            after_dry: Phase::Wet,
+            plan: 0,
+            waypoints: 0,
+        },
         facts: Facts::UNKNOWN,
         due: None,
         intent: None,

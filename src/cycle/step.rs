@@ -1,11 +1,10 @@
 //! One step of the table: what an event means where the cycle is.
 
-use super::execute::Aim;
-use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};
+use super::turn::Turn;
 use super::{
-    Act, Answer, At, Cause, Deadline, Due, Effect, Epoch, Event, Facts, Hold, Id, Intent, Job, Light, Outcome,
-    Phase, Refusal, Report, Request, Robot, State, Trouble, Water, Why,
+    Act, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report, Request,
+    Robot, State, Trouble, Water, Why,
 };
 use crate::verdict::Verdict;
 
@@ -22,13 +21,6 @@ pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec
     }
     turn.proceed();
     (turn.state, turn.effects)
-}
-
-/// One step under way.
-pub(super) struct Turn {
-    pub rules: Rules,
-    pub state: State,
-    pub effects: Vec<Effect>,
 }
 
 impl Turn {
@@ -125,10 +117,11 @@ impl Turn {
             self.state.facts.forget();
         }
         let gone = matches!(robot, Robot::LinkLost | Robot::Restarted);
-        let stopped_by_person = matches!(robot, Robot::EmergencyStop | Robot::GuardOpen);
         match self.state.at {
             At::Stopped | At::Aborted { .. } => {}
-            At::Idle | At::Complete { .. } if !stopped_by_person => self.state.at = At::Stopped,
+            At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
+            // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
+            At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
             // Nobody is left to answer the abort frame. Its intent stays open until the robot was asked.
             At::Aborting { cause, .. } if gone => self.aborted(cause),
             At::Aborting { .. } => {}
@@ -220,102 +213,5 @@ impl Turn {
         if self.rules.keep(Rule::BootRests) {
             self.state = super::boot::booted(self.state);
         }
-    }
-
-    /// The cycle's result; its localization is void.
-    pub fn conclude(&mut self, verdict: Verdict) {
-        self.state.facts.token = None;
-        if self.state.job.running {
-            self.state.job.running = false;
-            self.effects.push(Effect::Conclude { verdict });
-        }
-    }
-
-    /// The robot stands; a motion that was open is closed.
-    pub fn close_intent(&mut self, outcome: Outcome, done: u32) {
-        if let Some(Intent { motion, .. }) = self.state.intent.take() {
-            self.effects.push(Effect::CloseIntent { motion, outcome, done });
-        }
-    }
-
-    pub fn refuse(&mut self, request: Request, refusal: Refusal) {
-        self.effects.push(Effect::Refuse { request, refusal });
-    }
-
-    pub fn drop(&mut self) {
-        self.state.dropped += 1;
-    }
-
-    fn fresh(&mut self) -> Id {
-        self.state.last_id = Id(self.state.last_id.0 + 1);
-        self.state.last_id
-    }
-
-    /// Arms a deadline that is not an act's.
-    pub fn arm(&mut self, deadline: Deadline) -> Id {
-        let id = self.fresh();
-        self.effects.push(Effect::Arm { id, deadline });
-        id
-    }
-
-    /// Does what is next, unless something is under way.
-    fn proceed(&mut self) {
-        while self.state.due.is_none() {
-            match self.aim() {
-                Aim::Rest => return,
-                Aim::Do(act) => return self.perform_first(act),
-                Aim::Now(act) => return self.perform(act),
-                Aim::Reach(rows, at) => match self.unmet(rows) {
-                    Some(Some(act)) => return self.perform_first(act),
-                    Some(None) => return,
-                    None => self.enter(at),
-                },
-            }
-        }
-    }
-
-    /// Performs the first act that this one still needs, or itself. Only time is missing: nothing yet.
-    fn perform_first(&mut self, mut act: Act) {
-        loop {
-            match self.unmet(&needs(act)) {
-                Some(Some(before)) => act = before,
-                Some(None) => return,
-                None => return self.perform(act),
-            }
-        }
-    }
-
-    /// What brings about the first need that does not hold; `Some(None)` where only time does.
-    fn unmet(&self, rows: &[Row]) -> Option<Option<Act>> {
-        let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
-        rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))
-    }
-
-    fn perform(&mut self, act: Act) {
-        let id = self.fresh();
-        if self.rules.keep(Rule::AskedIsUnknown) {
-            self.state.facts.ask(act);
-        }
-        if let Act::Move(motion) = act {
-            self.state.intent = Some(Intent { id, motion, done: 0 });
-            if self.rules.keep(Rule::IntentFirst) {
-                self.effects.push(Effect::OpenIntent(motion));
-            }
-        }
-        self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
-        self.effects.push(Effect::Do { id, act });
-        self.state.due = Some(Due { id, act });
-    }
-
-    fn enter(&mut self, at: At) {
-        self.state.at = at;
-        if let At::Complete { verdict } = at {
-            self.conclude(verdict);
-        }
-    }
-
-    /// What is known of the cell.
-    pub fn facts(&mut self) -> &mut Facts {
-        &mut self.state.facts
     }
 }

@@ -25,6 +25,8 @@ pub struct Cell {
     pub moving: Option<Moving>,
     pub epoch: u32,
     pub epoch_open: bool,
+    /// An epoch was asked for and may yet open.
+    pub opening: bool,
     pub frames: Option<Frames>,
     pub tool_on: bool,
     pub tool_proven: bool,
@@ -44,6 +46,8 @@ pub struct Cell {
     pub verified: bool,
     /// A person may have touched the panel since it was last measured.
     pub disturbed: bool,
+    /// The panel was found in this cycle, or a person took its place as found.
+    pub located: bool,
     pub token: bool,
     /// A result was rejected or invalid.
     pub doomed: bool,
@@ -72,6 +76,7 @@ impl Cell {
             moving: None,
             epoch: 3,
             epoch_open: false,
+            opening: false,
             frames: None,
             tool_on: false,
             tool_proven: false,
@@ -88,6 +93,7 @@ impl Cell {
             dry_picture: false,
             verified: false,
             disturbed: true,
+            located: false,
             token: false,
             doomed: false,
             reviewed: false,
@@ -141,7 +147,7 @@ impl Cell {
                     (self.extraction_proven, self.tool_proven) = (false, false);
                 }
                 if matches!(robot, Robot::Restarted | Robot::LinkLost) {
-                    (self.epoch_open, self.frames, self.ending) = (false, None, true);
+                    (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
                 }
                 if robot == Robot::Restarted {
                     (self.moving, self.tool_on) = (None, false);
@@ -152,7 +158,7 @@ impl Cell {
                 (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                 // The session closes with the process and the controller shuts everything by its own watchdog.
                 (self.timers, self.ending) = (Vec::new(), true);
-                (self.epoch_open, self.frames) = (false, None);
+                (self.epoch_open, self.opening, self.frames) = (false, false, None);
                 (self.tool_on, self.water_on) = (false, false);
             }
         }
@@ -184,7 +190,8 @@ impl Cell {
             }
             (Act::Stand, Answer::Stands { .. }) => self.moving = None,
             (Act::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
-                (self.epoch, self.epoch_open, self.frames, self.ending) = (epoch, true, None, false);
+                (self.epoch, self.epoch_open, self.opening) = (epoch, true, false);
+                (self.frames, self.ending) = (None, false);
             }
             (Act::SetFrames(frames), Answer::Done) => self.frames = Some(frames),
             (Act::SelfTest, Answer::Done) => self.tested = true,
@@ -194,8 +201,10 @@ impl Cell {
             (Act::Switch(Switch::ExtractionOn), Answer::Done) => self.extraction_proven = true,
             (Act::DryPicture, Answer::Done) => self.dry_picture = true,
             (Act::Locate | Act::Refine { .. }, Answer::Graded(Grade::Review)) => self.reviewed = true,
-            (Act::Locate | Act::Refine { .. } | Act::Plan { .. }, Answer::Graded(Grade::Reject)) => self.doomed = true,
-            (Act::Locate, Answer::Graded(Grade::Accept)) => self.disturbed = false,
+            (Act::Locate | Act::Refine { .. } | Act::Plan { .. }, Answer::Graded(Grade::Reject)) => {
+                self.doomed = true
+            }
+            (Act::Locate, Answer::Graded(Grade::Accept)) => (self.located, self.disturbed) = (true, false),
             (Act::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
             (Act::Verify, Answer::Graded(Grade::Accept)) => {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
@@ -218,13 +227,16 @@ impl Cell {
                 // A new dry panel, somewhere.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes) = (false, false, None, 0);
-                (self.token, self.concluded) = (false, false);
+                (self.token, self.located, self.concluded) = (false, false, false);
             }
             (Event::Asked(Request::Reset), at) if at != before.at => self.tested = false,
             (Event::Asked(Request::Unhold { dried: true }), at) if at != before.at => {
                 (self.wet, self.dry_picture, self.reviewed) = (false, false, false);
+                self.located = false;
             }
-            (Event::Asked(Request::Accept), at) if at != before.at => (self.reviewed, self.disturbed) = (false, false),
+            (Event::Asked(Request::Accept), at) if at != before.at => {
+                (self.reviewed, self.disturbed, self.located) = (false, false, true)
+            }
             _ => {}
         }
     }

@@ -9,4 +9,5 @@ mod healthy;
 mod oracles;
 mod scenarios;
 mod search;
+mod story;
 mod walks;

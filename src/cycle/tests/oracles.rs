@@ -65,8 +65,11 @@ impl Cell {
     fn perform(&mut self, id: Id, act: Act) -> Result<(), String> {
         let parked = self.arm == Some(Path::Park) && self.moving.is_none();
         match act {
-            Act::Stand | Act::SelfTest | Act::OpenEpoch { .. } => {}
-            Act::EndEpoch { .. } => (self.epoch_open, self.frames, self.ending) = (false, None, true),
+            Act::Stand | Act::SelfTest => {}
+            Act::OpenEpoch { .. } => self.opening = true,
+            Act::EndEpoch { .. } => {
+                (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+            }
             Act::SetFrames(_) => never(!self.epoch_open, "frames outside an epoch")?,
             Act::Switch(switch) => self.switch(switch)?,
             Act::Move(motion) => self.check_move(id, motion)?,
@@ -105,14 +108,14 @@ impl Cell {
     fn check_move(&mut self, id: Id, motion: Motion) -> Result<(), String> {
         // I2
         never(self.robot != Robot::Ready, "motion while the robot is not ready")?;
-        let may = matches!(
-            self.state.at,
-            At::Starting | At::Execute(_) | At::Unholding { .. } | At::Completing { .. }
-        );
+        let may =
+            matches!(self.state.at, At::Starting | At::Execute(_) | At::Unholding { .. } | At::Completing { .. });
         never(!may, "motion in a state that does not move")?;
         never(self.moving.is_some(), "a motion before the last one stood")?;
         // I1
         never(!self.epoch_open || motion.epoch != self.epoch, "motion in an ended epoch")?;
+        never(motion.waypoints == 0, "a path without waypoints")?;
+        never(motion.path != Path::Park && !self.located, "a move toward a panel that was not found")?;
         never(self.water_on, "motion while water runs")?;
         never(motion.path != Path::Contact && self.tool_on, "motion in air with the tool on")?;
         let frames = match motion.path {
@@ -170,16 +173,24 @@ impl Cell {
     /// What must not be of the state that an event led to.
     pub fn check_state(&mut self, before: State, event: Event) -> Result<(), String> {
         let (at, from) = (self.state.at, before.at);
-        let leaves = matches!(at, At::Aborting { .. } | At::Aborted { .. } | At::Stopped);
+        let leaves = matches!(at, At::Aborting { .. } | At::Aborted { .. } | At::Stopped | At::Held(_));
         never(self.robot != Robot::Ready && !leaves, "the robot is not ready and the work goes on")?;
         let trusted = self.state.facts.token.is_some() || self.state.facts.arm.is_some();
         never(self.robot == Robot::EmergencyStop && trusted, "trust after an emergency stop")?;
         never(self.moving.is_some_and(|moving| moving.sent - moving.done > WINDOW), "more than the window")?; // I4
+        // I5
+        let watched = |moving: Moving| self.timers.contains(&(Deadline::Answer, moving.id)) || self.ending;
+        never(self.moving.is_some_and(|moving| !watched(moving)), "motion that nobody watches")?;
+        let leaving = matches!(at, At::Holding(_) | At::Stopping { .. } | At::Aborting { .. });
+        never(leaving && self.moving.is_some() && !self.ending, "the abort frame waits for something")?;
         let moves = self.moving.is_some() || self.state.intent.is_some();
+        never(at.rests() && self.state.facts.token.is_some(), "a localization that outlives its work")?;
         if at.rests() && at != from {
             never(moves && !matches!(at, At::Aborted { .. }), "rest before the robot stands")?;
             never(self.moving.is_some() && !self.ending, "rest without an abort frame")?;
             never(self.moving.is_some() && self.state.intent.is_none(), "a motion that nobody remembers")?;
+            let left = matches!(from, At::Holding(_) | At::Stopping { .. });
+            never(left && (self.epoch_open || self.opening), "rest in an open epoch")?;
             let shut = matches!(at, At::Held(_) | At::Idle | At::Complete { .. });
             never(shut && (self.water_on || self.tool_on), "rest with water or tool on")?;
         }
@@ -227,10 +238,11 @@ impl Cell {
                 let short = matches!(due, Some(Due { act: Act::Move(motion), .. }) if motion.waypoints != done);
                 never(short && !aborts, "a part of a path is taken for the whole")
             }
-            Report::Trouble(Trouble::Store) => {
-                let working = !from.rests();
-                never(working && !aborts && at != At::Stopped, "motion without a journal")
+            Report::Answered { id, answer: Answer::Epoch(epoch) } if is_due(id) => {
+                never(epoch <= before.epoch && self.state.facts.epoch == Epoch::Open, "an old epoch is taken")
             }
+            Report::Trouble(_) if from.rests() => never(at != from, "trouble at rest changes the state"),
+            Report::Trouble(Trouble::Store) => never(!aborts && at != At::Stopped, "motion without a journal"),
             _ => Ok(()),
         }
     }

@@ -57,13 +57,22 @@ fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
     let surprises = random.random_range(0.01..0.19);
     for index in 0..STEPS {
         let before = cell.state;
-        let said = if random.random_bool(surprises) { Some(cell.surprise(&mut random)) } else { cell.healthy(&mut random) };
+        let said = if random.random_bool(surprises) {
+            Some(cell.surprise(&mut random))
+        } else {
+            cell.healthy(&mut random)
+        };
         let event = said.ok_or_else(|| "a dead end".to_owned());
         let done = event.and_then(|event| cell.feed(event)).and_then(|()| cell.pump());
         done.map_err(|wrong| {
             let last: Vec<String> =
                 cell.journal.iter().rev().take(25).rev().map(|event| format!("  {event:?}")).collect();
-            format!("{wrong}\nseed {seed}, step {index}, {:?}\nwas {:?}\n{}", cell.state, before.at, last.join("\n"))
+            format!(
+                "{wrong}\nseed {seed}, step {index}, {:?}\nwas {:?}\n{}",
+                cell.state,
+                before.at,
+                last.join("\n")
+            )
         })?;
         note(seen, &cell, before);
     }
@@ -78,10 +87,39 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
     }
     println!("{seen:#?}");
     let often = [
-        "stopped", "resetting", "idle", "starting", "locate", "refine", "dry", "wet", "inspect", "plan", "verify",
-        "abrade", "retract", "rinse", "holding", "held", "unholding", "completing", "complete", "stopping",
-        "aborting", "aborted", "clearing", "held in contact", "aborted in contact", "planned again",
-        "a contact path done", "a second pass", "a third pass", "a report dropped", "pass", "fail", "invalid",
+        "stopped",
+        "resetting",
+        "idle",
+        "starting",
+        "locate",
+        "refine",
+        "dry",
+        "wet",
+        "inspect",
+        "plan",
+        "verify",
+        "abrade",
+        "retract",
+        "rinse",
+        "holding",
+        "held",
+        "unholding",
+        "completing",
+        "complete",
+        "stopping",
+        "aborting",
+        "aborted",
+        "clearing",
+        "held in contact",
+        "aborted in contact",
+        "planned again",
+        "a contact path done",
+        "a second pass",
+        "a third pass",
+        "a report dropped",
+        "pass",
+        "fail",
+        "invalid",
         "reject",
     ];
     let rare: Vec<_> = often.iter().map(|what| (what, seen.get(what).copied().unwrap_or(0))).collect();
@@ -105,10 +143,47 @@ fn without_any_one_rule_the_walks_find_what_it_kept_away() {
 const ALL_RULES: [Rule; 42] = {
     use Rule::*;
     [
-        ArmOutOfView, AtView, LightOff, LightSettled, LensClear, LensGuarded, ParkedForWater, WaterOff, ToolOff,
-        Drained, Extraction, StartsInAir, ToolRunning, Token, Frames, Epoch, StandsFirst, AllOff, SelfTest,
-        AnswersMatch, AskedIsUnknown, RobotReady, ConditionAborts, LossForgets, IntentFirst, Sequence, WholePath,
-        AnswerDeadline, StopDeadline, TroubleLeaves, AbortIsSent, BootRests, RejectEnds, ReviewHolds, InvalidEnds,
-        DryPicture, VerifyFirst, TokenInContact, UnholdVerifies, DriedFirst, MoveLimit, PassLimit,
+        ArmOutOfView,
+        AtView,
+        LightOff,
+        LightSettled,
+        LensClear,
+        LensGuarded,
+        ParkedForWater,
+        WaterOff,
+        ToolOff,
+        Drained,
+        Extraction,
+        StartsInAir,
+        ToolRunning,
+        Token,
+        Frames,
+        Epoch,
+        StandsFirst,
+        AllOff,
+        SelfTest,
+        AnswersMatch,
+        AskedIsUnknown,
+        RobotReady,
+        ConditionAborts,
+        LossForgets,
+        IntentFirst,
+        Sequence,
+        WholePath,
+        AnswerDeadline,
+        StopDeadline,
+        TroubleLeaves,
+        AbortIsSent,
+        BootRests,
+        RejectEnds,
+        ReviewHolds,
+        InvalidEnds,
+        DryPicture,
+        VerifyFirst,
+        TokenInContact,
+        UnholdVerifies,
+        DriedFirst,
+        MoveLimit,
+        PassLimit,
     ]
 };
