@@ -189,7 +189,8 @@ impl Cell {
             never(moves && !matches!(at, At::Aborted { .. }), "rest before the robot stands")?;
             never(self.moving.is_some() && !self.ending, "rest without an abort frame")?;
             never(self.moving.is_some() && self.state.intent.is_none(), "a motion that nobody remembers")?;
-            let left = matches!(from, At::Holding(_) | At::Stopping { .. });
+            let stopped = matches!(from, At::Stopping { .. }) || event == Event::Asked(Request::Stop);
+            let left = matches!(at, At::Held(_)) || (at == At::Stopped && stopped);
             never(left && (self.epoch_open || self.opening), "rest in an open epoch")?;
             let shut = matches!(at, At::Held(_) | At::Idle | At::Complete { .. });
             never(shut && (self.water_on || self.tool_on), "rest with water or tool on")?;
