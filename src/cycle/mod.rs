@@ -1,9 +1,9 @@
 //! The cycle as a pure table: `step(State, Event) -> (State, Vec<Effect>)`.
 //!
-//! An [`Event`] is what a person asks or the cell tells; an [`Effect`] is what the loop then does. The table is two
-//! short lists and two matches: [`interlocks`] says what each act needs and which act brings it about, `step` what
-//! each event means in each state, `execute` what follows each phase. So the way to a phase is never written down:
-//! the table does the first act that is still needed, hears its answer, and looks again.
+//! An [`Event`] is what a person asks or the cell tells; an [`Effect`] is what the loop then does. `interlocks` says
+//! what each act needs and which act brings that about, `step` what each event means in each state, `execute` what
+//! follows each phase, `turn` joins them. The way to a phase is never written down: the table performs the first act
+//! that is still needed, hears its answer, and looks again.
 //!
 //! The outer states have their PackML names. Inside Execute, closed into a loop:
 //!
@@ -13,10 +13,11 @@
 //! ```
 //!
 //! What it never does. It has no clock: [`Effect::Arm`] asks for a deadline, [`Report::Deadline`] says it is over. It
-//! reads no files, opens no sockets, draws no random numbers. It never believes what was not told: [`Facts`] change
-//! by reports alone, and asking for something makes it unknown. It never takes the answer to one act for another: each act has an [`Id`],
-//! and what names another is dropped and counted. It never ends a motion: the robot says when it stands. It never
-//! resumes by itself: after [`Report::Boot`] it rests, and a path once left is planned again.
+//! reads no files, opens no sockets, draws no random numbers. It never believes what was not told: [`Facts`] become
+//! known by reports alone, and asking for a change makes one unknown. It never takes the answer to one act for
+//! another: each act has an [`Id`], and a report that names another is dropped and counted. It never ends a motion:
+//! the robot says when it stands. It never resumes by itself: after [`Report::Boot`] it rests, and a path that was
+//! left is planned again.
 //!
 //! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
 
