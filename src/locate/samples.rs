@@ -8,9 +8,7 @@
 use super::LocateError;
 use super::correspond::{CHUNK, Tree};
 use super::piece::inner;
-use crate::geometry::{
-    Base, Frame, Mask, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, local_plane, local_plane_of,
-};
+use crate::geometry::{Base, Frame, Mask, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, local_plane_of};
 use crate::imaging::outer_contours;
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix3, Vector3};
