@@ -24,10 +24,14 @@ pub mod surface;
 
 pub mod path;
 
+pub mod eki;
+
 pub mod files;
 
 pub mod report;
 
 pub mod store;
+
+pub mod devices;
 
 pub mod cli;
