@@ -243,6 +243,7 @@ mod tests {
             ("[regoin]\nrows = 3", Some("recipe")),
             ("[base_from_camrea]", Some("base_from_camera")),
             ("[base_from_camera]\n[flange_from_camera]", None),
+            ("[camera]\n[scaner]\n[robt]", Some("intrinsics")),
             ("[wavelength]", None),
             ("", None),
         ] {

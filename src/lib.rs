@@ -10,6 +10,7 @@ pub mod sim;
 
 pub mod config;
 pub mod imaging;
+pub mod phase;
 pub mod verdict;
 
 pub mod cell;

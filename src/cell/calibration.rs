@@ -63,6 +63,11 @@ const COEFFICIENT: RangeInclusive<f64> = -1_000.0..=1_000.0;
 const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 
 impl Intrinsics {
+    /// A camera of which nothing else is known.
+    pub fn of(camera: PinholeCamera) -> Self {
+        Intrinsics { camera, serial: None, date: None, rms_px: None }
+    }
+
     /// Checks the text of an intrinsics file.
     ///
     /// # Errors
@@ -105,7 +110,7 @@ impl Intrinsics {
                 .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
             return None;
         }
-        Some(Intrinsics { camera, serial: serial?, date: date?, rms_px: rms_px? })
+        Some(Intrinsics { serial: serial?, date: date?, rms_px: rms_px?, ..Self::of(camera) })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.

@@ -56,15 +56,16 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
     section.done();
     let io = InputsOutputs { outputs: take_numbers(&outputs)?, feedbacks: take_numbers(&feedbacks)? };
-    for (name, number) in io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)) {
+    let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
+    for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
-        return None;
     }
+    let right = constant.is_empty();
     if io.feedbacks.len() > MOST_FEEDBACKS {
         section.problem("feedbacks", format!("found {} names, allowed are {MOST_FEEDBACKS}", io.feedbacks.len()));
         return None;
     }
-    Some(io)
+    right.then_some(io)
 }
 
 fn take_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {

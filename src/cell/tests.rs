@@ -119,6 +119,10 @@ fn each_mistake_is_named() {
             "2: io.feedbacks.flow: found 1025; $IN[1025] is always true and $IN[1026] always false",
         ),
         (&format!("[io.feedbacks]\n{}", inputs.join("\n")), "1: io.feedbacks: found 32 names, allowed are 31"),
+        (
+            "[io.feedbacks]\nflow = 1026",
+            "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
+        ),
         ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks"),
         (
             "[limits]\nheartbeat_s = 0.1",
@@ -148,7 +152,7 @@ fn each_mistake_is_named() {
     assert_eq!(says("scanner = {kind = 'recorded', folder = 3}").len(), 1, "a wrong folder is not missing too");
     assert_eq!(
         says("[calibrations]\nscanner = ''")[1],
-        "2: calibrations.scanner: found the text \"\", allowed is a text that is not empty"
+        "2: calibration.scanner: found the text \"\", allowed is a text that is not empty"
     );
 }
 
@@ -181,6 +185,8 @@ fn intrinsics_that_cannot_be_a_cameras_are_refused() {
         wrong("k1 = -0.1", "k1 = -10.0"),
         ["8: camera.k1: k1, k2, p1, p2, k3 give pixel (0, 0) no ray; are they this camera's?"]
     );
+    // By hand: k1 = −1 folds at r = 0.58; r − r³ = 0.64 holds only at r = −1.23, across the axis.
+    assert_eq!(wrong("k1 = -0.1", "k1 = -1.0").len(), 1, "a false inverse is none");
     let dated = |date: &str| problems(Intrinsics::check("f", &format!("{LENS}date = {date}")));
     assert_eq!(dated("2026-05-31T10:00:00"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);
     assert_eq!(dated("'yesterday'"), ["13: camera.date: allowed is a day, such as 2026-05-31"]);

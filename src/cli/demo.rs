@@ -2,7 +2,7 @@
 //!
 //! The stages read the files that `render` wrote; the truth is read here alone, for the score.
 
-use super::args::{Common, Demo, Render, Teach};
+use super::args::{Common, Demo, Teach};
 use super::fault::Fault;
 use super::inspect::{self, Inspected, Placed};
 use super::load::{self, CellFiles, Taught};
@@ -16,6 +16,7 @@ use crate::geometry::{Base, ColorPicture, Panel, Rigid};
 use crate::report::page::{Page, Row, Section};
 use crate::sim::{self, Truth};
 use crate::verdict::{Judgement, Verdict};
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -103,10 +104,9 @@ fn stages(folder: &Path, progress: &dyn Fn(&str)) -> Result<Found, Fault> {
     }
     progress("inspecting the clip");
     let placed = Placed { camera, base_from_camera, base_from_panel };
-    let min_break_mm2 = recipe.inspect().min_break_mm2().unwrap_or(files.cell.limits().min_break_mm2());
+    let demands = inspect::demands(&files, &recipe);
     let truth = file("truth");
-    let inspected =
-        inspect::stage(&found.taught, &file("clip"), placed, &recipe, min_break_mm2, Some(&truth))?;
+    let inspected = inspect::stage(&found.taught, &file("clip"), placed, &recipe, demands, Some(&truth))?;
     let failed: Vec<_> = inspected.inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
     let goes_on = inspected.inspection.judgement.verdict == Verdict::Fail;
     found.inspected = Some(inspected);
@@ -142,11 +142,14 @@ impl Scored<'_> {
     fn put(&self, outcome: &mut Outcome) {
         let fit = self.found.located.fit.as_ref();
         let located = fit.map(|fit| self.truth.placement_error_mm(&fit.base_from_panel));
-        outcome.put("locate", json!({
-            "error_mean_mm": located.map(|error| error.mean_mm),
-            "error_max_mm": located.map(|error| error.max_mm),
-            "elapsed_ms": self.found.located.elapsed_ms,
-        }));
+        outcome.put(
+            "locate",
+            json!({
+                "error_mean_mm": located.map(|error| error.mean_mm),
+                "error_max_mm": located.map(|error| error.max_mm),
+                "elapsed_ms": self.found.located.elapsed_ms,
+            }),
+        );
         let refined = self.found.refined.as_ref();
         outcome.put("refine", json!({
             "error_max_mm": refined.map(|place| self.truth.placement_error_mm(&place.refined.base_from_panel).max_mm),
@@ -167,8 +170,11 @@ impl Scored<'_> {
         outcome.put("inspect", json!(inspected.collect::<Vec<_>>()));
         outcome.put("plan", self.found.planned.as_ref().map_or(Value::Null, |planned| planned.score(&self.truth)));
         outcome.put("abrade", json!([]));
-        outcome.put("budget_mm", json!({"hand_eye": null, "locate": fit.map(|fit| fit.uncertainty_mm),
-                                        "fit": null, "robot": null, "total": null}));
+        outcome.put(
+            "budget_mm",
+            json!({"hand_eye": null, "locate": fit.map(|fit| fit.uncertainty_mm),
+                                        "fit": null, "robot": null, "total": null}),
+        );
         outcome.put("noise", json!(sim::noise_in_force()));
     }
 
@@ -181,7 +187,7 @@ impl Scored<'_> {
         let (found, true_place) = (base_from_panel * view.corner, self.truth.base_from_panel * view.corner);
         // The camera's axes, carried along with the panel as the thesis's new corner pose is.
         let axes = self.truth.base_from_panel.rotation() * panel_from_camera.rotation();
-        let offset = axes.inverse() * (found - true_place).mm;
+        let offset: Vector3<f64> = axes.inverse() * (found - true_place).mm;
         Some(offset.x.hypot(offset.y))
     }
 
@@ -193,12 +199,18 @@ impl Scored<'_> {
         }
         if let (Some(place), Some(corner_mm)) = (&self.found.refined, self.corner_error_mm()) {
             let error = self.truth.placement_error_mm(&place.refined.base_from_panel);
-            words.push(format!("refined: {corner_mm:.2} mm off in the corner's plane, {:.2} mm at most anywhere", error.max_mm));
+            words.push(format!(
+                "refined: {corner_mm:.2} mm off in the corner's plane, {:.2} mm at most anywhere",
+                error.max_mm
+            ));
         }
         if let Some((score, grids)) = self.found.inspected.as_ref().and_then(|inspected| inspected.score.as_ref()) {
             words.push(format!(
                 "inspected: intersection over union {:.3}; {} of {} greasy grids found, {} clean ones failed",
-                score.iou, grids.true_fail, grids.true_fail + grids.false_pass, grids.false_fail
+                score.iou,
+                grids.true_fail,
+                grids.true_fail + grids.false_pass,
+                grids.false_fail
             ));
         }
         if let Some(planned) = &self.found.planned {
@@ -253,12 +265,19 @@ impl Scored<'_> {
             rows.push(Row::new("residual, point to plane", format!("{:.3} mm rms", fit.rms_mm), ""));
             rows.push(Row::new("overlap", format!("{:.3}", fit.overlap()), ""));
             rows.push(Row::new("stated error, 95 %", format!("{:.2} mm", fit.uncertainty_mm), ""));
-            rows.push(Row::new("true error, mean and largest", format!("{:.2} mm, {:.2} mm", error.mean_mm, error.max_mm), ""));
+            rows.push(Row::new(
+                "true error, mean and largest",
+                format!("{:.2} mm, {:.2} mm", error.mean_mm, error.max_mm),
+                "",
+            ));
             rows.push(Row::new("scan to verdict", format!("{:.0} ms", located.elapsed_ms), ""));
         }
         if let Some(picture) = located.drawn(&self.found.taught.panel)? {
             keep("located", &picture)?;
-            figures.push(figure(&picture, "The new scan's picture with the taught outline and grids at the place found")?);
+            figures.push(figure(
+                &picture,
+                "The new scan's picture with the taught outline and grids at the place found",
+            )?);
         } else {
             figures.push(figure(&located.picture, "The new scan's picture: no panel was found")?);
         }
@@ -308,10 +327,18 @@ impl Scored<'_> {
         for grid in inspection.grids.iter().filter(|grid| grid.failed) {
             let when = grid.time_to_break_s.map(|time| format!(", from {time:.1} s")).unwrap_or_default();
             let allowed = format!("< {:.0} mm²", inspection.observation.min_break_mm2);
-            rows.push(Row::new(&format!("broken film in {}", grid.id), format!("{:.0} mm²{when}", grid.broken_mm2), allowed));
+            rows.push(Row::new(
+                &format!("broken film in {}", grid.id),
+                format!("{:.0} mm²{when}", grid.broken_mm2),
+                allowed,
+            ));
         }
         if let Some((score, _)) = &inspected.score {
-            rows.push(Row::new("agreement with the true mask", format!("{:.3} intersection over union", score.iou), ""));
+            rows.push(Row::new(
+                "agreement with the true mask",
+                format!("{:.3} intersection over union", score.iou),
+                "",
+            ));
         }
         let figures = vec![
             figure(&strip, "The film in time: broken places tinted")?,

@@ -8,8 +8,9 @@ use super::outcome::Outcome;
 use super::pictures;
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
-use crate::inspect::{Confusion, Inspection, Score, Watch, score};
+use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
 use crate::panel::Grid;
+use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::report::{StripPicture, View, cut, film_strip};
 use rayon::prelude::*;
@@ -60,8 +61,8 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         base_from_panel: load::located(args.located.as_ref())?,
     };
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let min_break_mm2 = recipe.inspect().min_break_mm2().unwrap_or(files.cell.limits().min_break_mm2());
-    let inspected = stage(&taught, &args.clip, placed, &recipe, min_break_mm2, args.truth.as_deref())?;
+    let demands = demands(&files, &recipe);
+    let inspected = stage(&taught, &args.clip, placed, &recipe, demands, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
         let file = folder.join("mask.png");
@@ -74,6 +75,16 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     Ok(inspected.outcome(mask))
 }
 
+/// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
+pub fn demands(files: &CellFiles, recipe: &Recipe) -> Demands {
+    let limits = files.cell.limits();
+    Demands {
+        observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
+        frames_per_second: recipe.process().frames_per_second(),
+        min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
+    }
+}
+
 /// Runs the test on the pictures of a clip folder.
 ///
 /// # Errors
@@ -83,14 +94,14 @@ pub fn stage(
     clip: &Path,
     placed: Placed,
     recipe: &Recipe,
-    min_break_mm2: f64,
+    demands: Demands,
     truth: Option<&Path>,
 ) -> Result<Inspected, Fault> {
     let list = clip.join("clip.csv");
     let parsed: Clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
     let shots = parsed.shots().to_vec();
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
-    let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe, min_break_mm2)
+    let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
         .map_err(Fault::stage)?;
     let mut wet_ms = Vec::with_capacity(shots.len());
     for group in shots.chunks(DECODED_AT_ONCE) {
@@ -136,13 +147,21 @@ impl Inspected {
         self.inspection.grids.iter().any(|inspected| inspected.id == grid.id && inspected.failed)
     }
 
+    /// The last picture, with the camera and where the panel stands before it.
+    ///
+    /// # Errors
+    /// Where the picture cannot be read again.
+    pub fn last_view(&self) -> Result<(ColorPicture, PinholeCamera, Rigid<Camera, Panel>), Fault> {
+        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
+        Ok((self.picture(last)?, self.camera, self.camera_from_panel))
+    }
+
     /// The last picture with everything that broke.
     ///
     /// # Errors
     /// Where the picture cannot be read again, or OpenCV refuses to draw.
     pub fn drawn(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
-        let last = self.shots.last().ok_or_else(|| Fault::stage(files::ClipError::Empty))?;
-        let picture = self.picture(last)?;
+        let (picture, ..) = self.last_view()?;
         let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
         let mask = self.inspection.mask();
         view.inspected(&taught.panel, &mask, &|grid| self.failed(grid)).map_err(Fault::stage)
@@ -153,7 +172,7 @@ impl Inspected {
     /// # Errors
     /// As [`Inspected::drawn`].
     pub fn strip(&self) -> Result<ColorPicture, Fault> {
-        let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == files::Phase::Wet).collect();
+        let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == Phase::Wet).collect();
         let Some(first) = wet.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
         let bounds = self.bounds();
         let chosen = (0..STRIP_PICTURES).map(|i| wet[i * (wet.len() - 1) / (STRIP_PICTURES - 1)]);
@@ -202,7 +221,10 @@ impl Inspected {
         let observation = &inspection.observation;
         outcome.say(format!(
             "watched {:.1} s, {} wet pictures, {} breaks; {:.1} ms a picture",
-            observation.observed_s, observation.frames, breaks.len(), self.ms_per_frame
+            observation.observed_s,
+            observation.frames,
+            breaks.len(),
+            self.ms_per_frame
         ));
         for grid in inspection.grids.iter().filter(|grid| grid.failed) {
             let when = grid.time_to_break_s.map(|time| format!(" from {time:.1} s")).unwrap_or_default();
@@ -220,11 +242,14 @@ impl Inspected {
                  failed, {} wrongly failed, {} wrongly passed",
                 score.iou, score.precision, score.recall, confusion.true_fail, confusion.false_fail, confusion.false_pass
             ));
-            outcome.put("score", json!({
-                "iou": score.iou, "precision": score.precision, "recall": score.recall,
-                "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
-                          "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
-            }));
+            outcome.put(
+                "score",
+                json!({
+                    "iou": score.iou, "precision": score.precision, "recall": score.recall,
+                    "grids": {"true_fail": confusion.true_fail, "false_fail": confusion.false_fail,
+                              "false_pass": confusion.false_pass, "true_pass": confusion.true_pass},
+                }),
+            );
         }
         outcome
     }

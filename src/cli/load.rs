@@ -158,7 +158,11 @@ pub struct CornerShot {
 ///
 /// # Errors
 /// Where the counts differ, or a file is not what it must be.
-pub fn corner_shots(pictures: &[PathBuf], flanges: &[PathBuf], camera: &PinholeCamera) -> Result<Vec<CornerShot>, Fault> {
+pub fn corner_shots(
+    pictures: &[PathBuf],
+    flanges: &[PathBuf],
+    camera: &PinholeCamera,
+) -> Result<Vec<CornerShot>, Fault> {
     if pictures.len() != flanges.len() {
         return Err(Fault::CornerWithoutFlange { found: pictures.len(), flanges: flanges.len() });
     }

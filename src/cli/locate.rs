@@ -6,7 +6,7 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::locate::{self, Fit};
+use crate::locate::{self, Fit, gate};
 use crate::recipe::Recipe;
 use crate::report::View;
 use crate::verdict::Judgement;
@@ -62,10 +62,10 @@ pub fn stage(
     let found = locate::locate(&taught.panel, scan, base_from_camera, recipe.locate());
     let (fit, judgement) = match found {
         Ok(fit) => {
-            let judgement = locate::judge(&fit, recipe.locate());
+            let judgement = gate::judge(&fit, recipe.locate());
             (Some(fit), judgement)
         }
-        Err(error) => (None, locate::refusal(&error)),
+        Err(error) => (None, gate::refusal(&error)),
     };
     let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
     Ok(Located { fit, judgement, elapsed_ms, picture: scan.picture(), camera, base_from_camera })
@@ -91,7 +91,9 @@ impl Located {
         base_from_panel: Rigid<Base, Panel>,
     ) -> Result<ColorPicture, Fault> {
         let camera_from_panel = self.base_from_camera.inverse() * base_from_panel;
-        View { picture: &self.picture, camera: &self.camera, camera_from_panel }.located(panel).map_err(Fault::stage)
+        View { picture: &self.picture, camera: &self.camera, camera_from_panel }
+            .located(panel)
+            .map_err(Fault::stage)
     }
 
     fn outcome(&self) -> Outcome {
@@ -109,7 +111,10 @@ impl Located {
             outcome.say(format!("base from panel: {pose}"));
             outcome.say(format!(
                 "rms {:.3} mm, overlap {:.3}, within {:.2} mm (95 %), weakest direction {:.2} mm",
-                fit.rms_mm, fit.overlap(), fit.uncertainty_mm, fit.weakest_mm
+                fit.rms_mm,
+                fit.overlap(),
+                fit.uncertainty_mm,
+                fit.weakest_mm
             ));
             outcome.say(format!(
                 "shift {:.1} mm, turn {:.2}°, tilt {:.2}° at the panel's centre; {:.0} ms",
@@ -119,4 +124,3 @@ impl Located {
         outcome
     }
 }
-

@@ -5,14 +5,12 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, CornerShot, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::{
-    Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid,
-};
+use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner;
-use crate::locate::refine::{self, Refined, Sighting};
-use crate::panel::TaughtPanel;
+use crate::locate::refine::{self, CornerView, Refined};
+use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::recipe::Recipe;
-use crate::report::CornerView;
+use crate::report;
 use crate::verdict::Judgement;
 use serde_json::json;
 
@@ -22,9 +20,23 @@ pub struct RefinedPlace {
     pub refined: Refined,
     /// The verdict.
     pub judgement: Judgement,
+    located: Rigid<Base, Panel>,
     sightings: Vec<Sighting>,
     camera: PinholeCamera,
     pictures: Vec<ColorPicture>,
+}
+
+/// A taught corner as a picture shows it.
+struct Sighting {
+    corner: TaughtCorner,
+    base_from_camera: Rigid<Base, FlangeCamera>,
+    found_px: Pixel,
+}
+
+impl Sighting {
+    fn view(&self) -> CornerView<'_> {
+        CornerView { taught: &self.corner, base_from_camera: self.base_from_camera, found_px: self.found_px }
+    }
 }
 
 /// Corrects the place found and tells.
@@ -89,10 +101,11 @@ pub fn stage(
             .map_err(|fault| Fault::file(&shot.file, fault))?;
         sightings.push(Sighting { corner: *corner, base_from_camera, found_px });
     }
-    let refined = refine::refine(&sightings, located, camera).map_err(Fault::stage)?;
+    let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
+    let refined = refine::refine(located, camera, &views).map_err(Fault::stage)?;
     let judgement = refine::judge(&refined, recipe.corner());
     let pictures = shots.into_iter().map(|shot| shot.picture).collect();
-    Ok(RefinedPlace { refined, judgement, sightings, camera: *camera, pictures })
+    Ok(RefinedPlace { refined, judgement, located, sightings, camera: *camera, pictures })
 }
 
 impl RefinedPlace {
@@ -104,7 +117,7 @@ impl RefinedPlace {
         let one = |(sighting, picture): (&Sighting, &ColorPicture)| {
             let draw = |base_from_panel: Rigid<Base, Panel>, title: &str| {
                 let in_camera = sighting.base_from_camera.inverse() * (base_from_panel * sighting.corner.point);
-                let view = CornerView {
+                let view = report::CornerView {
                     picture,
                     expected_px: self.camera.project(in_camera).unwrap_or_default(),
                     found_px: sighting.found_px,
@@ -112,7 +125,7 @@ impl RefinedPlace {
                 };
                 view.drawn(title).map_err(Fault::stage)
             };
-            Ok((draw(self.refined.located, "by 3D alone")?, draw(self.refined.base_from_panel, "corrected")?))
+            Ok((draw(self.located, "by 3D alone")?, draw(self.refined.base_from_panel, "corrected")?))
         };
         self.sightings.iter().zip(&self.pictures).map(one).collect()
     }

@@ -33,7 +33,8 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     if !args.corner.is_empty() || !args.flange.is_empty() {
         let flange_camera = files.flange_camera()?;
         let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
-        let kept = |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
+        let kept =
+            |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
         teaching.corners = shots.into_iter().map(kept).collect();
         teaching.flange_camera_text = flange_camera.text;
         teaching.flange_from_camera_text = files.flange_from_camera()?.text;
@@ -53,8 +54,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
 pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> {
     let panel = &taught.panel;
     let scan = panel.scan.picture();
-    let view =
-        View { picture: &scan, camera: &panel.camera, camera_from_panel: panel.panel_from_camera.inverse() };
+    let view = View { picture: &scan, camera: &panel.camera, camera_from_panel: panel.panel_from_camera.inverse() };
     let corners: Vec<Point<_>> = taught.corners.iter().map(|corner| corner.point).collect();
     view.taught(panel, &corners).map_err(Fault::stage)
 }

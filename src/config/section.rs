@@ -69,15 +69,15 @@ impl<'d, 't> Section<'d, 't> {
     /// A table inside this one; an absent table reads as an empty one, a misspelt one by the name that is meant.
     pub fn section(&self, key: &'static str) -> Section<'d, 't> {
         self.known.borrow_mut().push(key);
-        let misspelt = self.document.misspelt.get(&path(&self.path, key)).map(String::as_str);
         let is_table = |name: &&str| self.entry(name).is_some_and(|(_, value)| value.is_table());
-        let name = misspelt.filter(is_table).unwrap_or(key);
-        self.inner(name)
+        let misspelt = self.document.misspelt.get(&path(&self.path, key)).map(String::as_str).filter(is_table);
+        self.inner(key, misspelt.filter(|_| self.entry(key).is_none()).unwrap_or(key))
     }
 
-    fn inner(&self, name: &str) -> Section<'d, 't> {
+    /// The table that is meant by `name` and written as `written`.
+    fn inner(&self, name: &str, written: &str) -> Section<'d, 't> {
         let path = path(&self.path, name);
-        match self.entry(name) {
+        match self.entry(written) {
             Some((line, value)) => {
                 let write = format!("[{path}]");
                 self.table(path, line, value, &write)
@@ -123,7 +123,7 @@ impl<'d, 't> Section<'d, 't> {
 
     /// All tables in a table whose names the user chooses.
     pub fn named_sections(&self) -> Vec<(String, Section<'d, 't>)> {
-        self.names().map(|name| (name.to_owned(), self.inner(name))).collect()
+        self.names().map(|name| (name.to_owned(), self.inner(name, name))).collect()
     }
 
     /// Ends the reading of this table: every key that nobody took is a problem.

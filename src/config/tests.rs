@@ -152,13 +152,28 @@ fn a_misspelt_name_is_not_called_missing_as_well() {
         says("panel = 'door'\n[regoin]\nrows = 4\ncolumms = 6\n[locate]\nmax_shift_mm = 900"),
         [
             "2: regoin: unknown key; did you mean region?",
-            "4: regoin.columms: unknown key; did you mean columns?",
+            "4: region.columms: unknown key; did you mean columns?",
             "6: locate.max_shift_mm: found 900, allowed is a number from 0 to 500"
         ]
     );
     assert_eq!(
         says("panel = 'door'\ncolumns = 6\n[region]\nrows = 4"),
         ["2: columns: unknown key here; did you mean region.columns?"]
+    );
+    assert_eq!(
+        after_good("[regoin]\nrows = 99\n[locate]\nrows = 3"),
+        [
+            "5: regoin: unknown key; did you mean region?",
+            "8: locate.rows: unknown key here; did you mean region.rows?"
+        ],
+        "the right table is there: it is the one that is read"
+    );
+    assert_eq!(
+        says("panel = 'door'\nregoin = {rows = 1, columns = 1}\nlocate.rows = 3"),
+        [
+            "2: regoin: unknown key; did you mean region?",
+            "3: locate.rows: unknown key here; did you mean region.rows?"
+        ]
     );
 }
 

@@ -3,31 +3,8 @@
 //! Header `file,time_s,phase`, or `file,time_s` where every picture shows the wet panel. A clip is evidence: its
 //! times are those of the camera, so they must increase, and its files lie in the clip's own folder.
 
+use crate::phase::Phase;
 use std::collections::HashMap;
-
-/// What the panel looks like in a picture of a clip.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// Before the first water.
-    Dry,
-    /// While water is put on.
-    Spray,
-    /// Fully wet, running off.
-    Wet,
-}
-
-impl Phase {
-    const WORDS: [(&'static str, Phase); 3] = [("dry", Phase::Dry), ("spray", Phase::Spray), ("wet", Phase::Wet)];
-
-    /// The word in the file.
-    pub fn word(self) -> &'static str {
-        match self {
-            Phase::Dry => "dry",
-            Phase::Spray => "spray",
-            Phase::Wet => "wet",
-        }
-    }
-}
 
 /// One picture of a clip.
 #[derive(Debug, Clone, PartialEq)]
@@ -153,7 +130,7 @@ pub fn read_clip(bytes: &[u8]) -> Result<Clip, ClipError> {
         let field = |index| record.get(index).unwrap_or_default();
         let time_s = field(1).parse().map_err(|_| problem(LineProblem::Time(field(1).to_owned())))?;
         let word = if has_phase { field(2) } else { "wet" };
-        let phase = Phase::WORDS.iter().find(|(known, _)| *known == word).map(|(_, phase)| *phase);
+        let phase = Phase::ALL.into_iter().find(|phase| phase.word() == word);
         let phase = phase.ok_or_else(|| problem(LineProblem::Phase(word.to_owned())))?;
         shots.push((line, ClipEntry { file: field(0).to_owned(), time_s, phase }));
     }
@@ -280,7 +257,7 @@ mod tests {
             let mut time_s = -7.0;
             let mut shots: Vec<ClipEntry> = steps_s.iter().enumerate().map(|(index, (step_s, phase))| {
                 time_s += step_s;
-                ClipEntry { file: format!("{index}{names}.png"), time_s, phase: Phase::WORDS[*phase].1 }
+                ClipEntry { file: format!("{index}{names}.png"), time_s, phase: Phase::ALL[*phase] }
             }).collect();
             shots[0].phase = Phase::Wet;
             let clip = Clip::new(shots).expect("good");

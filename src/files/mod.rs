@@ -12,7 +12,7 @@ mod ply;
 mod pose;
 mod shot;
 
-pub use clip::{Clip, ClipEntry, ClipError, LineProblem, Phase, read_clip};
+pub use clip::{Clip, ClipEntry, ClipError, LineProblem, read_clip};
 pub use cloud_error::CloudFileError;
 pub use hash::content_hash;
 pub use pcd::{read_pcd, write_pcd};

@@ -128,14 +128,22 @@ impl<F: Frame> OrganizedCloud<F> {
         &self.points_mm
     }
 
-    /// The surface that one pixel stands for, mm²: half the sum of the cross products of its neighbours' steps.
+    /// The surface that one pixel stands for, mm²: the cross product of half the steps between its neighbours.
     /// `None` at the border of the picture or beside a missing point.
     pub fn pixel_area_mm2(&self, column: usize, row: usize) -> Option<f64> {
-        if column == 0 || row == 0 || column + 1 >= self.width || row + 1 >= self.height {
+        self.pixel_area_over_mm2(column, row, 1)
+    }
+
+    /// The same from neighbours `reach_px` away. Noise in depth tilts the steps and so makes every surface larger, by
+    /// about (noise / step)²: 1.4 % for neighbours of a scan with 0.44 mm a pixel and 0.055 mm of noise.
+    pub fn pixel_area_over_mm2(&self, column: usize, row: usize, reach_px: usize) -> Option<f64> {
+        let inside = |at: usize, length: usize| at >= reach_px && at + reach_px < length;
+        if reach_px == 0 || !inside(column, self.width) || !inside(row, self.height) {
             return None;
         }
-        let across = (self.point(column + 1, row)? - self.point(column - 1, row)?).mm / 2.0;
-        let down = (self.point(column, row + 1)? - self.point(column, row - 1)?).mm / 2.0;
+        let span_px = 2.0 * reach_px as f64;
+        let across = (self.point(column + reach_px, row)? - self.point(column - reach_px, row)?).mm / span_px;
+        let down = (self.point(column, row + reach_px)? - self.point(column, row - reach_px)?).mm / span_px;
         Some(across.cross(&down).norm())
     }
 }
@@ -158,6 +166,22 @@ mod tests {
         let cloud = grid(4, 4);
         assert!((cloud.pixel_area_mm2(1, 2).expect("inside") - 6.0).abs() < 1e-9);
         assert_eq!(cloud.pixel_area_mm2(0, 2), None);
+    }
+
+    /// By hand: pixels of 0.4 × 0.4 mm are 0.16 mm²; ±0.06 mm of noise in depth makes neighbours' steps longer.
+    #[test]
+    fn a_longer_reach_takes_the_noise_out_of_an_area() {
+        let noise = |i: usize| if (i * i * 7 + i / 5) % 11 < 5 { 0.06 } else { -0.06 };
+        let at = |i: usize| [(i % 40) as f32 * 0.4, (i / 40) as f32 * 0.4, 700.0 + noise(i)];
+        let cloud = OrganizedCloud::<Camera>::new(40, 40, (0..1600).map(at).collect(), vec![[0; 3]; 1600])
+            .expect("counts agree");
+        let mean = |reach_px: usize| {
+            let areas = (5..35).flat_map(|row| (5..35).map(move |column| (row, column)));
+            let areas = areas.filter_map(|(row, column)| cloud.pixel_area_over_mm2(column, row, reach_px));
+            areas.sum::<f64>() / 900.0
+        };
+        assert!(mean(1) > 0.16 * 1.01, "{}", mean(1));
+        assert!((mean(3) / 0.16 - 1.0).abs() < 0.003, "{}", mean(3));
     }
 
     #[test]

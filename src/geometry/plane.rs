@@ -8,8 +8,10 @@ use super::frames::Frame;
 use super::rigid::{Point, Vector};
 use nalgebra::{Matrix3, Vector3};
 
-/// Neighbours farther than this from the middle one belong to another surface, for each pixel of distance, mm.
-const MAX_STEP_MM_PER_PX: f64 = 1.5;
+/// Neighbours farther from the middle one than this many times the distance of the nearest quarter belong to another
+/// surface. A quarter, since at an edge up to three quarters may be another surface; a ratio, since a coarse scan is as
+/// good as a fine one.
+const MAX_RATIO: f64 = 4.0;
 /// A plane through fewer points is an accident.
 const MIN_POINTS: usize = 8;
 
@@ -40,18 +42,20 @@ pub fn local_plane<F: Frame>(
     viewer: Point<F>,
 ) -> Option<Plane<F>> {
     let middle = nearest_valid(cloud, (column, row), half_width_px)?;
-    let reach_mm = MAX_STEP_MM_PER_PX * (half_width_px + 1) as f64;
-    let (mut count, mut sum, mut squares) = (0usize, Vector3::zeros(), Matrix3::zeros());
+    let mut offsets: Vec<Vector3<f64>> = Vec::with_capacity((2 * half_width_px + 1).pow(2));
     for v in row.saturating_sub(half_width_px)..=(row + half_width_px).min(cloud.height() - 1) {
         for u in column.saturating_sub(half_width_px)..=(column + half_width_px).min(cloud.width() - 1) {
-            let Some(point) = cloud.point(u, v) else { continue };
-            let offset = (point - middle).mm;
-            if offset.norm() <= reach_mm {
-                count += 1;
-                sum += offset;
-                squares += offset * offset.transpose();
-            }
+            offsets.extend(cloud.point(u, v).map(|point| (point - middle).mm));
         }
+    }
+    let mut distances_mm: Vec<f64> = offsets.iter().map(|offset| offset.norm()).collect();
+    let quarter = distances_mm.len() / 4;
+    let reach_mm = MAX_RATIO * *distances_mm.select_nth_unstable_by(quarter, f64::total_cmp).1;
+    let (mut count, mut sum, mut squares) = (0usize, Vector3::zeros(), Matrix3::zeros());
+    for offset in offsets.iter().filter(|offset| offset.norm() <= reach_mm) {
+        count += 1;
+        sum += offset;
+        squares += offset * offset.transpose();
     }
     if count < MIN_POINTS {
         return None;

@@ -22,6 +22,9 @@ const SEEN_SHARE: f64 = 0.99;
 /// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
 const MIN_MARGIN_PX: usize = 2;
 
+/// Neighbours this far give a pixel's surface: far enough for the scanner's noise, near enough for the curvature.
+const AREA_REACH_PX: usize = 3;
+
 /// A rectangle of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Window {
@@ -201,7 +204,7 @@ fn region_samples(taught: &TaughtPanel) -> Vec<Sample> {
         let id = taught.region.grid_at(pixel)?;
         let grid = (id.row - 1) * taught.region.columns + id.column - 1;
         let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
-        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_mm2(column, row));
+        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
         Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2 })
     };
     rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()

@@ -5,13 +5,23 @@
 //! broke on a grid. A break always stays in the reasons.
 
 use crate::panel::GridId;
-use crate::recipe::Process;
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
 const MIN_FRAME_SHARE: f64 = 0.8;
 /// Pictures farther apart than this many of the recipe's intervals leave a gap in which a film can break and close.
 const MAX_GAP_INTERVALS: f64 = 5.0;
+
+/// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Demands {
+    /// How long the film is watched, s.
+    pub observation_s: f64,
+    /// Pictures a second.
+    pub frames_per_second: f64,
+    /// Broken film from which a grid fails, mm².
+    pub min_break_mm2: f64,
+}
 
 /// What the test says of one grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -42,10 +52,10 @@ pub struct Observation {
 }
 
 /// Judges a test.
-pub fn judge(observation: &Observation, grids: &[GridInspection], process: &Process) -> Judgement {
-    let mut reasons = invalid(observation, grids, process);
+pub fn judge(observation: &Observation, grids: &[GridInspection], demands: &Demands) -> Judgement {
+    let mut reasons = invalid(observation, grids, demands);
     let invalid = !reasons.is_empty();
-    let broken = broken(observation.min_break_mm2, grids);
+    let broken = broken(demands.min_break_mm2, grids);
     let verdict = match (invalid, &broken) {
         (true, _) => Verdict::Invalid,
         (false, Some(_)) => Verdict::Fail,
@@ -55,10 +65,10 @@ pub fn judge(observation: &Observation, grids: &[GridInspection], process: &Proc
     Judgement { verdict, reasons }
 }
 
-fn invalid(observation: &Observation, grids: &[GridInspection], process: &Process) -> Vec<Reason> {
+fn invalid(observation: &Observation, grids: &[GridInspection], demands: &Demands) -> Vec<Reason> {
     let Observation { observed_s, frames, longest_gap_s, .. } = *observation;
-    let window_s = process.observation_s();
-    let interval_s = 1.0 / process.frames_per_second();
+    let window_s = demands.observation_s;
+    let interval_s = 1.0 / demands.frames_per_second;
     let mut reasons = Vec::new();
     // The last picture of a window may come one interval before its end.
     if observed_s < window_s - 1.001 * interval_s {

@@ -17,6 +17,8 @@ mod film;
 mod footprint;
 mod gate;
 mod pieces;
+#[cfg(test)]
+mod rendered;
 mod score;
 #[cfg(test)]
 mod tests;
@@ -24,33 +26,13 @@ mod thesis;
 mod watch;
 
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{GridInspection, Observation};
+pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
 pub use score::{Confusion, Score, score};
 pub use watch::{Inspection, Step, Watch};
 
 use crate::imaging::ImagingError;
-
-/// What is done to the panel while a picture is taken, in the order of the test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Phase {
-    /// Before the water.
-    Dry,
-    /// Under the spray: not yet fully wet, not examined.
-    Spray,
-    /// The water is off; the first such picture is the first fully wet one.
-    Wet,
-}
-
-impl std::fmt::Display for Phase {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Phase::Dry => "dry",
-            Phase::Spray => "spray",
-            Phase::Wet => "wet",
-        })
-    }
-}
+use crate::phase::Phase;
 
 /// Why pictures could not be inspected. A test that says nothing is no error but a verdict, `invalid`.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

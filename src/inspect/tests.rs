@@ -29,8 +29,7 @@ const CAMERA: PinholeCamera = PinholeCamera {
 
 fn recipe(inspect: &str) -> Recipe {
     let text = format!(
-        "panel = \"plane\"\n[process]\nobservation_s = 5\nframes_per_second = 1\n\
-         [locate]\nbox_min_mm = [-500, -500, 700]\nbox_max_mm = [500, 500, 900]\n\
+        "panel = \"plane\"\n[locate]\nbox_min_mm = [-500, -500, 700]\nbox_max_mm = [500, 500, 900]\n\
          [region]\ncorners_px = [[19.5, 19.5], [139.5, 19.5], [139.5, 99.5], [19.5, 99.5]]\nrows = 2\ncolumns = 3\n\
          [inspect]\n{inspect}\n"
     );
@@ -67,15 +66,23 @@ fn taught(recipe: &Recipe) -> TaughtPanel {
 }
 
 fn shifted(x_mm: f64) -> Rigid<Camera, Panel> {
-    Rigid::claim(Translation3::new(x_mm, 0.0, 0.0).into())
+    moved([x_mm, 0.0, 0.0])
+}
+
+fn moved([x_mm, y_mm, z_mm]: [f64; 3]) -> Rigid<Camera, Panel> {
+    Rigid::claim(Translation3::new(x_mm, y_mm, z_mm).into())
 }
 
 /// A median of 3 × 3 px, so that a block loses just its corners.
 const SHARP: &str = "median_px = 3\nmedian_passes = 1\npersist_frames = 2";
 
+fn demands() -> Demands {
+    Demands { observation_s: 5.0, frames_per_second: 1.0, min_break_mm2: MIN_BREAK_MM2 }
+}
+
 fn watch(x_mm: f64, settings: &str) -> Watch {
     let recipe = recipe(settings);
-    Watch::new(&taught(&recipe), &CAMERA, shifted(x_mm), &recipe, MIN_BREAK_MM2).expect("in view")
+    Watch::new(&taught(&recipe), &CAMERA, shifted(x_mm), recipe.inspect(), demands()).expect("in view")
 }
 
 /// A wet panel with dry blocks, each from left, top to right, bottom (exclusive).
@@ -134,9 +141,23 @@ fn a_displaced_panel_takes_its_grids_along() {
     assert_eq!(inspection.footprint.region().count(), 120 * 80);
 }
 
+/// By hand: at 640 mm instead of 800 mm the region is 1.25 times as large, 150 × 100 px, and a pixel is 1.6 × 1.6 mm;
+/// taught pixels then leave gaps, which belong to the region. A break of 24 × 20 px without corners is 476·2.56 mm².
+#[test]
+fn a_nearer_panel_keeps_its_areas() {
+    let recipe = recipe(SHARP);
+    let nearer = moved([0.0, 0.0, -160.0]);
+    let watch = Watch::new(&taught(&recipe), &CAMERA, nearer, recipe.inspect(), demands()).expect("in view");
+    let inspection = run(watch, |second| if second < 2 { vec![] } else { vec![[70, 20, 94, 40]] });
+    assert!(inspection.footprint.region().count().abs_diff(15_000) < 300);
+    let found_mm2 = inspection.breaks.iter().map(|found| found.area_mm2).sum::<f64>();
+    assert!((found_mm2 / (476.0 * 2.56) - 1.0).abs() < 0.05, "{found_mm2}");
+    assert_eq!(inspection.breaks.len(), 1, "one piece, no gaps");
+}
+
 #[test]
 fn a_flash_or_a_place_beside_the_region_is_no_break() {
-    let flash = |second| if second == 3 { vec![[70, 30, 90, 45]] } else { vec![[2, 2, 15, 15]] };
+    let flash = |second| if second == 3 { vec![[70, 30, 90, 45]] } else { vec![[10, 10, 150, 20]] };
     let inspection = run(watch(0.0, SHARP), flash);
     assert_eq!(inspection.judgement.verdict, Verdict::Pass, "{:?}", inspection.judgement);
     assert!(inspection.breaks.is_empty() && inspection.mask().count() == 0);
@@ -180,8 +201,15 @@ fn a_place_that_never_wets_broke_at_0_s_where_a_dry_picture_was_taken() {
 #[test]
 fn colour_can_rule_a_change_out() {
     let settings = format!("{SHARP}\nhsv_min = [0, 0, 120]");
-    let inspection = run(watch(0.0, &settings), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
+    let mut watch = watch(0.0, &settings);
+    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    let inspection =
+        run(
+            watch,
+            |second| if second < 2 { vec![[100, 60, 120, 80]] } else { vec![[70, 30, 90, 45], [100, 60, 120, 80]] },
+        );
     assert_eq!(inspection.judgement.verdict, Verdict::Pass, "a value of {} is below 120", DRY[0]);
+    assert!(inspection.breaks.is_empty(), "nor is it dry under the spray");
 }
 
 #[test]
@@ -244,6 +272,6 @@ fn bad_pictures_are_refused_with_what_is_wrong() {
     }
     assert_eq!(watch.finish().map(|_| ()), Err(InspectError::NoWetPicture));
     let recipe = recipe("");
-    let gone = Watch::new(&taught(&recipe), &CAMERA, shifted(900.0), &recipe, MIN_BREAK_MM2);
+    let gone = Watch::new(&taught(&recipe), &CAMERA, shifted(900.0), recipe.inspect(), demands());
     assert_eq!(gone.map(|_| ()), Err(InspectError::RegionNotInPicture));
 }

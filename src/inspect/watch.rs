@@ -2,12 +2,13 @@
 
 use super::film::{Film, NEVER};
 use super::footprint::Footprint;
-use super::gate::{GridInspection, Observation, judge};
+use super::gate::{Demands, GridInspection, Observation, judge};
 use super::pieces::{Break, breaks};
-use super::{InspectError, Phase, thesis};
+use super::{InspectError, thesis};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::panel::{GridId, TaughtPanel};
-use crate::recipe::{self, Method, Process, Recipe};
+use crate::phase::Phase;
+use crate::recipe::{self, Method};
 use crate::verdict::Judgement;
 use opencv::core::Mat;
 
@@ -15,9 +16,8 @@ use opencv::core::Mat;
 #[derive(Debug)]
 pub struct Watch {
     settings: recipe::Inspect,
-    process: Process,
+    demands: Demands,
     picture_px: (usize, usize),
-    min_break_mm2: f64,
     footprint: Footprint,
     film: Film,
     dry: Option<Mat>,
@@ -66,7 +66,7 @@ pub struct Inspection {
 
 impl Watch {
     /// Begins a test of the panel where it stands now: `camera_from_panel` is
-    /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7). A grid fails from `min_break_mm2` of broken film.
+    /// `camera_from_base · base_from_panel` (Eq. 4.6, 4.7). `demands` say how long it lasts and what fails.
     ///
     /// # Errors
     /// Where the region is not in the picture at all.
@@ -74,10 +74,10 @@ impl Watch {
         taught: &TaughtPanel,
         camera: &PinholeCamera,
         camera_from_panel: Rigid<Camera, Panel>,
-        recipe: &Recipe,
-        min_break_mm2: f64,
+        settings: &recipe::Inspect,
+        demands: Demands,
     ) -> Result<Self, InspectError> {
-        let settings = recipe.inspect().clone();
+        let settings = settings.clone();
         let margin_px = match settings.method() {
             Method::Thesis => thesis::margin_px(&settings),
         };
@@ -86,9 +86,8 @@ impl Watch {
         Ok(Watch {
             film: Film::new(footprint.inside().len(), settings.persist_frames()),
             settings,
-            process: recipe.process().clone(),
+            demands,
             picture_px: (camera.width_px, camera.height_px),
-            min_break_mm2,
             footprint,
             dry: None,
             reference: None,
@@ -176,7 +175,7 @@ impl Watch {
             self.footprint.add_area(index, &mut self.broken_mm2);
         }
         for (time, broken_mm2) in self.time_to_break_s.iter_mut().zip(&self.broken_mm2) {
-            if time.is_none() && *broken_mm2 >= self.min_break_mm2 {
+            if time.is_none() && *broken_mm2 >= self.demands.min_break_mm2 {
                 *time = Some(since_wet_s);
             }
         }
@@ -220,9 +219,9 @@ impl Watch {
             observed_s: self.observed_s,
             frames: self.frames,
             longest_gap_s: self.longest_gap_s,
-            min_break_mm2: self.min_break_mm2,
+            min_break_mm2: self.demands.min_break_mm2,
         };
-        let judgement = judge(&observation, &grids, &self.process);
+        let judgement = judge(&observation, &grids, &self.demands);
         let since_wet_s = self.film.into_times();
         let breaks = breaks(&self.footprint, &since_wet_s)?;
         Ok(Inspection { judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })

@@ -1,0 +1,176 @@
+//! The panel's corner in a picture of the flange camera (thesis 3.9, Fig. 3.17).
+//!
+//! As in the thesis: bilateral filter (Fig. 3.18), threshold (Fig. 3.19), the largest contour, the smallest box around it
+//! (Fig. 3.20), and the contour's point nearest to the box's corner (Fig. 3.21). Two things differ. Which corner of the
+//! box is meant is said by a direction, since the order of `minAreaRect`'s corners jumps as the box turns. And the point
+//! that is reported is where the two edges beside that contour point meet, made longer: a whole pixel of a rounded corner
+//! is a poor mark, two lines through hundreds of sub-pixel places are a good one (see `edge`).
+//! Lens distortion and the panel's curvature bend the edges by a part of a pixel over the fitted length. Taught and found
+//! corner are bent alike, as they are seen from nearly the same place; nothing is done about it.
+//! Does not know where the corner should be: see `refine`.
+
+mod edge;
+
+pub use edge::EdgeLine;
+
+use crate::geometry::{GrayPicture, Mask, Pixel, polygon};
+use crate::imaging::{ImagingError, bilateral_filter, min_area_box, outer_contours};
+use crate::recipe::{self, CornerName};
+
+/// A contour that encloses less than this share of the picture is not the panel.
+const MIN_PICTURE_SHARE: f64 = 0.02;
+/// Contour points this near to the picture's border are made by the border, px.
+const BORDER_PX: f64 = 3.0;
+/// Edges that meet at a smaller angle do not say where, degrees.
+const MIN_ANGLE_DEG: f64 = 20.0;
+
+/// Why a picture shows no corner.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CornerError {
+    /// No pixel has the panel's brightness.
+    #[error("no pixel is as bright as the panel, {min}…{max}; is the light on, is the panel in view?")]
+    NoContour {
+        /// Darkest brightness of the panel.
+        min: usize,
+        /// Brightest brightness of the panel.
+        max: usize,
+    },
+    /// What is as bright as the panel is small.
+    #[error(
+        "the largest thing as bright as the panel covers {found_percent:.1} % of the picture, needed are \
+         {needed_percent:.1} %; is the panel in view, is panel_gray_max right?"
+    )]
+    ContourTooSmall {
+        /// Its share of the picture, percent.
+        found_percent: f64,
+        /// The share needed, percent.
+        needed_percent: f64,
+    },
+    /// The corner lies at the border of the picture or beyond.
+    #[error(
+        "the corner at ({u:.0}, {v:.0}) px lies at the picture's border; move the camera so that it is well inside"
+    )]
+    CornerAtBorder {
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+    },
+    /// One of the edges that meet in the corner is too short or too faint.
+    #[error(
+        "an edge beside the corner shows {found} sharp places, needed are {needed}; is it in view over rounding_mm and \
+         edge_mm, free of reflections, and clearly darker than what is behind?"
+    )]
+    EdgeTooShort {
+        /// Places found.
+        found: usize,
+        /// Places needed.
+        needed: usize,
+    },
+    /// The two edges run nearly the same way.
+    #[error("the two edges meet at {angle_deg:.1}°, needed are {min_deg:.0}°; is that a corner of the panel?")]
+    EdgesParallel {
+        /// The angle, degrees.
+        angle_deg: f64,
+        /// The angle needed, degrees.
+        min_deg: f64,
+    },
+    /// OpenCV refused the picture.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+}
+
+/// A corner, with what was seen on the way to it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct CornerFound {
+    /// Where the two edges meet.
+    pub corner_px: Pixel,
+    /// The contour's point nearest to the box's corner, the thesis's mark.
+    pub nearest_px: Pixel,
+    /// The panel's contour, pixel by pixel.
+    pub contour: Vec<Pixel>,
+    /// The corners of the smallest box around it.
+    pub box_px: [Pixel; 4],
+    /// The two edges.
+    pub edges: [EdgeLine; 2],
+}
+
+/// Finds the panel's corner. `px_per_mm` is the picture's scale at the corner, focal length over depth.
+///
+/// # Errors
+/// Where the picture shows no corner of the panel; each says what to do.
+pub fn find(picture: &GrayPicture, settings: &recipe::Corner, px_per_mm: f64) -> Result<CornerFound, CornerError> {
+    let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
+    let contour = panel_contour(&filtered, settings)?;
+    let box_px = min_area_box(&contour)?;
+    let nearest = nearest_to(&contour, meant_corner(&box_px, settings.which()));
+    let nearest_px = contour[nearest];
+    let inside = |pixel: Pixel| {
+        let (right, bottom) = (picture.width as f64 - 1.0, picture.height as f64 - 1.0);
+        pixel.u.min(pixel.v).min(right - pixel.u).min(bottom - pixel.v) > BORDER_PX
+    };
+    if !inside(nearest_px) {
+        return Err(CornerError::CornerAtBorder { u: nearest_px.u, v: nearest_px.v });
+    }
+    let length =
+        edge::Length { skip_px: settings.rounding_mm() * px_per_mm, fit_px: settings.edge_mm() * px_per_mm };
+    let fitted = |start: usize, step: isize| {
+        let along = walk(&contour, start, step).take_while(|&(_, way_px)| way_px <= length.skip_px + length.fit_px);
+        let beside = along.filter(|&(pixel, way_px)| way_px >= length.skip_px && inside(pixel));
+        edge::fit(picture, &beside.map(|(pixel, _)| pixel).collect::<Vec<_>>(), length)
+    };
+    let edges_from =
+        |start: usize| -> Result<[EdgeLine; 2], CornerError> { Ok([fitted(start, 1)?, fitted(start, -1)?]) };
+    // In a turned picture the thesis's mark lies beside the rounding's middle: the first corner says where that is.
+    let rough = edges_from(nearest)?;
+    let rough_px = edge::meet(&rough[0], &rough[1], MIN_ANGLE_DEG)?;
+    let edges = edges_from(nearest_to(&contour, rough_px))?;
+    let corner_px = edge::meet(&edges[0], &edges[1], MIN_ANGLE_DEG)?;
+    if !inside(corner_px) {
+        return Err(CornerError::CornerAtBorder { u: corner_px.u, v: corner_px.v });
+    }
+    Ok(CornerFound { corner_px, nearest_px, contour, box_px, edges })
+}
+
+fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Vec<Pixel>, CornerError> {
+    let (min, max) = (settings.panel_gray_min(), settings.panel_gray_max());
+    let inside = filtered.gray.iter().map(|&gray| (min..=max).contains(&usize::from(gray))).collect();
+    let mask = Mask { width: filtered.width, height: filtered.height, inside };
+    let contour = outer_contours(&mask)?.into_iter().next().ok_or(CornerError::NoContour { min, max })?;
+    let share = polygon::signed_area_px2(&contour).abs() / (mask.width * mask.height) as f64;
+    if share < MIN_PICTURE_SHARE {
+        let (found_percent, needed_percent) = (100.0 * share, 100.0 * MIN_PICTURE_SHARE);
+        return Err(CornerError::ContourTooSmall { found_percent, needed_percent });
+    }
+    Ok(contour)
+}
+
+/// The corner of the box that lies farthest in the taught direction: right for boxes turned by up to 45°.
+fn meant_corner(box_px: &[Pixel; 4], which: CornerName) -> Pixel {
+    let (right, down) = match which {
+        CornerName::TopLeft => (-1.0, -1.0),
+        CornerName::TopRight => (1.0, -1.0),
+        CornerName::BottomRight => (1.0, 1.0),
+        CornerName::BottomLeft => (-1.0, 1.0),
+    };
+    let far = |pixel: &Pixel| right * pixel.u + down * pixel.v;
+    box_px.iter().copied().fold(box_px[0], |best, corner| if far(&corner) > far(&best) { corner } else { best })
+}
+
+fn nearest_to(contour: &[Pixel], corner: Pixel) -> usize {
+    let distance = |index: &usize| contour[*index].distance_px(corner);
+    (0..contour.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or_default()
+}
+
+/// The contour from one of its points onwards (`step` 1) or backwards (−1), once round, each with the way to it, px.
+fn walk(contour: &[Pixel], start: usize, step: isize) -> impl Iterator<Item = (Pixel, f64)> + '_ {
+    let count = contour.len() as isize;
+    let at = move |i: isize| contour[(start as isize + i * step).rem_euclid(count) as usize];
+    (0..count).scan(0.0, move |way_px, i| {
+        *way_px += if i == 0 { 0.0 } else { at(i).distance_px(at(i - 1)) };
+        Some((at(i), *way_px))
+    })
+}
+
+#[cfg(test)]
+mod tests;

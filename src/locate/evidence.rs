@@ -91,7 +91,7 @@ pub(super) fn weigh(
         outline_rms_px: outline_rms_mm * panel.camera.px_per_mm_at(depth_mm).0,
         taught_found: taught_found(&residuals, taught),
         scan_found: scan_found(base_from_panel, taught, scanned),
-        outline_found: residuals.outline.len() as f64 / taught.outline.len() as f64,
+        outline_found: outline_found(&residuals, taught, scanned),
         iterations: aligned.iterations,
         last_step_mm: aligned.last_step_mm,
         uncertainty_mm: uncertainty_mm(&covariance, centre, base_from_panel, taught),
@@ -127,6 +127,12 @@ fn taught_found(residuals: &Residuals, taught: &Taught) -> f64 {
     found as f64 / (taught.surface.len() - residuals.at_border).max(1) as f64
 }
 
+fn outline_found(residuals: &Residuals, taught: &Taught, scanned: &Scanned) -> f64 {
+    let allowed_mm = FOUND_MM.max(scanned.spacing_mm);
+    let found = residuals.outline.iter().filter(|constraint| constraint.residual_mm.abs() <= allowed_mm).count();
+    found as f64 / taught.outline.len() as f64
+}
+
 fn scan_found(base_from_panel: Rigid<Base, Panel>, taught: &Taught, scanned: &Scanned) -> f64 {
     let moved = taught.surface.iter().map(|point| base_from_panel * *point);
     let Some(tree) = correspond::Tree::over(moved) else { return 0.0 };
@@ -154,7 +160,8 @@ fn uncertainty_mm(
 
 fn weakest_mm(covariance: &Matrix6<f64>, taught: &Taught) -> f64 {
     let count = taught.surface.len() as f64;
-    let radius_mm = (taught.surface.iter().map(|point| (*point - taught.centre).mm.norm_squared()).sum::<f64>() / count).sqrt();
+    let radius_mm =
+        (taught.surface.iter().map(|point| (*point - taught.centre).mm.norm_squared()).sum::<f64>() / count).sqrt();
     let scale = Matrix6::from_diagonal(&Vector6::new(radius_mm, radius_mm, radius_mm, 1.0, 1.0, 1.0));
     WITHIN_95_PERCENT * (scale * covariance * scale).symmetric_eigenvalues().max().max(0.0).sqrt()
 }

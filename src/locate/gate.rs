@@ -3,9 +3,9 @@
 //! Shift, turn and tilt are judged at the panel's centre, never at the base's origin: a small turn moves a far origin by
 //! much, and that says nothing about the panel.
 
+use super::LocateError;
 use super::evidence::Fit;
 use super::point_to_plane::CONVERGED_MM;
-use super::LocateError;
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
 
@@ -18,7 +18,7 @@ const OUTLINE_ALLOWANCE: f64 = 0.15;
 pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
     let mut reject = Vec::new();
     let mut review = Vec::new();
-    if fit.last_step_mm.is_nan() || fit.last_step_mm > CONVERGED_MM {
+    if exceeds(fit.last_step_mm, CONVERGED_MM) {
         reject.push(Reason::new(
             "not_converged",
             format!(
@@ -27,7 +27,6 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
             ),
         ));
     }
-    let exceeds = |measured: f64, allowed: f64| measured.is_nan() || measured > allowed;
     if exceeds(fit.rms_mm, limits.max_rms_mm()) {
         reject.push(Reason::new(
             "poor_fit",
@@ -40,6 +39,14 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
         ));
     }
     overlap(fit, limits, &mut reject, &mut review);
+    // Where something that is not the panel ended up is no reason for anything.
+    if reject.is_empty() {
+        motion(fit, limits, &mut reject);
+    }
+    Judgement::of(reject, review)
+}
+
+fn motion(fit: &Fit, limits: &recipe::Locate, reject: &mut Vec<Reason>) {
     if exceeds(fit.shift_mm, limits.max_shift_mm()) {
         reject.push(Reason::new(
             "shift_limit",
@@ -70,7 +77,6 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
             ),
         ));
     }
-    Judgement::of(reject, review)
 }
 
 fn overlap(fit: &Fit, limits: &recipe::Locate, reject: &mut Vec<Reason>, review: &mut Vec<Reason>) {
@@ -99,4 +105,73 @@ fn overlap(fit: &Fit, limits: &recipe::Locate, reject: &mut Vec<Reason>, review:
 /// The verdict where nothing was found: a bad panel is a verdict, not a fault.
 pub fn refusal(error: &LocateError) -> Judgement {
     Judgement::of(vec![Reason::new("no_panel", error.to_string())], Vec::new())
+}
+
+/// NaN exceeds every limit.
+fn exceeds(measured: f64, allowed: f64) -> bool {
+    measured.is_nan() || measured > allowed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Base, Degrees, Panel, Rigid};
+    use crate::verdict::Verdict;
+    use nalgebra::{Isometry3, Matrix6};
+
+    fn good() -> Fit {
+        let base_from_panel: Rigid<Base, Panel> = Rigid::claim(Isometry3::identity());
+        Fit {
+            base_from_panel,
+            rms_mm: 0.08,
+            outline_rms_mm: 0.1,
+            outline_rms_px: 0.25,
+            taught_found: 0.99,
+            scan_found: 0.98,
+            outline_found: 0.97,
+            iterations: 5,
+            last_step_mm: 0.001,
+            covariance: Matrix6::identity(),
+            uncertainty_mm: 0.15,
+            weakest_mm: 0.07,
+            shift_mm: 20.0,
+            turn: Degrees(-5.0),
+            tilt: Degrees(3.0),
+            points: 12_000,
+        }
+    }
+
+    fn judged(fit: &Fit) -> (Verdict, Vec<&'static str>) {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let judgement = judge(fit, recipe.locate());
+        (judgement.verdict, judgement.reasons.iter().map(|reason| reason.code).collect())
+    }
+
+    /// The recipe's defaults: 60 mm, 15°, 15°, 0.25 mm rms, 0.9 of overlap.
+    #[test]
+    fn each_limit_has_its_reason() {
+        assert_eq!(judged(&good()), (Verdict::Accept, vec![]));
+        assert_eq!(judged(&Fit { shift_mm: 60.1, ..good() }), (Verdict::Reject, vec!["shift_limit"]));
+        assert_eq!(judged(&Fit { turn: Degrees(-15.1), ..good() }), (Verdict::Reject, vec!["turn_limit"]));
+        assert_eq!(judged(&Fit { tilt: Degrees(15.1), ..good() }), (Verdict::Reject, vec!["tilt_limit"]));
+        assert_eq!(judged(&Fit { rms_mm: 0.26, ..good() }), (Verdict::Reject, vec!["poor_fit"]));
+        assert_eq!(judged(&Fit { last_step_mm: 0.01, ..good() }), (Verdict::Reject, vec!["not_converged"]));
+        assert_eq!(judged(&Fit { rms_mm: f64::NAN, ..good() }), (Verdict::Reject, vec!["poor_fit"]));
+    }
+
+    #[test]
+    fn a_little_less_overlap_is_for_a_person_and_much_less_is_no_panel() {
+        assert_eq!(judged(&Fit { scan_found: 0.85, ..good() }), (Verdict::Review, vec!["low_overlap"]));
+        assert_eq!(judged(&Fit { taught_found: 0.79, ..good() }), (Verdict::Reject, vec!["low_overlap"]));
+        assert_eq!(judged(&Fit { outline_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap"]));
+        assert_eq!(judged(&Fit { outline_found: 0.6, ..good() }), (Verdict::Reject, vec!["low_overlap"]));
+    }
+
+    /// A wrong panel that ended up far away is a wrong panel, not a shifted one.
+    #[test]
+    fn a_poor_fit_says_nothing_of_motion() {
+        assert_eq!(judged(&Fit { rms_mm: 3.0, shift_mm: 90.0, ..good() }).1, ["poor_fit"]);
+    }
 }

@@ -6,8 +6,8 @@
 //! [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
 //! Does not search from any placement: the panel may stand some 60 mm and 15° from its nominal place.
 
-mod correspond;
 pub mod corner;
+mod correspond;
 mod error;
 mod evidence;
 pub mod gate;
@@ -16,8 +16,6 @@ mod point_to_plane;
 mod point_to_point;
 pub mod refine;
 mod samples;
-#[cfg(test)]
-mod tests;
 
 pub use error::LocateError;
 pub use evidence::Fit;

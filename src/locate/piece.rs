@@ -129,8 +129,8 @@ mod tests {
     #[test]
     fn a_rectangle_has_its_sides_and_area() {
         let point = |i: usize| [(i % 60) as f32 * 2.0, (i / 60) as f32 * 3.0, 700.0];
-        let cloud =
-            OrganizedCloud::<Camera>::new(60, 40, (0..2_400).map(point).collect(), vec![[0; 3]; 2_400]).expect("counts");
+        let cloud = OrganizedCloud::<Camera>::new(60, 40, (0..2_400).map(point).collect(), vec![[0; 3]; 2_400])
+            .expect("counts");
         let mut mask = Mask::empty(60, 40);
         for row in 10..30 {
             for column in 10..50 {
@@ -139,8 +139,8 @@ mod tests {
         }
         let size = Size::of(&cloud, &mask).expect("a rectangle");
         assert!((size.area_mm2 - 4_800.0).abs() < 1.0, "{size:?}");
-        // Every third of 40 columns are 13 from 1 mod 3 on: a spread that is 78 mm wide.
-        assert!((size.length_mm - 80.0).abs() < 3.0 && (size.width_mm - 60.0).abs() < 6.0, "{size:?}");
+        // 14 sampled columns, 6 mm apart, spread by 6·√((14² − 1)/12) = 24.2 mm, √12 of it is 83.8 mm.
+        assert!((size.length_mm - 83.785).abs() < 1e-3 && (size.width_mm - 60.0).abs() < 3.0, "{size:?}");
         assert!(size.unlike(&size) < 1e-12);
         assert!(size.unlike(&Size { length_mm: 110.0, ..size }) > 1.0, "1.4 times as long is another thing");
     }

@@ -18,6 +18,8 @@ use rayon::prelude::*;
 const SURFACE_POINTS: usize = 12_000;
 /// Half the width of the neighbourhood of a plane, mm: averages the white range noise and stays flat.
 const PLANE_HALF_WIDTH_MM: f64 = 2.0;
+/// With fewer pixels a plane is left without the points it needs.
+const MIN_HALF_WIDTH_PX: usize = 2;
 /// Half the length of the outline over which a point of it is averaged, mm.
 pub(super) const LINE_HALF_LENGTH_MM: f64 = 3.0;
 /// Fewer planes or lines hold no panel.
@@ -100,7 +102,7 @@ impl Scanned {
         viewer: Point<Base>,
     ) -> Result<Self, LocateError> {
         let spacing_mm = (area_mm2 / piece.count().max(1) as f64).sqrt();
-        let half_width_px = ((PLANE_HALF_WIDTH_MM / spacing_mm).round() as usize).max(1);
+        let half_width_px = ((PLANE_HALF_WIDTH_MM / spacing_mm).round() as usize).max(MIN_HALF_WIDTH_PX);
         let stride = stride_px(piece.count(), 2 * SURFACE_POINTS);
         let places: Vec<(usize, usize)> = (0..scan.height())
             .step_by(stride)
@@ -118,7 +120,8 @@ impl Scanned {
             places.par_iter().with_min_len(CHUNK).map(patch).collect::<Vec<_>>().into_iter().flatten().collect();
         let contour = outer_contours(piece)?.into_iter().next().unwrap_or_default();
         let edge = |line: &Line<Base>| {
-            let plane = local_plane(scan, line.pixel, half_width_px, viewer)?;
+            // Less than half of the neighbourhood of an outline's pixel is surface.
+            let plane = local_plane(scan, line.pixel, half_width_px + 1, viewer)?;
             let across = line.along.cross(&plane.normal.mm).try_normalize(1e-6)?;
             Some(Edge { point: line.point, across: Vector::new(across) })
         };

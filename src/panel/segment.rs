@@ -5,14 +5,27 @@
 
 use crate::geometry::{Frame, Mask, OrganizedCloud};
 
-/// Neighbouring points farther apart than this are two objects, mm: five pixels' width at working distance, and far
-/// below the gap between a panel and its fixture.
-const MAX_STEP_MM: f64 = 2.5;
+/// Neighbouring points this many times farther apart than usual are two objects: more than a steep panel makes of the
+/// usual step, and far below the gap between a panel and its fixture.
+const MAX_STEPS: f64 = 6.0;
+
+/// The usual distance between neighbouring points, mm: the median along the rows.
+fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
+    let pair = |index: usize| {
+        let beside = index + 1;
+        let pair = free[index] && beside % cloud.width() != 0 && free[beside];
+        pair.then(|| Some(cloud.point_at(index)?.distance_mm(cloud.point_at(beside)?))).flatten()
+    };
+    let mut steps: Vec<f64> = (0..free.len() - 1).step_by(7).filter_map(pair).collect();
+    let middle = steps.len() / 2;
+    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
 
 /// The pieces of a scan that are connected, each as its pixel indices, largest first.
 pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> bool) -> Vec<Vec<usize>> {
     let (width, height) = (cloud.width(), cloud.height());
     let mut free: Vec<bool> = (0..width * height).map(|i| inside(i) && cloud.point_at(i).is_some()).collect();
+    let max_step_mm = MAX_STEPS * usual_step_mm(cloud, &free).unwrap_or_default();
     let mut found = Vec::new();
     for start in 0..width * height {
         if !free[start] {
@@ -27,7 +40,7 @@ pub fn pieces<F: Frame>(cloud: &OrganizedCloud<F>, inside: impl Fn(usize) -> boo
             let Some(here) = cloud.point_at(index) else { continue };
             for neighbour in neighbours(index, width, height) {
                 let near = free[neighbour]
-                    && cloud.point_at(neighbour).is_some_and(|there| there.distance_mm(here) < MAX_STEP_MM);
+                    && cloud.point_at(neighbour).is_some_and(|there| there.distance_mm(here) < max_step_mm);
                 if near {
                     free[neighbour] = false;
                     piece.push(neighbour);

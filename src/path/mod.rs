@@ -1,1 +1,26 @@
-//! Tool paths.
+//! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
+//!
+//! `raster` lays rows, `orientation` stands the tool on them, `plan` joins both into paths, `coverage` and `edge`
+//! measure what a plan reaches, `gate` judges it, `krl` writes it for those who run it by hand. Knows nothing of the
+//! robot's reach or of where the panel stands now.
+
+mod coverage;
+mod edge;
+mod gate;
+mod krl;
+mod orientation;
+mod plan;
+mod raster;
+
+pub use coverage::GridCoverage;
+pub use edge::{Outline, Overhang};
+pub use gate::judge;
+pub use krl::{ProgramName, ProgramNameError, krl};
+pub use orientation::{OrientationError, Reference, panel_from_tool};
+pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};
+pub use raster::{Raster, RasterError, raster};
+
+#[cfg(test)]
+mod simulated;
+#[cfg(test)]
+mod tests;

@@ -142,16 +142,18 @@ settings! {
         /// The method.
         method: Method, (), default Method::Thesis;
         /// Gain α of Eq. 4.2.
-        gain: f64, 0.1..=50.0, default 3.0;
+        gain: f64, 0.1..=50.0, default 4.0;
         /// Bias β of Eq. 4.2.
         bias: f64, -255.0..=255.0, default 0.0;
-        /// Width of the median blur, px, odd.
-        median_px: usize, 3..=31, default 5;
+        /// Width of the median blur, px, odd. Of 5 px or more it is several times slower and rounds small breaks away.
+        median_px: usize, 3..=31, default 3;
         /// How often the median blur is applied.
         median_passes: usize, 1..=5, default 2;
-        /// Smallest adjusted difference of a changed pixel.
-        threshold: usize, 1..=255, default 60;
-        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them.
+        /// Smallest adjusted difference of a changed pixel: about half of that between dry and wet, so that a break's
+        /// edge is found where it is. 52 is for 26 grey levels, dark composite.
+        threshold: usize, 1..=255, default 52;
+        /// Lower bounds of a dry pixel: hue 0…179, saturation and value 0…255 as OpenCV scales them. The defaults rule
+        /// nothing out, since a range that is too narrow passes a broken film.
         hsv_min: [usize; 3], 0..=255, default [0, 0, 0];
         /// Upper bounds of a dry pixel.
         hsv_max: [usize; 3], 0..=255, default [179, 255, 255];

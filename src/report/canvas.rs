@@ -152,18 +152,6 @@ impl Canvas {
         Ok(())
     }
 
-    /// A label with its middle at `at`.
-    ///
-    /// # Errors
-    /// As [`Canvas::polyline`].
-    pub fn label_centred(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
-        let mut below = 0;
-        let scale = height_px / FONT_HEIGHT_PX;
-        let size = drawn(imgproc::get_text_size(text, FONT, scale, 1, &mut below))?;
-        let corner = Pixel::at(at.u - f64::from(size.width) / 2.0, at.v + f64::from(size.height) / 2.0);
-        self.label(corner, text, height_px, ink)
-    }
-
     /// A scale bar in the lower left corner: `px_per_mm` at the panel's depth.
     ///
     /// # Errors
@@ -180,19 +168,25 @@ impl Canvas {
         self.label(above, &format!("{length_mm:.0} mm"), text_px, Ink::WHITE)
     }
 
-    /// Lines of a legend in the upper left corner: a stroke of each ink beside its meaning.
+    /// The picture with a dark band above it that holds a legend: a stroke of each ink beside its meaning.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
-    pub fn legend(&mut self, lines: &[(Ink, &str)]) -> Result<(), ImagingError> {
+    pub fn with_legend(self, lines: &[(Ink, &str)]) -> Result<Self, ImagingError> {
         let text_px = (f64::from(self.mat.rows()) / 48.0).max(11.0);
+        let line_px = text_px * 1.8;
+        let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
+        let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
+        let mut mat = Mat::default();
+        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, 0, border, ground))?;
+        let mut canvas = Canvas { mat };
         for (index, (ink, meaning)) in lines.iter().enumerate() {
-            let base = text_px * (2.0 + 1.8 * index as f64);
+            let base = line_px * (index as f64 + 1.0) - text_px * 0.2;
             let stroke = [Pixel::at(text_px, base - text_px * 0.4), Pixel::at(text_px * 3.0, base - text_px * 0.4)];
-            self.polyline(&stroke, false, Pen { ink: *ink, width_px: (text_px / 4.0).round() as i32 })?;
-            self.label(Pixel::at(text_px * 3.6, base), meaning, text_px, Ink::WHITE)?;
+            canvas.polyline(&stroke, false, Pen { ink: *ink, width_px: (text_px / 4.0).round() as i32 })?;
+            canvas.label(Pixel::at(text_px * 3.6, base), meaning, text_px, Ink::WHITE)?;
         }
-        Ok(())
+        Ok(canvas)
     }
 }
 

@@ -47,8 +47,7 @@ impl CornerView<'_> {
         canvas.cross(found, 16.0, Pen { ink: Ink::ORANGE, width_px: 2 })?;
         canvas.scale_bar(5.0, self.px_per_mm * zoom)?;
         let apart = format!("{title}: {apart_px:.2} px, {:.2} mm apart", apart_px / self.px_per_mm);
-        canvas.legend(&[(Ink::BLUE, "expected"), (Ink::ORANGE, "found"), (Ink::WHITE, &apart)])?;
-        canvas.finish()
+        canvas.with_legend(&[(Ink::BLUE, "expected"), (Ink::ORANGE, "found"), (Ink::WHITE, &apart)])?.finish()
     }
 }
 

@@ -55,13 +55,13 @@ impl View<'_> {
             for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
                 let edge = self.pixels(&grid.edge);
                 canvas.polyline(&edge, true, pen)?;
-                let count = edge.len().max(1) as f64;
-                let middle = Pixel::at(
-                    edge.iter().map(|pixel| pixel.u).sum::<f64>() / count,
-                    edge.iter().map(|pixel| pixel.v).sum::<f64>() / count,
-                );
-                let height_px = (self.picture.height as f64 / 70.0).max(8.0);
-                canvas.label_centred(middle, &grid.id.to_string(), height_px, pen.ink)?;
+                // In the grid's first corner, so that what lies in its middle stays to be seen.
+                let height_px = (self.picture.height as f64 / 80.0).max(8.0);
+                let Some(first) = edge.first() else {
+                    continue;
+                };
+                let corner = Pixel::at(first.u + height_px * 0.5, first.v + height_px * 1.6);
+                canvas.label(corner, &grid.id.to_string(), height_px, pen.ink)?;
             }
         }
         Ok(())
@@ -87,8 +87,7 @@ impl View<'_> {
         let part = crop(&canvas.finish()?, left, top, size);
         let mut canvas = Canvas::on(&part)?;
         canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
-        canvas.legend(legend)?;
-        canvas.finish()
+        canvas.with_legend(legend)?.finish()
     }
 
     /// What was learnt: the panel's pixels, its outline, the region's grids.

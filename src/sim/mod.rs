@@ -3,10 +3,10 @@
 //! Pure functions from seed and scene to data: no files, no clock. It names `geometry` alone and shares nothing else
 //! with what it tests. The panel's frame is the base at the nominal place (thesis 3.8).
 //!
-//! - [`shape`], [`outline`]: the panel as a height field cut along an outline
-//! - [`scene`], [`fixture`]: where everything stands
-//! - [`cast`]: what each pixel sees · [`appearance`]: in which colour · [`noise`]: every random number
-//! - [`scanner`], [`flange`], [`film`], [`runoff`]: what the cameras deliver · [`spots`]: grease · [`truth`]: what is true of it all
+//! - `shape`, `outline`: the panel as a height field cut along an outline
+//! - `scene`, `fixture`: where everything stands
+//! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
+//! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
 //!
 //! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
 
@@ -25,6 +25,7 @@ mod spots;
 mod truth;
 
 pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::Spot;
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};

@@ -6,7 +6,7 @@
 
 use super::appearance::dry_and_wet;
 use super::cast::{Sight, View};
-use super::noise::{Normal, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
+use super::noise::{Normal, PIXEL_NOISE_GRAY, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
 use crate::geometry::{Camera, OrganizedCloud};
 use rand::RngExt;
 use rayon::prelude::*;
@@ -22,6 +22,38 @@ const EDGE_PX: f64 = 1.0;
 const FLYING_SHARE: f64 = 0.10;
 const EDGE_MISSING_SHARE: f64 = 0.75;
 const DROP_OUT_SHARE: f64 = 0.002;
+
+/// The simulator's noise, for reports.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct NoiseFigures {
+    /// White range noise at 700 mm, square to the surface, mm.
+    pub range_white_mm: f64,
+    /// Correlated range noise at the nodes of its lattice, rms, mm.
+    pub range_correlated_mm: f64,
+    /// Smallest and largest spacing of that lattice, mm.
+    pub range_lattice_mm: [f64; 2],
+    /// Share of the edge's pixels with a flying point.
+    pub edge_flying_share: f64,
+    /// Share of the edge's pixels without a point.
+    pub edge_missing_share: f64,
+    /// Share of all other pixels without a point.
+    pub drop_out_share: f64,
+    /// Pixel noise of both cameras, grey levels.
+    pub pixel_gray: f64,
+}
+
+/// The noise that every rendered shot has.
+pub fn noise_in_force() -> NoiseFigures {
+    NoiseFigures {
+        range_white_mm: WHITE_MM,
+        range_correlated_mm: CORRELATED_MM,
+        range_lattice_mm: [LATTICE_MM.start, LATTICE_MM.end],
+        edge_flying_share: FLYING_SHARE,
+        edge_missing_share: EDGE_MISSING_SHARE,
+        drop_out_share: DROP_OUT_SHARE,
+        pixel_gray: PIXEL_NOISE_GRAY,
+    }
+}
 
 /// Takes a shot; `shot` is its own seed.
 pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> OrganizedCloud<Camera> {

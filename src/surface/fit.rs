@@ -10,7 +10,7 @@
 //! Source of the weights: Beaton & Tukey, Technometrics 16(2), 1974.
 
 use super::banded::BandMatrix;
-use super::basis::{KnotError, KnotVector};
+use super::basis::{KnotError, KnotVector, Local};
 use super::bspline::{BSplineSurface, Parameter, SurfaceError};
 use super::samples::{Cell, gather, knots};
 use crate::geometry::{Panel, Pixel, Point};
@@ -194,28 +194,52 @@ fn refuse_holes(
     Ok(())
 }
 
-/// What one span adds to the normal equations.
+/// Pairs of functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
+const PAIRS: usize = SIDE * (SIDE + 1) / 2;
+
+/// What one span adds to the normal equations: with N_n = N_a(u) N_b(v) the sums of N_n N_m are those of the products
+/// of a pair along u with a pair along v.
 struct Block {
-    gram: [[f64; LOCAL]; LOCAL],
+    pairs: [[f64; PAIRS]; PAIRS],
     right: [Vector3<f64>; LOCAL],
 }
 
 impl Block {
     fn of(cell: &Cell, weights: &[f64], [knots_u, knots_v]: &[KnotVector; 2]) -> Self {
-        let mut block = Block { gram: [[0.0; LOCAL]; LOCAL], right: [Vector3::zeros(); LOCAL] };
+        let mut block = Block { pairs: [[0.0; PAIRS]; PAIRS], right: [Vector3::zeros(); LOCAL] };
         for (sample, weight) in cell.samples.iter().zip(weights) {
             let (u, v) = (knots_u.values(sample.at.u), knots_v.values(sample.at.v));
-            let basis: [f64; LOCAL] = std::array::from_fn(|n| u[n / SIDE] * v[n % SIDE]);
-            for (n, value) in basis.iter().enumerate() {
-                let weighted = weight * value;
-                for (sum, other) in block.gram[n].iter_mut().zip(&basis) {
-                    *sum += weighted * other;
+            let pairs_v = pairs(&v);
+            for (sums, pair_u) in block.pairs.iter_mut().zip(pairs(&u)) {
+                let weighted = weight * pair_u;
+                for (sum, pair_v) in sums.iter_mut().zip(&pairs_v) {
+                    *sum += weighted * pair_v;
                 }
-                block.right[n] += sample.mm * weighted;
+            }
+            for (n, sum) in block.right.iter_mut().enumerate() {
+                *sum += sample.mm * (weight * u[n / SIDE] * v[n % SIDE]);
             }
         }
         block
     }
+
+    /// Σ w N_n N_m.
+    fn gram(&self, n: usize, m: usize) -> f64 {
+        let pair = |a: usize, b: usize| a.max(b) * (a.max(b) + 1) / 2 + a.min(b);
+        self.pairs[pair(n / SIDE, m / SIDE)][pair(n % SIDE, m % SIDE)]
+    }
+}
+
+fn pairs(values: &Local) -> [f64; PAIRS] {
+    let mut pairs = [0.0; PAIRS];
+    let mut next = 0;
+    for a in 0..SIDE {
+        for b in 0..=a {
+            pairs[next] = values[a] * values[b];
+            next += 1;
+        }
+    }
+    pairs
 }
 
 fn solve(
@@ -236,7 +260,7 @@ fn solve(
         for n in 0..LOCAL {
             right[control(n)] += block.right[n];
             for m in 0..=n {
-                matrix.add(control(n), control(m), block.gram[n][m]);
+                matrix.add(control(n), control(m), block.gram(n, m));
             }
         }
     }

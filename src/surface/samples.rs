@@ -48,7 +48,7 @@ pub(super) fn knots(panel: &TaughtPanel, spacing_mm: f64) -> Result<[KnotVector;
         let margin = MARGIN_SPANS / (spans - 2.0 * MARGIN_SPANS);
         KnotVector::uniform(DEGREE, spans as usize, -margin..=1.0 + margin)
     };
-    let u_mm = side_mm(panel, |along, across| Point2::new(along, across))?;
+    let u_mm = side_mm(panel, Point2::new)?;
     let v_mm = side_mm(panel, |along, across| Point2::new(across, along))?;
     Ok([along(u_mm)?, along(v_mm)?])
 }

@@ -59,7 +59,7 @@ pub(crate) struct Spoil {
     pub flying: f64,
     /// Share of points that are missing.
     pub missing: f64,
-    /// Half-width of a square hole in the middle, px.
+    /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
 }
 
@@ -104,7 +104,7 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
         let pixel = Pixel::at((index % LENS.width_px) as f64, (index / LENS.width_px) as f64);
         let [flying, missing, how_far] = [0, 1, 2].map(|_| random.random::<f64>());
         let noise = normal() * spoil.noise_mm + if flying < spoil.flying { 4.0 * how_far - 2.0 } else { 0.0 };
-        let in_hole = (pixel.u - LENS.cx_px).abs() < spoil.hole_px && (pixel.v - LENS.cy_px).abs() < spoil.hole_px;
+        let in_hole = (pixel.u - 207.0).abs() < spoil.hole_px && (pixel.v - 150.0).abs() < spoil.hole_px;
         let ray = LENS.unproject::<Camera>(pixel).expect("inside").mm;
         let depth = depth(shape, ray).filter(|_| missing >= spoil.missing && !in_hole);
         depth.map_or([f32::NAN; 3], |depth| {

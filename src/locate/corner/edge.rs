@@ -1,0 +1,221 @@
+//! One straight edge to a fraction of a pixel, and where two of them meet.
+//!
+//! A line through contour pixels says roughly where the edge is. Every pixel's length along it the grey of the unfiltered
+//! picture is read across the edge, from the panel's side to the other; the edge is where it crosses the middle between
+//! what it is on both sides. A robust line through these places is the edge; it is read once more from there.
+
+use super::CornerError;
+use crate::geometry::{GrayPicture, Pixel};
+use nalgebra::{Matrix2, Vector2};
+
+/// How far across the edge the grey is read, px.
+const REACH_PX: i32 = 8;
+/// Places at each end of a profile that give the grey of a side.
+const SIDE_SAMPLES: usize = 5;
+/// Both sides must differ by this much, grey levels.
+const MIN_CONTRAST: f64 = 20.0;
+/// A shorter or more broken edge is no edge: sharp places for each pixel of length.
+const MIN_SHARE: f64 = 0.5;
+/// Places farther from the line than this many median distances are left out, but none within a third of a pixel.
+const MEDIANS: f64 = 4.0;
+const FLOOR_PX: f64 = 0.33;
+const LINE_ROUNDS: usize = 6;
+
+/// Where an edge is looked for, from the corner on.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Length {
+    /// Left out beside the corner, px.
+    pub skip_px: f64,
+    /// Fitted, px.
+    pub fit_px: f64,
+}
+
+/// A straight edge.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EdgeLine {
+    /// Its end near the corner.
+    pub from: Pixel,
+    /// Its other end.
+    pub to: Pixel,
+    /// Root mean square distance of the places from the line, px.
+    pub rms_px: f64,
+    /// Places on it.
+    pub points: usize,
+}
+
+/// Fits the edge along contour pixels, given from the corner outwards.
+pub(super) fn fit(picture: &GrayPicture, contour: &[Pixel], length: Length) -> Result<EdgeLine, CornerError> {
+    let needed = ((length.fit_px * MIN_SHARE) as usize).max(4);
+    let short = |found: usize| CornerError::EdgeTooShort { found, needed };
+    let (Some(first), Some(last)) = (contour.first(), contour.last()) else { return Err(short(0)) };
+    let outwards = vector(*last) - vector(*first);
+    let mut line = Line::through(&contour.iter().map(|&pixel| vector(pixel)).collect::<Vec<_>>(), outwards)
+        .ok_or_else(|| short(contour.len()))?;
+    for _ in 0..2 {
+        let places = crossings(picture, &line);
+        line = Line::through(&places, outwards)
+            .filter(|line| line.points >= needed)
+            .ok_or_else(|| short(places.len()))?;
+    }
+    Ok(EdgeLine {
+        from: pixel(line.middle + line.along * line.span[0]),
+        to: pixel(line.middle + line.along * line.span[1]),
+        rms_px: line.rms_px,
+        points: line.points,
+    })
+}
+
+/// Where two edges meet.
+pub(super) fn meet(a: &EdgeLine, b: &EdgeLine, min_angle_deg: f64) -> Result<Pixel, CornerError> {
+    let along = |edge: &EdgeLine| (vector(edge.to) - vector(edge.from)).normalize();
+    let (along_a, along_b) = (along(a), along(b));
+    let sine = along_a.perp(&along_b);
+    let angle_deg = sine.abs().asin().to_degrees();
+    if angle_deg.is_nan() || angle_deg < min_angle_deg {
+        return Err(CornerError::EdgesParallel { angle_deg, min_deg: min_angle_deg });
+    }
+    let way = (vector(b.from) - vector(a.from)).perp(&along_b) / sine;
+    Ok(pixel(vector(a.from) + along_a * way))
+}
+
+struct Line {
+    middle: Vector2<f64>,
+    along: Vector2<f64>,
+    /// First and last place along the line, from its middle.
+    span: [f64; 2],
+    rms_px: f64,
+    points: usize,
+}
+
+impl Line {
+    /// Total least squares with trimming: the direction of most scatter among the places near the line.
+    fn through(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<Line> {
+        let mut kept = places.to_vec();
+        let mut line = Line::least_squares(&kept, outwards)?;
+        for _ in 0..LINE_ROUNDS {
+            let away = |place: &Vector2<f64>| (place - line.middle).perp(&line.along).abs();
+            let mut sizes: Vec<f64> = kept.iter().map(away).collect();
+            let middle = sizes.len() / 2;
+            let limit_px = (MEDIANS * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1).max(FLOOR_PX);
+            kept = places.iter().filter(|place| away(place) <= limit_px).copied().collect();
+            line = Line::least_squares(&kept, outwards)?;
+        }
+        Some(line)
+    }
+
+    fn least_squares(places: &[Vector2<f64>], outwards: Vector2<f64>) -> Option<Line> {
+        if places.len() < 2 {
+            return None;
+        }
+        let count = places.len() as f64;
+        let middle = places.iter().sum::<Vector2<f64>>() / count;
+        let scatter: Matrix2<f64> =
+            places.iter().map(|place| (place - middle) * (place - middle).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let along = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let along = if along.dot(&outwards) < 0.0 { -along } else { along };
+        let way = |place: &Vector2<f64>| (place - middle).dot(&along);
+        let span = [places.iter().map(way).fold(0.0, f64::min), places.iter().map(way).fold(0.0, f64::max)];
+        let rms_px = (eigen.eigenvalues.min().max(0.0) / count).sqrt();
+        Some(Line { middle, along, span, rms_px, points: places.len() })
+    }
+}
+
+/// The sub-pixel places of the edge, one for each pixel along a line near it.
+fn crossings(picture: &GrayPicture, line: &Line) -> Vec<Vector2<f64>> {
+    let across = Vector2::new(-line.along.y, line.along.x);
+    let steps = (line.span[1] - line.span[0]).floor().max(0.0) as usize;
+    let place = |step: usize| {
+        let centre = line.middle + line.along * (line.span[0] + step as f64);
+        let profile = (-REACH_PX..=REACH_PX)
+            .map(|offset| gray_at(picture, centre + across * f64::from(offset)))
+            .collect::<Option<Vec<f64>>>()?;
+        Some(centre + across * (crossing(&profile)? - f64::from(REACH_PX)))
+    };
+    (0..=steps).filter_map(place).collect()
+}
+
+/// Where a profile crosses the middle between its ends, nearest to its centre, in samples; `None` where the ends are
+/// too much alike.
+fn crossing(profile: &[f64]) -> Option<f64> {
+    let mean = |side: &[f64]| side.iter().sum::<f64>() / side.len() as f64;
+    let (first, last) = (mean(&profile[..SIDE_SAMPLES]), mean(&profile[profile.len() - SIDE_SAMPLES..]));
+    if (last - first).abs() < MIN_CONTRAST {
+        return None;
+    }
+    let middle = (first + last) / 2.0;
+    let centre = (profile.len() - 1) as f64 / 2.0;
+    let crosses = |i: usize| {
+        let (a, b) = (profile[i] - middle, profile[i + 1] - middle);
+        ((a < 0.0) != (b < 0.0)).then(|| i as f64 + a / (a - b))
+    };
+    let rising = |i: &usize| (profile[i + 1] > profile[*i]) == (last > first);
+    (0..profile.len() - 1)
+        .filter(rising)
+        .filter_map(crosses)
+        .min_by(|a, b| (a - centre).abs().total_cmp(&(b - centre).abs()))
+}
+
+/// Grey between pixel centres, bilinear; `None` outside of the picture.
+fn gray_at(picture: &GrayPicture, place: Vector2<f64>) -> Option<f64> {
+    let (column, row) = (place.x.floor(), place.y.floor());
+    if column < 0.0 || row < 0.0 || column as usize + 1 >= picture.width || row as usize + 1 >= picture.height {
+        return None;
+    }
+    let (right, down) = (place.x - column, place.y - row);
+    let at =
+        |dx: usize, dy: usize| f64::from(picture.gray[(row as usize + dy) * picture.width + column as usize + dx]);
+    let upper = at(0, 0) * (1.0 - right) + at(1, 0) * right;
+    let lower = at(0, 1) * (1.0 - right) + at(1, 1) * right;
+    Some(upper * (1.0 - down) + lower * down)
+}
+
+fn vector(pixel: Pixel) -> Vector2<f64> {
+    Vector2::new(pixel.u, pixel.v)
+}
+
+fn pixel(place: Vector2<f64>) -> Pixel {
+    Pixel::at(place.x, place.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: between 40 and 140 the middle is 90; from 60 to 120 it is crossed half-way, 8.5 samples in.
+    #[test]
+    fn the_middle_grey_is_crossed_between_two_samples() {
+        let mut profile = [40.0; 17];
+        profile[8] = 60.0;
+        profile[9] = 120.0;
+        profile[10..].fill(140.0);
+        assert!((crossing(&profile).expect("a step") - 8.5).abs() < 1e-12);
+        assert_eq!(crossing(&[100.0; 17]), None);
+    }
+
+    /// By hand: y = 10 and x = 20 + y/2 meet at (25, 10).
+    #[test]
+    fn two_lines_meet() {
+        let line = |a: (f64, f64), b: (f64, f64)| EdgeLine {
+            from: Pixel::at(a.0, a.1),
+            to: Pixel::at(b.0, b.1),
+            rms_px: 0.0,
+            points: 2,
+        };
+        let level = line((40.0, 10.0), (90.0, 10.0));
+        let steep = line((30.0, 20.0), (50.0, 60.0));
+        let corner = meet(&level, &steep, 20.0).expect("a corner");
+        assert!(corner.distance_px(Pixel::at(25.0, 10.0)) < 1e-12, "{corner:?}");
+        let error = meet(&level, &line((40.0, 20.0), (90.0, 22.0)), 20.0).expect_err("nearly parallel");
+        assert!(matches!(error, CornerError::EdgesParallel { angle_deg, .. } if (angle_deg - 2.29).abs() < 0.01));
+    }
+
+    #[test]
+    fn a_few_wrong_places_do_not_turn_the_line() {
+        let place =
+            |i: i32| Vector2::new(f64::from(i), if i % 9 == 0 { 14.0 } else { 5.0 + 0.01 * f64::from(i % 2) });
+        let line = Line::through(&(0..90).map(place).collect::<Vec<_>>(), Vector2::x()).expect("a line");
+        assert!(line.along.y.abs() < 1e-3 && (line.middle.y - 5.005).abs() < 1e-3, "{:?}", line.middle);
+        assert_eq!(line.points, 80);
+    }
+}

@@ -1,0 +1,90 @@
+//! What the disc reaches: the covered share of a grid, and the distance between neighbouring rows as it came out.
+//!
+//! A sample of the surface is covered where its distance to the contact track is at most the disc's radius. Samples
+//! stand about 1 mm apart and weigh |S_u × S_v| each. The disc is taken as wholly in contact: a compliant pad.
+
+use crate::geometry::{Panel, Point};
+use crate::panel::GridId;
+use crate::surface::{BSplineSurface, Parameter, Patch};
+
+/// Distance between samples, mm, about.
+const SAMPLE_MM: f64 = 1.0;
+
+/// What a path reaches of its grid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridCoverage {
+    /// The grid.
+    pub id: GridId,
+    /// Its area on the surface, mm².
+    pub area_mm2: f64,
+    /// What of it the disc touches, mm².
+    pub covered_mm2: f64,
+}
+
+impl GridCoverage {
+    /// Covered share, 0…1.
+    pub fn share(&self) -> f64 {
+        self.covered_mm2 / self.area_mm2
+    }
+}
+
+/// What a contact track reaches of a grid.
+pub(super) fn coverage(
+    surface: &BSplineSurface,
+    (id, patch): (GridId, &Patch),
+    track: &[Point<Panel>],
+    radius_mm: f64,
+) -> GridCoverage {
+    let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
+    let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
+    let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
+    let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
+    let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
+    let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
+    // Neighbouring samples are mostly covered by the same piece of track.
+    let mut last = 0;
+    for sample in 0..across * down {
+        let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+        let at = patch.at(Parameter { u: share(sample % across, across), v: share(sample / across, down) });
+        let tangents = surface.tangents(at);
+        let area_mm2 = tangents.area_mm2() * cell;
+        let covers = |piece: usize| distance_to_piece_mm(tangents.point, track, piece) <= radius_mm;
+        let pieces = track.len().saturating_sub(1).max(1);
+        let hit = (0..pieces).map(|step| (last + step) % pieces).find(|piece| covers(*piece));
+        found.area_mm2 += area_mm2;
+        if let Some(piece) = hit {
+            last = piece;
+            found.covered_mm2 += area_mm2;
+        }
+    }
+    found
+}
+
+// A track of one point is its own only piece.
+fn distance_to_piece_mm(point: Point<Panel>, track: &[Point<Panel>], piece: usize) -> f64 {
+    let Some(from) = track.get(piece) else { return f64::INFINITY };
+    let to = track.get(piece + 1).unwrap_or(from);
+    foot(point, *from, *to).1
+}
+
+/// Share 0…1 along a straight piece at which a point is nearest, and its distance there, mm.
+fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64) {
+    let (piece, offset) = ((to - from).mm, (point - from).mm);
+    let length2 = piece.norm_squared();
+    let share = if length2 > 0.0 { (offset.dot(&piece) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    (share, (offset - piece * share).norm())
+}
+
+/// Distances of a row's waypoints to the next row, mm, where that one runs beside them; turns apart.
+pub(super) fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
+    if let ([point], [other]) = (row, next) {
+        return vec![point.distance_mm(*other)];
+    }
+    let beside = |point: &Point<Panel>| {
+        let feet = next.windows(2).enumerate().map(|(index, piece)| (index, foot(*point, piece[0], piece[1])));
+        let (index, (share, distance_mm)) = feet.min_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+        let beyond = (index == 0 && share <= 0.0) || (index + 2 == next.len() && share >= 1.0);
+        (!beyond).then_some(distance_mm)
+    };
+    row.iter().filter_map(beside).collect()
+}

@@ -1,0 +1,108 @@
+//! How far the disc reaches beyond the panel's outline.
+//!
+//! The overhang at a contact point is R − d inside the outline and R + d outside of it, d its distance to the
+//! nearest outline point. Inside or outside is told in the outline's mean plane, so a panel must not bend by 180°.
+
+use crate::geometry::{Panel, Pixel, Point, polygon};
+use nalgebra::Vector3;
+
+/// Outline points that share one bounding sphere.
+const BLOCK: usize = 32;
+
+/// How far a disc reaches beyond the outline along a plan.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Overhang {
+    /// The farthest, mm; 0 where the disc stays on the panel.
+    pub largest_mm: f64,
+    /// Share of contact waypoints with more than is allowed, 0…1.
+    pub share_beyond: f64,
+}
+
+/// The panel's outline, made ready for many distances.
+#[derive(Debug, Clone)]
+pub struct Outline {
+    points: Vec<Point<Panel>>,
+    // Centre and radius, mm, of each block of points.
+    blocks: Vec<(Point<Panel>, f64)>,
+    // Directions that span the mean plane, and the outline in it, mm.
+    across: [Vector3<f64>; 2],
+    flat: Vec<Pixel>,
+}
+
+impl Outline {
+    /// The outline from its points in order, closed.
+    pub fn new(points: &[Point<Panel>]) -> Self {
+        let block = |block: &[Point<Panel>]| {
+            let sum = block.iter().fold(Vector3::zeros(), |sum, point| sum + point.mm.coords);
+            let centre = Point::new((sum / block.len() as f64).into());
+            (centre, block.iter().map(|point| point.distance_mm(centre)).fold(0.0, f64::max))
+        };
+        let across = mean_plane(points);
+        Outline {
+            points: points.to_vec(),
+            blocks: points.chunks(BLOCK).map(block).collect(),
+            across,
+            flat: points.iter().map(|point| flat(across, *point)).collect(),
+        }
+    }
+
+    /// How far a disc of this radius around a contact reaches beyond the outline, mm; 0 where it does not.
+    pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
+        let distance_mm = self.distance_mm(contact);
+        if polygon::contains(&self.flat, flat(self.across, contact)) {
+            (radius_mm - distance_mm).max(0.0)
+        } else {
+            radius_mm + distance_mm
+        }
+    }
+
+    fn distance_mm(&self, point: Point<Panel>) -> f64 {
+        let mut nearest = f64::INFINITY;
+        for ((centre, radius_mm), block) in self.blocks.iter().zip(self.points.chunks(BLOCK)) {
+            if point.distance_mm(*centre) - radius_mm < nearest {
+                nearest = block.iter().map(|other| point.distance_mm(*other)).fold(nearest, f64::min);
+            }
+        }
+        nearest
+    }
+}
+
+/// Two directions across the polygon's area vector.
+fn mean_plane(points: &[Point<Panel>]) -> [Vector3<f64>; 2] {
+    let Some(first) = points.first() else { return [Vector3::x(), Vector3::y()] };
+    let cross = |pair: &[Point<Panel>]| (pair[0] - *first).mm.cross(&(pair[1] - *first).mm);
+    let area = points.windows(2).fold(Vector3::zeros(), |sum, pair| sum + cross(pair));
+    let normal = area.try_normalize(1e-9).unwrap_or(Vector3::z());
+    let mut least_along = Vector3::zeros();
+    least_along[normal.iamin()] = 1.0;
+    let x = normal.cross(&least_along).normalize();
+    [x, normal.cross(&x)]
+}
+
+fn flat([x, y]: [Vector3<f64>; 2], point: Point<Panel>) -> Pixel {
+    Pixel::at(point.mm.coords.dot(&x), point.mm.coords.dot(&y))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: in a square of ±50 mm that stands upright, a disc of 15 mm at 40 mm reaches 5 mm over the edge, in
+    /// the middle none, and 10 mm beyond the edge 25.
+    #[test]
+    fn a_disc_at_the_edge_of_an_upright_square() {
+        let corner = |n: usize| {
+            let (side, along) = (n / 100, (n % 100) as f64 - 50.0);
+            [
+                Point::at(along, 7.0, -50.0),
+                Point::at(50.0, 7.0, along),
+                Point::at(-along, 7.0, 50.0),
+                Point::at(-50.0, 7.0, -along),
+            ][side]
+        };
+        let outline = Outline::new(&(0..400).map(corner).collect::<Vec<_>>());
+        for (x, overhang_mm) in [(40.0, 5.0), (0.0, 0.0), (60.0, 25.0), (-41.5, 6.5)] {
+            assert!((outline.overhang_mm(Point::at(x, 7.0, 0.0), 15.0) - overhang_mm).abs() < 1e-9);
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Judges a plan before anything moves: whole paths, rejected and never clipped.
+//!
+//! Looks at the poses as they would be sent, not at how they were made: every number finite, no large step, no large
+//! turn between neighbours, contact only between air and air. Then at what the plan reaches: coverage, and the disc
+//! beyond the panel's outline. Does not know the robot: reach, speed of the axes and keep-out boxes come where it is
+//! known.
+
+use super::plan::{Plan, ToolPath, Waypoint};
+use crate::geometry::{Degrees, Panel, Rigid, Tool};
+use crate::recipe;
+use crate::verdict::{Judgement, Reason};
+
+/// Largest turn of the tool from one waypoint to the next.
+const MAX_TURN: Degrees = Degrees(15.0);
+/// Smallest covered share of each grid, 0…1.
+const MIN_COVERAGE: f64 = 0.95;
+/// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
+const STEP_TOLERANCE: f64 = 1.02;
+
+/// Accepts a plan, asks a person, or rejects it, with reasons.
+pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
+    let reject = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
+    Judgement::of(reject, shortfalls(plan, settings))
+}
+
+fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
+    let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.pose.is_finite()) {
+        return vec![Reason::new("not_finite", format!("grid {name}: waypoint {index} is not a number"))];
+    }
+    let mut reasons = Vec::new();
+    let in_air = |waypoint: Option<&Waypoint>| waypoint.is_some_and(|waypoint| !waypoint.contact);
+    if !(in_air(path.waypoints.first()) && in_air(path.waypoints.last())) {
+        let message = format!("grid {name}: the path does not begin and end above the panel");
+        reasons.push(Reason::new("no_air", message));
+    }
+    for (index, pair) in path.waypoints.windows(2).enumerate() {
+        let rigid = |waypoint: &Waypoint| waypoint.pose.to_rigid::<Panel, Tool>();
+        let (from, to) = (rigid(&pair[0]), rigid(&pair[1]));
+        let (step_mm, turn) = (from.origin().distance_mm(to.origin()), turn_between(from, to));
+        let limit_mm = if pair[0].contact && pair[1].contact {
+            settings.waypoint_spacing_mm() * STEP_TOLERANCE
+        } else {
+            settings.waypoint_spacing_mm() + settings.approach_mm()
+        };
+        if step_mm > limit_mm {
+            let message =
+                format!("grid {name}: {step_mm:.2} mm from waypoint {index} to the next, allowed {limit_mm:.2}");
+            reasons.push(Reason::new("large_step", message));
+        }
+        if turn > MAX_TURN {
+            let message = format!(
+                "grid {name}: the tool turns by {turn} from waypoint {index} to the next, allowed {MAX_TURN}; set \
+                 a smaller waypoint_spacing_mm or another reference_axis"
+            );
+            reasons.push(Reason::new("large_turn", message));
+        }
+    }
+    reasons
+}
+
+fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
+    (from.inverse() * to).turn()
+}
+
+fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
+    let mut reasons = Vec::new();
+    for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
+        let message = format!(
+            "grid {}: the disc reaches {:.1} %, wanted {:.0} %; a smaller step_over_mm reaches more",
+            grid.id,
+            100.0 * grid.share(),
+            100.0 * MIN_COVERAGE
+        );
+        reasons.push(Reason::new("coverage", message));
+    }
+    if plan.overhang.largest_mm > settings.edge_overhang_mm() {
+        let message = format!(
+            "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
+             edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",
+            plan.overhang.largest_mm,
+            100.0 * plan.overhang.share_beyond,
+            settings.edge_overhang_mm()
+        );
+        reasons.push(Reason::new("edge_overhang", message));
+    }
+    reasons
+}

@@ -1,0 +1,79 @@
+//! How the tool stands on the surface (thesis 4.7).
+//!
+//! Tool Z = −N, out of the pad and into the panel (4.17). The thesis takes Y = Z × (0, 0, −1), which does not exist
+//! where the normal is vertical and spins beside it. Here X is a reference made perpendicular to Z and
+//!     X = (e − (e·Z) Z) / |…|,   Y = Z × X.                                              (4.18, 4.19 replaced)
+//! The reference e is the recipe's axis, or the feed *axis* S_u with one sign for the whole path: the feed direction
+//! itself would turn the wrist by 180° at every row. Where e stands along the normal the path is refused.
+
+use crate::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
+use crate::recipe;
+use crate::surface::{BSplineSurface, Parameter};
+use nalgebra::Vector3;
+
+/// Closer to the normal than this, a reference does not hold the tool's spin.
+const MIN_ANGLE: Degrees = Degrees(6.0);
+
+/// What holds the tool's spin about the normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reference {
+    /// S_u of the surface: the axis along which rows run.
+    Feed,
+    /// A direction in the panel's frame.
+    Axis(Vector<Panel>),
+}
+
+impl Reference {
+    /// The recipe's `reference_axis`; zero is the feed axis.
+    pub fn of(settings: &recipe::Path) -> Self {
+        let axis = Vector::new(Vector3::from(settings.reference_axis()));
+        axis.direction().map_or(Reference::Feed, Reference::Axis)
+    }
+}
+
+/// Why the tool cannot stand at a place.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OrientationError {
+    /// No normal.
+    #[error("the surface has no normal at (u, v) = ({:.4}, {:.4})", at.u, at.v)]
+    NoNormal {
+        /// Where.
+        at: Parameter,
+    },
+    /// The reference leaves the spin open.
+    #[error(
+        "reference_axis stands {angle} from the normal, needed are {MIN_ANGLE}; choose an axis along the panel, or \
+         [0, 0, 0] for the feed axis"
+    )]
+    ReferenceAlongNormal {
+        /// Angle between the axis and the normal, 0…90°.
+        angle: Degrees,
+    },
+}
+
+/// The tool standing on the surface, its point `height_mm` above it along the normal.
+///
+/// # Errors
+/// Where the surface has no normal or the reference stands along it.
+pub fn panel_from_tool(
+    surface: &BSplineSurface,
+    at: Parameter,
+    height_mm: f64,
+    reference: Reference,
+) -> Result<Rigid<Panel, Tool>, OrientationError> {
+    let tangents = surface.tangents(at);
+    let normal = surface.normal_of(&tangents).ok_or(OrientationError::NoNormal { at })?;
+    let axis = match reference {
+        Reference::Feed => tangents.s_u.mm.normalize(),
+        Reference::Axis(axis) => axis.mm,
+    };
+    let z = -normal.mm; // Eq. 4.17
+    let across = axis - z * axis.dot(&z);
+    let sine = across.norm();
+    if sine < MIN_ANGLE.rad().sin() {
+        return Err(OrientationError::ReferenceAlongNormal { angle: Degrees::from_rad(sine.asin()) });
+    }
+    let x = across / sine;
+    let origin: Point<Panel> = tangents.point + normal * height_mm;
+    Ok(Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), origin))
+}

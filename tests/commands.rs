@@ -1,0 +1,237 @@
+//! The commands as a user runs them: the program itself, on files, with exit codes and JSON.
+
+use panelprep::geometry::{Base, KukaPose, Panel, Point, Rigid};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use tempfile::TempDir;
+
+/// Runs the program in a folder.
+fn panelprep(folder: &Path, arguments: &str) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts")
+}
+
+/// Runs a command with `--json`: its exit code and its one object.
+fn json(folder: &Path, arguments: &str) -> (i32, Value) {
+    let output = panelprep(folder, &format!("{arguments} --json"));
+    let text = String::from_utf8(output.stdout).expect("UTF-8");
+    let object = serde_json::from_str(&text)
+        .unwrap_or_else(|error| panic!("{arguments}: {error}: {text}{}", String::from_utf8_lossy(&output.stderr)));
+    (output.status.code().expect("an exit code"), object)
+}
+
+/// A rendered cell at a quarter of the size, in a folder of its own.
+fn rendered(scene: &str) -> TempDir {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (exit, files) = json(folder.path(), &format!("render --seed 3 --scene {scene} --reduction 4 --out cell"));
+    assert_eq!(exit, 0, "{files}");
+    folder
+}
+
+const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
+                     --corner cell/taught_corner.png --flange cell/taught_flange.json";
+const LOCATE: &str = "locate --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/scan.pcd";
+const REFINE: &str = "refine --cell cell/cell.toml --recipe cell/recipe.toml --located located.json \
+                      --corner cell/corner.png --flange cell/flange.json";
+const INSPECT: &str = "inspect --cell cell/cell.toml --recipe cell/recipe.toml --clip cell/clip --located refined.json \
+                       --truth cell/truth --pictures pictures";
+const PLAN: &str = "plan --cell cell/cell.toml --recipe cell/recipe.toml --located refined.json --out plan.json \
+                    --krl sand.src --pictures pictures";
+
+fn keep(folder: &Path, name: &str, object: &Value) {
+    std::fs::write(folder.join(name), object.to_string()).expect("written");
+}
+
+fn pose(object: &Value) -> Rigid<Base, Panel> {
+    let pose: KukaPose = serde_json::from_value(object["base_from_panel"].clone()).expect("a pose");
+    pose.to_rigid()
+}
+
+#[test]
+fn from_files_to_waypoints_command_by_command() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    let (exit, taught) = json(folder, TEACH);
+    assert_eq!((exit, taught["verdict"].as_str()), (0, Some("accept")), "{taught}");
+    assert_eq!(taught["grids"].as_array().map(Vec::len), Some(24));
+
+    let (exit, located) = json(folder, LOCATE);
+    assert_eq!((exit, located["verdict"].as_str()), (0, Some("accept")), "{located}");
+    assert!(located["overlap"].as_f64().is_some_and(|share| (0.9..=1.0).contains(&share)), "{located}");
+    keep(folder, "located.json", &located);
+
+    let (exit, refined) = json(folder, REFINE);
+    assert_eq!((exit, refined["verdict"].as_str()), (0, Some("accept")), "{refined}");
+    keep(folder, "refined.json", &refined);
+    let truth: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("cell/truth/truth.json")).expect("truth")).expect("JSON");
+    let corner_mm: [f64; 3] = serde_json::from_value(truth["corners"][0]["corner_mm"].clone()).expect("a corner");
+    let corner = Point::<Panel>::at(corner_mm[0], corner_mm[1], corner_mm[2]);
+    let off_mm = pose(&refined).distance_at_mm(pose(&truth), corner);
+    assert!(off_mm < 0.5, "the corner is {off_mm:.3} mm off");
+
+    let (exit, inspected) = json(folder, INSPECT);
+    assert_eq!((exit, inspected["verdict"].as_str()), (1, Some("fail")), "{inspected}");
+    assert_eq!(inspected["frames"], 301, "60 s at 5 pictures a second, both ends");
+    assert_eq!(inspected["score"]["grids"]["false_pass"], 0, "{inspected}");
+    assert_eq!(inspected["score"]["grids"]["false_fail"], 0, "{inspected}");
+    let failed: Vec<String> = inspected["grids"]
+        .as_array()
+        .expect("grids")
+        .iter()
+        .filter(|grid| grid["failed"] == true)
+        .map(|grid| grid["id"].as_str().expect("an id").to_owned())
+        .collect();
+    assert!(!failed.is_empty() && folder.join("pictures/mask.png").exists());
+
+    let (exit, plan) = json(folder, &format!("{PLAN} --grids {}", failed.join(",")));
+    assert_eq!((exit, plan["verdict"].as_str()), (0, Some("accept")), "{plan}");
+    assert!(plan["coverage"].as_f64().is_some_and(|share| share >= 0.95), "{plan}");
+    assert_eq!(plan["paths"].as_array().map(Vec::len), Some(failed.len()));
+    let kept: Value =
+        serde_json::from_slice(&std::fs::read(folder.join("plan.json")).expect("the plan")).expect("JSON");
+    assert_eq!(kept, plan);
+    let krl = std::fs::read_to_string(folder.join("sand.src")).expect("the program");
+    assert!(krl.contains("DEF sand()") && krl.matches("LIN {").count() > 10, "{krl}");
+}
+
+#[test]
+fn a_missing_or_wrong_panel_is_rejected_in_words() {
+    for scene in ["no-panel", "wrong-panel"] {
+        let folder = rendered(scene);
+        assert_eq!(json(folder.path(), TEACH).0, 0);
+        let (exit, located) = json(folder.path(), LOCATE);
+        assert_eq!((exit, located["verdict"].as_str()), (1, Some("reject")), "{scene}: {located}");
+        let reasons = located["reasons"].as_array().expect("reasons");
+        assert!(
+            reasons.iter().all(|reason| reason["message"].as_str().is_some_and(|text| text.len() > 20)),
+            "{located}"
+        );
+        assert!(!reasons.is_empty());
+        // What was rejected cannot be used further.
+        keep(folder.path(), "located.json", &located);
+        let (exit, refined) = json(folder.path(), REFINE);
+        assert_eq!((exit, &refined["verdict"]), (2, &Value::Null), "{scene}: {refined}");
+    }
+}
+
+/// Each bad input with words that its message must hold. Everything that stands before the fault stays.
+#[test]
+fn bad_input_is_refused_with_file_and_reason() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    let write = |name: &str, bytes: &[u8]| std::fs::write(folder.join(name), bytes).expect("written");
+    let read = |name: &str| std::fs::read(folder.join(name)).expect("read");
+    let scan = read("cell/scan.pcd");
+    write("short.pcd", &scan[..scan.len() / 2]);
+    let text = String::from_utf8(read("cell/recipe.toml")).expect("UTF-8");
+    write("cell/misspelt.toml", text.replace("box_min_mm", "box_min_cm").as_bytes());
+    write("cell/nan.toml", text.replace("rows = 4", "rows = nan").as_bytes());
+    let cell = String::from_utf8(read("cell/cell.toml")).expect("UTF-8");
+    write("cell/uncalibrated.toml", cell.replace("base_from_camera =", "# base_from_camera =").as_bytes());
+    std::fs::create_dir_all(folder.join("empty")).expect("a folder");
+    write("empty/clip.csv", b"file,time_s,phase\n");
+    std::fs::create_dir_all(folder.join("gap")).expect("a folder");
+    write("gap/clip.csv", b"file,time_s,phase\n00001.jpg,0,wet\n");
+    write("pose.json", br#"{"x_mm": 1}"#);
+    std::fs::copy(fixture("shot_ascii.pcd"), folder.join("small.pcd")).expect("copied");
+
+    let teach =
+        |cell: &str, recipe: &str, scan: &str| format!("teach --cell {cell} --recipe {recipe} --scan {scan}");
+    let (cell, recipe) = ("cell/cell.toml", "cell/recipe.toml");
+    let clip = |clip: &str| format!("inspect --cell {cell} --recipe {recipe} --clip {clip}");
+    let cases = [
+        (LOCATE.to_owned(), vec!["simulated-panel", "taught"]),
+        (teach(cell, recipe, "cell/missing.pcd"), vec!["cell/missing.pcd", "No such file"]),
+        (teach(cell, recipe, "short.pcd"), vec!["short.pcd"]),
+        (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
+        (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),
+        (
+            teach(cell, "cell/misspelt.toml", "cell/scan.pcd"),
+            vec!["misspelt.toml:", "locate.box_min_cm", "box_min_mm"],
+        ),
+        (teach(cell, "cell/nan.toml", "cell/scan.pcd"), vec!["nan.toml:", "region.rows", "1 to 50"]),
+        (teach("cell/uncalibrated.toml", recipe, "cell/scan.pcd"), vec!["uncalibrated.toml", "base_from_camera"]),
+        (format!("{TEACH} --flange pose.json"), vec!["1 --corner and 2 --flange"]),
+        (clip("nowhere"), vec!["nowhere/clip.csv"]),
+        (clip("empty"), vec!["empty/clip.csv", "empty"]),
+        (clip("gap"), vec!["gap/00001.jpg", "No such file"]),
+        (format!("{} --located pose.json", clip("cell/clip")), vec!["pose.json", "missing field"]),
+        ("render --out cell/clip".to_owned(), vec!["cell/clip", "not written by"]),
+    ];
+    for (arguments, words) in &cases[..1] {
+        refuses(folder, arguments, words);
+    }
+    assert!(!folder.join("cell/store/panelprep.sqlite-journal").exists());
+    assert_eq!(json(folder, TEACH).0, 0);
+    for (arguments, words) in &cases[1..] {
+        refuses(folder, arguments, words);
+    }
+    let (exit, plan) = json(folder, &format!("plan --cell {cell} --recipe {recipe} --grids r9c1 --out none.json"));
+    assert_eq!(exit, 2, "{plan}");
+    assert!(!folder.join("none.json").exists(), "nothing is half written");
+}
+
+fn refuses(folder: &Path, arguments: &str, words: &[&str]) {
+    let (exit, object) = json(folder, arguments);
+    let message = object["reasons"][0]["message"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(exit, 2, "{arguments}: {object}");
+    for word in words {
+        assert!(message.contains(word), "{arguments}\n  says: {message}\n  which lacks: {word}");
+    }
+}
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/pcl").join(name)
+}
+
+/// Scans that PCL's tools wrote, with a calibration and recipe as a user would write them. The truth stands in
+/// `fixtures/README.md`: moved by (5, −3, 6) mm and turned by 3° about the camera's x and z axes at (0, 0, 400).
+#[test]
+fn scans_written_by_pcl_are_taught_located_and_planned() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write(
+        "cell.toml",
+        "store = \"store\"\n[scanner]\nkind = \"simulated\"\n[flange_camera]\nkind = \"simulated\"\n[robot]\nkind = \"mock\"\n\
+        [calibration]\nscanner = \"scanner.toml\"\nbase_from_camera = \"mount.toml\"\n",
+    );
+    write(
+        "scanner.toml",
+        "[camera]\nwidth_px = 320\nheight_px = 240\nfx_px = 294.68334\nfy_px = 304.63776\ncx_px = 160.0\n\
+        cy_px = 119.0\nk1 = 0.0\nk2 = 0.0\np1 = 0.0\np2 = 0.0\nk3 = 0.0\n",
+    );
+    write(
+        "mount.toml",
+        "[base_from_camera]\nx_mm = 0.0\ny_mm = 0.0\nz_mm = 0.0\na_deg = 0.0\nb_deg = 0.0\nc_deg = 0.0\n",
+    );
+    write(
+        "recipe.toml",
+        "panel = \"small\"\n[locate]\nbox_min_mm = [-120, -100, 300]\nbox_max_mm = [120, 100, 500]\n\
+        [region]\ncorners_px = [[128, 95], [192, 94], [196, 146], [130, 142]]\nrows = 2\ncolumns = 2\n\
+        [path]\ndisc_diameter_mm = 16\nstep_over_mm = 8\nedge_overhang_mm = 4\n",
+    );
+    let run = |arguments: &str| json(folder.path(), &format!("{arguments} --cell cell.toml --recipe recipe.toml"));
+    let (exit, taught) = run(&format!("teach --scan {}", fixture("panel.pcd").display()));
+    assert_eq!(exit, 0, "{taught}");
+    let (exit, located) = run(&format!("locate --scan {}", fixture("panel_moved.pcd").display()));
+    assert_eq!((exit, located["verdict"].as_str()), (0, Some("accept")), "{located}");
+    let turn = |axis: nalgebra::Unit<nalgebra::Vector3<f64>>| {
+        nalgebra::UnitQuaternion::from_axis_angle(&axis, 3.0_f64.to_radians())
+    };
+    let turned = turn(nalgebra::Vector3::z_axis()) * turn(nalgebra::Vector3::x_axis());
+    let middle = nalgebra::Vector3::new(0.0, 0.0, 400.0);
+    let truth = nalgebra::Vector3::new(5.0, -3.0, 6.0) + middle;
+    for place in [[-50.0, -35.0, 408.0], [45.0, 40.0, 408.0], [0.0, 0.0, 400.0]].map(nalgebra::Vector3::from) {
+        let expected = turned * (place - middle) + truth;
+        let found = pose(&located) * Point::<Panel>::new(place.into());
+        let off_mm = (found.mm.coords - expected).norm();
+        assert!(off_mm < 0.5, "{off_mm:.3} mm off at {place:?}: {located}");
+    }
+    let (exit, plan) = run("plan");
+    assert_eq!((exit, plan["paths"].as_array().map(Vec::len)), (0, Some(4)), "{plan}");
+}

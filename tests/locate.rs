@@ -1,0 +1,221 @@
+//! Localization on the simulated cell, where the truth is known.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
+use panelprep::locate::refine::{self, CornerView, Refined};
+use panelprep::locate::{self, Fit, LocateError, corner, gate};
+use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use panelprep::recipe::Recipe;
+use panelprep::sim::{Cell, Place, PlacementError, SEARCH_BOX_MM, Scene};
+use panelprep::verdict::{Judgement, Verdict};
+use std::time::Instant;
+
+fn recipe(cell: &Cell, which: &str) -> Recipe {
+    let region = cell.region();
+    let corners: Vec<String> = region.corners_px.iter().map(|p| format!("[{:.2}, {:.2}]", p.u, p.v)).collect();
+    // Wide enough for the farthest panels; the fixture lies behind the box.
+    let [[x0, y0, z0], [x1, y1, z1]] = SEARCH_BOX_MM;
+    let (low, high) = ([x0, y0 - 60.0, z0 - 60.0], [x1, y1 + 60.0, z1 + 60.0]);
+    let text = format!(
+        "panel = \"simulated\"\n[region]\ncorners_px = [{}]\nrows = {}\ncolumns = {}\n\
+         [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n[corner]\nwhich = \"{which}\"\n",
+        corners.join(", "),
+        region.rows,
+        region.columns
+    );
+    Recipe::check("recipe.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
+}
+
+struct Bench {
+    cell: Cell,
+    recipe: Recipe,
+    taught: TaughtPanel,
+}
+
+impl Bench {
+    fn new(seed: u64, scene: Scene, reduction: usize) -> Self {
+        let cell = Cell::new(seed, scene, reduction);
+        let recipe = recipe(&cell, "top-left");
+        let taught =
+            TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), cell.calibrated_base_from_camera(), &recipe)
+                .unwrap_or_else(|error| panic!("{error}"));
+        Bench { cell, recipe, taught }
+    }
+
+    fn locate(&self, scan: &OrganizedCloud<Camera>) -> Result<Fit, LocateError> {
+        locate::locate(&self.taught, scan, self.cell.calibrated_base_from_camera(), self.recipe.locate())
+    }
+
+    fn error(&self, found: &Rigid<Base, Panel>) -> PlacementError {
+        self.cell.truth().placement_error_mm(found)
+    }
+}
+
+/// Two corners taught and seen again, in the order of the cell's views.
+struct Corners {
+    taught: Vec<TaughtCorner>,
+    seen: Vec<(Rigid<Base, FlangeCamera>, Pixel)>,
+}
+
+impl Bench {
+    fn corners(&self) -> Corners {
+        let (mut taught, mut seen) = (Vec::new(), Vec::new());
+        for view in self.cell.corner_views() {
+            let recipe = recipe(&self.cell, view.name);
+            let find = |base_from_flange: &Rigid<Base, Flange>, place: Place| {
+                let picture = self.cell.flange_picture(base_from_flange, place).to_gray();
+                let px_per_mm = self.cell.flange_camera().px_per_mm_at(235.0).0;
+                let found = corner::find(&picture, recipe.corner(), px_per_mm);
+                let base_from_camera = *base_from_flange * self.cell.calibrated_flange_from_camera();
+                (base_from_camera, found.unwrap_or_else(|error| panic!("{}: {error}", view.name)).corner_px)
+            };
+            let (base_from_camera, reference_px) = find(&view.base_from_flange, Place::Nominal);
+            let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
+            let teaching = CornerTeaching { reference_px, panel_from_camera };
+            let corner = self.taught.corner(teaching, self.cell.flange_camera());
+            taught.push(corner.unwrap_or_else(|error| panic!("{error}")));
+            seen.push(find(&self.cell.displaced_corner_pose(&view), Place::Displaced));
+        }
+        Corners { taught, seen }
+    }
+
+    fn refine(&self, located: Rigid<Base, Panel>, corners: &Corners, count: usize) -> Refined {
+        let views: Vec<CornerView<'_>> = corners
+            .taught
+            .iter()
+            .zip(&corners.seen)
+            .take(count)
+            .map(|(taught, &(base_from_camera, found_px))| CornerView { taught, base_from_camera, found_px })
+            .collect();
+        refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// How far a corner stands from its true place in the plane of the camera that sees it, mm.
+    fn error_in_plane_mm(&self, found: Rigid<Base, Panel>, corners: &Corners, index: usize) -> f64 {
+        let truth = self.cell.truth();
+        let camera_from_base = corners.seen[index].0.inverse();
+        let at = |place: Rigid<Base, Panel>| camera_from_base * (place * truth.corners[index].corner);
+        let error = (at(found) - at(truth.base_from_panel)).mm;
+        error.x.hypot(error.y)
+    }
+}
+
+fn verdict(bench: &Bench, scan: &OrganizedCloud<Camera>) -> Judgement {
+    match bench.locate(scan) {
+        Ok(fit) => gate::judge(&fit, bench.recipe.locate()),
+        Err(error) => gate::refusal(&error),
+    }
+}
+
+/// The displaced panel stands 13.3 mm and 4.6° from its nominal place.
+#[test]
+fn a_displaced_panel_is_found_and_its_corner_corrects_it() {
+    let bench = Bench::new(1, Scene::Good, 2);
+    let fit = bench.locate(&bench.cell.scan()).expect("a panel");
+    assert_eq!(gate::judge(&fit, bench.recipe.locate()), Judgement::of(vec![], vec![]));
+    let error = bench.error(&fit.base_from_panel);
+    assert!(error.max_mm < 0.3 && error.max_mm < fit.uncertainty_mm, "{error:?}, {fit:?}");
+    let corners = bench.corners();
+    for count in [1, 2] {
+        let refined = bench.refine(fit.base_from_panel, &corners, count);
+        assert_eq!(refine::judge(&refined, bench.recipe.corner()).verdict, Verdict::Accept);
+        let error_mm = bench.error_in_plane_mm(refined.base_from_panel, &corners, 0);
+        assert!(error_mm < 0.3, "{count}: {error_mm} mm, {refined:?}");
+    }
+    // From 2 mm aside the corner brings the panel back: 3D has no part in it.
+    let aside = fit.base_from_panel.displaced(Vector::new([0.0, 1.2, -1.6].into()));
+    let refined = bench.refine(aside, &corners, 1);
+    assert!(bench.error_in_plane_mm(refined.base_from_panel, &corners, 0) < 0.2, "{refined:?}");
+}
+
+/// Near the limits that a recipe has by default: 59 mm, 14° in the panel's plane, 10° of tilt.
+#[test]
+fn a_far_panel_is_found() {
+    let bench = Bench::new(2, Scene::Clean, 2);
+    let centre = Vector3::new(560.0, 0.0, 360.0);
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(14.0, 0.0, 10.0).map(f64::to_radians));
+    for shift in [Vector3::new(-10.0, 50.0, -30.0), Vector3::new(-10.0, -50.0, 30.0)] {
+        for turn in [turn, turn.inverse()] {
+            let shifted = Translation3::from(centre + shift - turn * centre);
+            let truth: Rigid<Base, Panel> = Rigid::claim(Isometry3::from_parts(shifted, turn));
+            let fit = bench.locate(&bench.cell.scan_at(&truth, 0)).expect("a panel");
+            let errors = bench.cell.truth().surface_points().into_iter();
+            let max_mm = errors.map(|point| truth.distance_at_mm(fit.base_from_panel, point)).fold(0.0, f64::max);
+            assert!(max_mm < 0.6, "{shift} {turn}: {max_mm} mm, {fit:?}");
+            assert!((fit.shift_mm - shift.norm()).abs() < 6.0, "{fit:?}");
+        }
+    }
+}
+
+#[test]
+fn no_panel_and_a_wrong_one_are_rejected_in_words() {
+    for (scene, codes) in [
+        (Scene::NoPanel, ["no_panel"].as_slice()),
+        (Scene::WrongPanel, &["poor_fit", "low_overlap", "not_converged"]),
+    ] {
+        for seed in 1..=3 {
+            let bench = Bench::new(seed, scene, 4);
+            let judgement = verdict(&bench, &bench.cell.scan());
+            assert_eq!(judgement.verdict, Verdict::Reject, "{scene:?} {seed}: {judgement:?}");
+            assert!(judgement.reasons.iter().all(|reason| codes.contains(&reason.code)), "{judgement:?}");
+        }
+    }
+}
+
+#[test]
+fn one_and_two_threads_give_the_same_bits() {
+    let bench = Bench::new(3, Scene::Good, 4);
+    let scan = bench.cell.scan();
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| bench.locate(&scan)).expect("a panel")
+    };
+    assert_eq!(with(1), with(2));
+}
+
+#[test]
+#[ignore = "a sweep that prints: cargo test --release --test all -- --ignored --nocapture ten_seeds"]
+fn ten_seeds_at_full_size() {
+    for seed in 1..=10 {
+        let bench = Bench::new(seed, Scene::Good, 1);
+        let scan = bench.cell.scan();
+        let mut elapsed_ms: Vec<f64> = Vec::new();
+        for _ in 0..3 {
+            let begun = Instant::now();
+            std::hint::black_box(verdict(&bench, &scan));
+            elapsed_ms.push(begun.elapsed().as_secs_f64() * 1e3);
+        }
+        elapsed_ms.sort_by(f64::total_cmp);
+        let fit = bench.locate(&scan).expect("a panel");
+        let error = bench.error(&fit.base_from_panel);
+        let corners = bench.corners();
+        let (one, two) =
+            (bench.refine(fit.base_from_panel, &corners, 1), bench.refine(fit.base_from_panel, &corners, 2));
+        let in_plane = |found| [0, 1].map(|index| bench.error_in_plane_mm(found, &corners, index));
+        let before = in_plane(fit.base_from_panel);
+        let (one_mm, two_mm) = (in_plane(one.base_from_panel), in_plane(two.base_from_panel));
+        let over = |refined: &Refined| bench.error(&refined.base_from_panel).max_mm;
+        println!(
+            "{seed:2}: 3D mean {:.3} max {:.3} of {:.3} mm (weakest {:.3}), rms {:.3}, outline {:.2} px, {} steps, {:.0} ms \
+             | corners by 3D {:.3} {:.3}, by one {:.3} {:.3}, by two {:.3} {:.3} mm | max after one {:.3}, two {:.3} mm, \
+             {:.1} px",
+            error.mean_mm,
+            error.max_mm,
+            fit.uncertainty_mm,
+            fit.weakest_mm,
+            fit.rms_mm,
+            fit.outline_rms_px,
+            fit.iterations,
+            elapsed_ms[1],
+            before[0],
+            before[1],
+            one_mm[0],
+            one_mm[1],
+            two_mm[0],
+            two_mm[1],
+            over(&one),
+            over(&two),
+            one.error_px
+        );
+    }
+}
