@@ -27,7 +27,7 @@ pub enum Command {
     SetDigout(Signal),
     /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
     CallSubroutine {
-        /// Its index, from 1.
+        /// Its index in the controller's own list.
         index: u16,
     },
 }
@@ -132,7 +132,9 @@ pub enum CommandError {
         high: f64,
     },
     /// Inputs are read-only.
-    #[error("set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead")]
+    #[error(
+        "set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead"
+    )]
     InputReadOnly {
         /// The input.
         number: u16,
@@ -179,7 +181,8 @@ impl Command {
         Ok(match *self {
             Command::MoveJ(MoveJ { joints: j, axis_speed_percent }) => {
                 let p = [j.a1_deg, j.a2_deg, j.a3_deg, j.a4_deg, j.a5_deg, j.a6_deg];
-                for (field, angle) in ["A1 (°)", "A2 (°)", "A3 (°)", "A4 (°)", "A5 (°)", "A6 (°)"].iter().zip(p) {
+                for (field, angle) in ["A1 (°)", "A2 (°)", "A3 (°)", "A4 (°)", "A5 (°)", "A6 (°)"].iter().zip(p)
+                {
                     check.range(field, angle, -LARGEST_DEG, LARGEST_DEG)?;
                 }
                 let percent = check.range("axis speed (%)", axis_speed_percent, 1.0, 100.0)?;
@@ -211,7 +214,7 @@ impl Command {
             }
             Command::SetDigin(Signal { number, .. }) => return Err(CommandError::InputReadOnly { number }),
             Command::CallSubroutine { index } => {
-                check.range("index", f64::from(index), 1.0, 1_000.0)?;
+                check.range("index", f64::from(index), 0.0, 1_000.0)?;
                 Fields { operation: 8, n: [i32::from(index), 0], ..none }
             }
             Command::GetCurrentState => return Err(CommandError::NotACommand),

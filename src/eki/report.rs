@@ -66,7 +66,7 @@ pub enum Report {
         refusal: Refusal,
     },
     /// Base or tool on the controller are not what was set; the epoch is being ended.
-    EchoMismatch(EchoMismatch),
+    EchoMismatch(Box<EchoMismatch>),
     /// The robot cannot go on with what is queued; the epoch is being ended.
     Interrupted {
         /// Why.

@@ -13,13 +13,17 @@ use super::state::{STATE, State};
 mod tests;
 
 /// A command's number, contiguous from 1 in each epoch; 0 is none.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
+)]
 #[serde(transparent)]
 pub struct CommandId(pub u32);
 
 /// A span of commands that begins with a reset and ends with an abort, a stop or the link. An ended epoch never
 /// moves the robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
+)]
 #[serde(transparent)]
 pub struct Epoch(pub u32);
 
@@ -55,12 +59,8 @@ const COMMAND: [Field; 13] = [
     real("Cmd/P/@C", f64::MAX),
 ];
 
-const REQUEST: [Field; 4] = [
-    int("Req/@Id", 1, i32::MAX),
-    int("Req/@Ep", 0, i32::MAX),
-    int("Req/@Op", 9, 12),
-    int("Req/@N1", 0, i32::MAX),
-];
+const REQUEST: [Field; 4] =
+    [int("Req/@Id", 1, i32::MAX), int("Req/@Ep", 0, i32::MAX), int("Req/@Op", 9, 12), int("Req/@N1", 0, i32::MAX)];
 
 /// The messages of both channels.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,8 +1,6 @@
 //! Walks the XML events of one file.
 
-use super::{
-    ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol, Unknown,
-};
+use super::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol, Unknown};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
 
@@ -158,11 +156,11 @@ impl Walk<'_> {
         self.path.push(name);
         let path = self.path.join("/");
         let path = path.strip_prefix("ETHERNETKRL").unwrap_or_default().trim_start_matches('/').to_owned();
-        let mut element = Element { tag: String::new(), kind: None, order: None, set_flag: None, set_out: None, line };
+        let mut element =
+            Element { tag: String::new(), kind: None, order: None, set_flag: None, set_out: None, line };
         let mut seen: Vec<String> = Vec::new();
         for attribute in tag.attributes().with_checks(false) {
-            let attribute =
-                attribute.map_err(|error| ChannelError::NotXml { line, problem: error.to_string() })?;
+            let attribute = attribute.map_err(|error| ChannelError::NotXml { line, problem: error.to_string() })?;
             let name = attribute.key.0.to_ascii_uppercase();
             if seen.contains(&name) {
                 return Err(ChannelError::Twice { line, name });
@@ -220,8 +218,7 @@ impl Walk<'_> {
         let found = &mut self.found;
         match path.as_slice() {
             ["CONFIGURATION", side @ ("EXTERNAL" | "INTERNAL"), name @ ("IP" | "PORT")] => {
-                let (address, port) =
-                    if *side == "EXTERNAL" { &mut found.external } else { &mut found.internal };
+                let (address, port) = if *side == "EXTERNAL" { &mut found.external } else { &mut found.internal };
                 if *name == "IP" {
                     *address = Some(content.to_owned());
                 } else {

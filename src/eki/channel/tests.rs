@@ -44,7 +44,8 @@ fn any_case_is_read_and_what_no_manual_names_is_kept() {
     let text = file("<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>", "");
     let read = ChannelFile::parse(&text).expect("reads");
     assert_eq!((read.memory.order, read.memory.entries), (Order::Lifo, 15));
-    let unknown: Vec<(usize, &str)> = read.unknown.iter().map(|unknown| (unknown.line, unknown.name.as_str())).collect();
+    let unknown: Vec<(usize, &str)> =
+        read.unknown.iter().map(|unknown| (unknown.line, unknown.name.as_str())).collect();
     assert_eq!(
         unknown,
         [

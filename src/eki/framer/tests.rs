@@ -112,8 +112,30 @@ fn an_error_stays_and_what_came_before_it_is_kept() {
 
 /// Pieces of streams, good and bad, so that a random row of them reaches every place of the scan.
 const PIECES: [&[u8]; 24] = [
-    b"<a>", b"</a>", b"<b c=\"1\">", b"</b>", b"<d e='\"'/>", b"<?xml?>", b"<?", b"?>", b"<", b">", b"/", b"\"", b"'", b" ",
-    b"\0", b"\n", b"x", b"&", b"!", b"\xEF\xBB\xBF", b"\xEF", b"<a/>", b"</a >", b"\xFF",
+    b"<a>",
+    b"</a>",
+    b"<b c=\"1\">",
+    b"</b>",
+    b"<d e='\"'/>",
+    b"<?xml?>",
+    b"<?",
+    b"?>",
+    b"<",
+    b">",
+    b"/",
+    b"\"",
+    b"'",
+    b" ",
+    b"\0",
+    b"\n",
+    b"x",
+    b"&",
+    b"!",
+    b"\xEF\xBB\xBF",
+    b"\xEF",
+    b"<a/>",
+    b"</a >",
+    b"\xFF",
 ];
 
 proptest! {

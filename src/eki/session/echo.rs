@@ -47,7 +47,7 @@ impl FrameEcho {
         sent: CommandId,
         is_set: bool,
         found: KukaPose,
-    ) -> Result<(), EchoMismatch> {
+    ) -> Result<(), Box<EchoMismatch>> {
         while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
             self.set.pop_front();
         }
@@ -56,14 +56,14 @@ impl FrameEcho {
         let Some(&(id, sent)) = self.set.front().filter(|&&(id, _)| id <= done && !changing) else { return Ok(()) };
         let frame = self.frame;
         if !is_set {
-            return Err(EchoMismatch::NotSet { frame, id });
+            return Err(Box::new(EchoMismatch::NotSet { frame, id }));
         }
         let (distance_mm, turn_deg) = apart(as_single(sent), found);
         if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {
             self.confirmed = id;
             Ok(())
         } else {
-            Err(EchoMismatch::Differs { frame, id, sent, found, distance_mm, turn_deg })
+            Err(Box::new(EchoMismatch::Differs { frame, id, sent, found, distance_mm, turn_deg }))
         }
     }
 }

@@ -271,11 +271,7 @@ impl Flow {
 }
 
 fn within(what: &'static str, found: CommandId, first: CommandId, last: CommandId) -> Result<(), SequenceError> {
-    if found >= first && found <= last {
-        Ok(())
-    } else {
-        Err(SequenceError::Command { what, found, first, last })
-    }
+    if found >= first && found <= last { Ok(()) } else { Err(SequenceError::Command { what, found, first, last }) }
 }
 
 /// How long a line lasts; `None` where start or speed are not known.

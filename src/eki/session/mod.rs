@@ -14,7 +14,7 @@ mod flow;
 #[cfg(test)]
 mod tests;
 
-use super::ack::{Ack, Refusal};
+use super::ack::Ack;
 use super::command::{Command, CommandError, MoveLin, Request};
 use super::framer::Framer;
 use super::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
@@ -113,7 +113,7 @@ enum Phase {
     /// Commands flow.
     Open(Box<Flow>),
     /// Has aborted; waits for standstill in the next epoch.
-    Stopping { ended: Option<Epoch>, next: Epoch, done: CommandId },
+    Stopping { ended: Option<Epoch>, next: Epoch, done: CommandId, refusal_told: bool },
 }
 
 /// One client's session with a controller, over any number of connections.
@@ -178,10 +178,12 @@ impl Session {
         self.ask(Request::State);
     }
 
-    /// A connection failed, or could not be made. What was queued is forgotten.
+    /// A connection failed, or could not be made. What was queued is forgotten. What is left to transmit is an abort,
+    /// for a state channel that still stands.
     pub fn disconnected(&mut self, why: LinkLoss) {
+        // Refused only where no controller has answered; then nothing was sent to it either.
+        let _ = self.abort();
         self.phase = Phase::Offline;
-        self.requests.clear();
         self.reports.push_back(Report::LinkLost { why });
     }
 
@@ -265,13 +267,13 @@ impl Session {
             _ => (None, CommandId(0)),
         };
         self.ask(Request::Abort { next });
-        self.phase = Phase::Stopping { ended, next, done };
+        self.phase = Phase::Stopping { ended, next, done, refusal_told: false };
         Ok(())
     }
 
-    /// Sends a heartbeat now; in lock step it grants the controller its next 100 ms.
+    /// Sends a heartbeat now, once a controller has answered; in lock step it grants the controller its next 100 ms.
     pub fn heartbeat(&mut self, now: Time) {
-        if matches!(self.phase, Phase::Offline) {
+        if self.greeted().is_err() {
             return;
         }
         let last_sent = if let Phase::Open(flow) = &self.phase { flow.sent().0 } else { 0 };
@@ -289,7 +291,8 @@ impl Session {
         }
         let silence = self.heard + SILENCE;
         let watchdog = self.watchdog().map(|(_, at)| at);
-        [Some(self.next_heartbeat), Some(silence), watchdog].into_iter().flatten().min()
+        let heartbeat = (!self.is_greeting()).then_some(self.next_heartbeat);
+        [heartbeat, Some(silence), watchdog].into_iter().flatten().min()
     }
 
     /// Does what is due: heartbeat, watchdog, giving up a silent connection.
@@ -299,7 +302,9 @@ impl Session {
         }
         if let Some((channel, _)) = self.watchdog().filter(|&(_, at)| now >= at) {
             let silence = match (&self.phase, channel) {
-                (Phase::Open(flow), Channel::Command) => flow.oldest_unreceived().map_or(Duration::ZERO, |at| now.since(at)),
+                (Phase::Open(flow), Channel::Command) => {
+                    flow.oldest_unreceived().map_or(Duration::ZERO, |at| now.since(at))
+                }
                 _ => now.since(self.heard),
             };
             self.fault(Report::WatchdogExpired { channel, silence });
@@ -307,7 +312,7 @@ impl Session {
         if now.since(self.heard) >= SILENCE {
             let silence_ms = u64::try_from(now.since(self.heard).as_millis()).unwrap_or(u64::MAX);
             self.disconnected(LinkLoss::Silent { channel: Channel::State, silence_ms });
-        } else if now >= self.next_heartbeat {
+        } else if now >= self.next_heartbeat && !self.is_greeting() {
             self.heartbeat(now);
         }
     }
@@ -334,9 +339,9 @@ impl Session {
                 Ok(None) => return,
                 Ok(Some(document)) => match self.wire.decode_ack(&document) {
                     Ok(ack) => self.on_ack(&ack),
-                    Err(error) => self.give_up(LinkLoss::Message { channel: Channel::Command, error }),
+                    Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::Command, error }),
                 },
-                Err(error) => self.give_up(LinkLoss::Frame { channel: Channel::Command, error }),
+                Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::Command, error }),
             }
         }
     }
@@ -352,9 +357,9 @@ impl Session {
                         self.heard = now;
                         self.on_state(state);
                     }
-                    Err(error) => self.give_up(LinkLoss::Message { channel: Channel::State, error }),
+                    Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::State, error }),
                 },
-                Err(error) => self.give_up(LinkLoss::Frame { channel: Channel::State, error }),
+                Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::State, error }),
             }
         }
     }
@@ -410,33 +415,33 @@ impl Session {
     /// Reports what is wrong and ends the epoch.
     fn fault(&mut self, report: Report) {
         self.reports.push_back(report);
-        // Refused only where no controller has answered; then nothing was sent to it either.
+        // Cannot be refused: without a controller that has answered there is no epoch.
         let _ = self.abort();
-    }
-
-    /// The stream cannot be understood any more: abort, then close.
-    fn give_up(&mut self, why: LinkLoss) {
-        // As above.
-        let _ = self.abort();
-        self.phase = Phase::Offline;
-        self.reports.push_back(Report::LinkLost { why });
     }
 
     fn on_ack(&mut self, ack: &Ack) {
         match &mut self.phase {
             Phase::Open(flow) if ack.epoch == flow.epoch() => {
-                // An old epoch's command that was still under way: the controller dropped it, as it must.
-                let refused = ack.refused.filter(|&(_, refusal)| refusal != Refusal::WrongEpoch);
-                self.stale += u64::from(refused != ack.refused);
                 match flow.acknowledge(ack) {
-                    Err(error) => self.fault(Report::SequenceError(error)),
+                    Err(error) => return self.fault(Report::SequenceError(error)),
                     Ok(()) => self.tell_progress(),
                 }
-                if let Some((id, refusal)) = refused {
+                if let Some((id, refusal)) = ack.refused {
                     self.fault(Report::Refused { id, refusal });
+                    if let Phase::Stopping { refusal_told, .. } = &mut self.phase {
+                        *refusal_told = true;
+                    }
                 }
             }
-            Phase::Stopping { ended: Some(ended), done, .. } if ack.epoch == *ended => *done = ack.done.max(*done),
+            // The reason may come behind the state that shows the stop.
+            Phase::Stopping { ended: Some(ended), done, refusal_told, .. } if ack.epoch == *ended => {
+                *done = ack.done.max(*done);
+                if let Some((id, refusal)) = ack.refused
+                    && !std::mem::replace(refusal_told, true)
+                {
+                    self.reports.push_back(Report::Refused { id, refusal });
+                }
+            }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
                 self.fault(Report::SequenceError(error));

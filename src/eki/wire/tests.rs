@@ -11,10 +11,11 @@ fn text(id: u32, epoch: u32, command: &Command, to_come: u32) -> String {
 /// The nine functions of Table 3.1 but the two that are never sent, byte by byte.
 #[test]
 fn commands_are_written_as_the_file_says() {
-    let pose = KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 0.000_000_4, a_deg: 90.0, b_deg: 1e-7, c_deg: -179.123_456_78 };
-    let pose_text =
-        "<P X=\"1.000000\" Y=\"-2.500000\" Z=\"0.000000\" A=\"90.000000\" B=\"0.000000\" C=\"-179.123457\"></P></Cmd>";
-    let zero = "<P X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\" A=\"0.000000\" B=\"0.000000\" C=\"0.000000\"></P></Cmd>";
+    let pose =
+        KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 0.000_000_4, a_deg: 90.0, b_deg: 1e-7, c_deg: -179.123_456_78 };
+    let pose_text = "<P X=\"1.000000\" Y=\"-2.500000\" Z=\"0.000000\" A=\"90.000000\" B=\"0.000000\" C=\"-179.123457\"></P></Cmd>";
+    let zero =
+        "<P X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\" A=\"0.000000\" B=\"0.000000\" C=\"0.000000\"></P></Cmd>";
     let joints = Joints { a1_deg: 1.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 45.5, a6_deg: -185.25 };
     let speed = SetAccSpeed {
         speed_m_s: 0.05,
@@ -81,14 +82,8 @@ fn a_state_is_read_number_by_number() {
     assert!(state.drives_on && state.guard_closed && state.motion_possible && state.base_set && state.tool_set);
     assert!(!state.emergency_stop && !state.moving && !state.stopped);
     assert_eq!((state.inputs, state.outputs, state.done, state.underruns), (5, 2, CommandId(17), 0));
-    let joints = Joints {
-        a1_deg: 4.999_516,
-        a2_deg: -90.000_031,
-        a3_deg: 90.0,
-        a4_deg: 0.0,
-        a5_deg: 45.5,
-        a6_deg: -185.25,
-    };
+    let joints =
+        Joints { a1_deg: 4.999_516, a2_deg: -90.000_031, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 45.5, a6_deg: -185.25 };
     assert_eq!(state.joints, joints);
     assert_eq!(state.base_from_tcp.c_deg, -179.959_747);
     assert_eq!((state.active_base.x_mm, state.active_base.a_deg), (400.0, 0.5));
@@ -101,7 +96,8 @@ fn each_flag_has_its_bit() {
     let read = |flags: u32| {
         let document = STATE_TEXT.replace("Flags=\"119\"", &format!("Flags=\"{flags}\""));
         let state = wire().decode_state(&document).expect("a good state");
-        let possible = [state.drives_on, !state.emergency_stop, state.guard_closed, state.moving, state.motion_possible];
+        let possible =
+            [state.drives_on, !state.emergency_stop, state.guard_closed, state.moving, state.motion_possible];
         [&possible[..], &[state.base_set, state.tool_set, state.stopped]].concat()
     };
     for bit in 0..8 {
@@ -113,8 +109,7 @@ fn each_flag_has_its_bit() {
 #[test]
 fn acknowledgements_are_read_and_refusals_have_names() {
     let ack = wire().decode_ack(ACK_TEXT).expect("a good acknowledgement");
-    let expected =
-        Ack { received: CommandId(20), done: CommandId(17), free: 97, refused: None, epoch: Epoch(2) };
+    let expected = Ack { received: CommandId(20), done: CommandId(17), free: 97, refused: None, epoch: Epoch(2) };
     assert_eq!(ack, expected);
     let read = |error: u32| {
         let document = ACK_TEXT.replace("Err=\"0\" ErrId=\"0\"", &format!("Err=\"{error}\" ErrId=\"19\""));
@@ -204,7 +199,10 @@ fn hostile_states_get_exact_verdicts() {
         (with("Mode=\"4\"", "Mode=\"5\""), "St/@Mode is 5, allowed is 1 to 4".into()),
         (with("Mode=\"4\"", "Mode=\"0\""), "St/@Mode is 0, allowed is 1 to 4".into()),
         (with("Flags=\"119\"", "Flags=\"256\""), "St/@Flags is 256, allowed is 0 to 255".into()),
-        (with("Boot=\"77\"", "Boot=\"-2147483649\""), "St/@Boot is -2147483649, allowed is -2147483648 to 2147483647".into()),
+        (
+            with("Boot=\"77\"", "Boot=\"-2147483649\""),
+            "St/@Boot is -2147483649, allowed is -2147483648 to 2147483647".into(),
+        ),
         (with(joints, ""), "St/J/@A1 is missing".into()),
         (with(joints, &format!("{joints}{joints}")), "the element St/J stands twice".into()),
         (with("<J ", "<J B1=\"0\" "), "St/J/@B1 is not in the channel's file".into()),
@@ -217,7 +215,9 @@ fn hostile_states_get_exact_verdicts() {
         let error = wire().decode_state(&document).expect_err(&document);
         assert_eq!(error.to_string(), verdict, "{document}");
     }
-    for broken in [with("</J>", "</K>"), with("</St>", ""), with("A1=\"4.999516\"", "A1=4.9"), with("A1=\"4", "A1 \"4")] {
+    for broken in
+        [with("</J>", "</K>"), with("</St>", ""), with("A1=\"4.999516\"", "A1=4.9"), with("A1=\"4", "A1 \"4")]
+    {
         let error = wire().decode_state(&broken).expect_err(&broken);
         assert!(matches!(error, DecodeError::NotXml { .. }), "{error}: {broken}");
     }
@@ -246,11 +246,8 @@ fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
         ),
         (speed(0.0, 50), "set_acc_speed: speed (m/s) is 0, allowed is 0.001 to 3"),
         (speed(0.1, 101), "set_acc_speed: axis speed (%) is 101, allowed is 1 to 100"),
-        (
-            Command::SetDigout(Signal { number: 4097, on: true }),
-            "set_digout: output is 4097, allowed is 1 to 4096",
-        ),
-        (Command::CallSubroutine { index: 0 }, "call_subroutine: index is 0, allowed is 1 to 1000"),
+        (Command::SetDigout(Signal { number: 4097, on: true }), "set_digout: output is 4097, allowed is 1 to 4096"),
+        (Command::CallSubroutine { index: 1001 }, "call_subroutine: index is 1001, allowed is 0 to 1000"),
         (
             Command::SetDigin(Signal { number: 3, on: true }),
             "set_digin: input 3 cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead",
@@ -284,8 +281,7 @@ fn tags_and_order_come_from_the_file() {
     assert_eq!(with("Ack/@Free", "Ack/@Fee"), Err(unknown));
     let twice = SchemaError::Twice { line: 38, tag: "Ack/@Free".to_owned() };
     assert_eq!(with(free, &format!("{free}\n{free}")), Err(twice));
-    let wrong_type =
-        SchemaError::Type { line: 37, tag: "Ack/@Free".to_owned(), needed: "INT", found: Kind::Real };
+    let wrong_type = SchemaError::Type { line: 37, tag: "Ack/@Free".to_owned(), needed: "INT", found: Kind::Real };
     assert_eq!(with(free, &free.replace("INT", "REAL")), Err(wrong_type));
     // Six REAL attributes are the same bytes as a FRAME.
     let six = ["X", "Y", "Z", "A", "B", "C"]
