@@ -31,4 +31,6 @@ pub mod report;
 
 pub mod store;
 
+pub mod devices;
+
 pub mod cli;

@@ -1,0 +1,5 @@
+//! What stands outside of the program: the robot's controller and the cameras, real or played.
+//!
+//! - [`mock`]: a stand-in for the robot's controller
+
+pub mod mock;
