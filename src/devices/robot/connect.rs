@@ -12,10 +12,10 @@ const CONNECT: Duration = Duration::from_secs(2);
 /// Bytes that nobody confirms for this long end the connection.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Connects the state channel, then the command channel.
+/// Connects the command channel, then the state channel: whoever is asked for his state has both.
 pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
-    let state = open(Channel::State, &address.host, address.state_port).await?;
     let command = open(Channel::Command, &address.host, address.command_port).await?;
+    let state = open(Channel::State, &address.host, address.state_port).await?;
     Ok((command, state))
 }
 

@@ -326,7 +326,9 @@ fn a_base_that_did_not_arrive_ends_the_epoch_before_any_line() {
     cell.controller.frames[0].as_mut().expect("set")[0] = "400.002000".to_owned();
     cell.pass(300);
     let events = cell.events();
-    let [.., Report::EchoMismatch(mismatch), Report::Standstill { done }] = events[..] else { panic!("{events:?}") };
+    let [.., Report::EchoMismatch(mismatch), Report::Standstill { done }] = events[..] else {
+        panic!("{events:?}")
+    };
     let EchoMismatch::Differs { frame, id, distance_mm, .. } = **mismatch else { panic!("{mismatch}") };
     assert_eq!((frame, id, *done), ("base", CommandId(1), CommandId(3)));
     assert!((distance_mm - 0.002).abs() < 1e-6);
