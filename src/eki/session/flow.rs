@@ -32,6 +32,8 @@ struct Order {
     motion: Duration,
     /// The path that it is a point of.
     path: Option<Part>,
+    /// Where its line goes and how fast, while nobody knows where it starts.
+    from_anywhere: Option<(KukaPose, Option<f64>)>,
     sent_at: Time,
 }
 
@@ -133,7 +135,14 @@ impl Flow {
         if !matches!(command, Command::SetAccSpeed(_) | Command::SetDigout(_)) {
             self.end = None;
         }
-        self.queue.push_back(Order { id, bytes, motion, path: None, sent_at: Time::default() });
+        self.queue.push_back(Order {
+            id,
+            bytes,
+            motion,
+            path: None,
+            from_anywhere: None,
+            sent_at: Time::default(),
+        });
         self.next_id = CommandId(id.0 + 1);
         Ok(id)
     }
@@ -158,8 +167,9 @@ impl Flow {
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
             let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
             let motion = line_time(end, point.pose, self.speed_mm_s).unwrap_or(limits.window);
+            let from_anywhere = end.is_none().then_some((point.pose, self.speed_mm_s));
             end = Some(point.pose);
-            orders.push(Order { id, bytes, motion, path, sent_at: Time::default() });
+            orders.push(Order { id, bytes, motion, path, from_anywhere, sent_at: Time::default() });
         }
         self.queue.extend(orders);
         (self.end, self.next_id) = (end, CommandId(last.0 + 1));
@@ -243,7 +253,25 @@ impl Flow {
         for (frame, is_set, found) in echo {
             frame.follow(state.done, self.sent, is_set, found).map_err(Report::EchoMismatch)?;
         }
+        self.measure_start(state);
         Ok(())
+    }
+
+    /// A line that starts where the arm stands lasts as long as it is from there.
+    fn measure_start(&mut self, state: &State) {
+        let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
+        if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
+            self.end = Some(state.base_from_tcp);
+        }
+        let stands = self.in_flight.iter().all(|order| order.motion.is_zero());
+        if let Some(next) = self.queue.front_mut().filter(|_| stands)
+            && let (Some(part), Some((end, speed_mm_s))) = (next.path, next.from_anywhere)
+            && self.base.is_confirmed(part.base)
+            && self.tool.is_confirmed(part.tool)
+            && let Some(motion) = line_time(Some(state.base_from_tcp), end, speed_mm_s)
+        {
+            next.motion = motion;
+        }
     }
 
     pub(super) fn received_up_to(&mut self, id: CommandId) {
