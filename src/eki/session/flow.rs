@@ -222,9 +222,10 @@ impl Flow {
 
     /// Whether the next points of a path fit into the window by time, or are too few to wait for it.
     fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
-        let mut moving = self.in_flight.iter().filter(|order| !order.motion.is_zero());
-        let ahead = moving.clone().count();
-        let few = ahead < limits.min_points && moving.all(|order| order.path == Some(part));
+        let is_ours = |order: &Order| order.path == Some(part);
+        let ahead = self.in_flight.iter().filter(|order| is_ours(order)).count();
+        let few = ahead < limits.min_points
+            && self.in_flight.iter().all(|order| is_ours(order) || order.motion.is_zero());
         let motion: Duration = self.queue.iter().take(together).map(|order| order.motion).sum();
         few || self.motion_in_flight() + motion <= limits.window
     }

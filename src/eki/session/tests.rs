@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::eki::fixture::wire;
-use crate::eki::{EchoMismatch, FrameError, Refusal, SetAccSpeed, SetTcp, Signal, TcpKind};
+use crate::eki::{
+    EchoMismatch, FrameError, Refusal, SequenceError, SetAccSpeed, SetTcp, Signal, StopCause, TcpKind,
+};
 use crate::geometry::KukaPose;
 
 /// A controller as the wire's description has it, as small as it can be: it executes so many commands a second
@@ -402,6 +404,7 @@ fn standstill_is_told_only_when_the_robot_stands() {
     cell.session.abort().expect("connected");
     cell.controller.flags = READY + 8;
     cell.pass(500);
+    assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
     assert!(!matches!(cell.events()[..], [.., Report::Standstill { .. }]));
     cell.controller.flags = READY;
     cell.pass(200);
@@ -495,7 +498,13 @@ fn messages_of_ended_epochs_are_dropped_and_counted() {
     let late = "<Ack Rx=\"90\" Done=\"80\" Free=\"1\" Err=\"8\" ErrId=\"81\" Ep=\"5\"></Ack>";
     cell.session.push_command_bytes(late.as_bytes());
     assert_eq!(cell.session.stale_messages(), 1);
+    let own = late.replace("Ep=\"5\"", "Ep=\"7\"").replace("Rx=\"90\"", "Rx=\"2\"");
     assert!(cell.session.poll_report().is_none());
+    cell.session.push_command_bytes(own.as_bytes());
+    assert!(
+        matches!(cell.session.poll_report(), Some(Report::SequenceError(_))),
+        "the same of our epoch is a fault"
+    );
 }
 
 #[test]
