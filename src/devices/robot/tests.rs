@@ -60,19 +60,20 @@ fn first_loss_of_any(address: Address) -> LinkLoss {
     why
 }
 
-/// A controller in virtual time, and the link to it.
-fn cell() -> (MockServer, BlockingLink) {
+/// A controller at this pace, and the link to it.
+fn cell(pace: Pace) -> (MockServer, BlockingLink) {
     let [commands, states] =
         [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
-    let controller =
-        mock::Controller::new(mock::Setup::new(commands, states), Box::new(mock::Unwired)).expect("fits");
+    let clock = if pace == Pace::Wall { mock::Clock::Free } else { mock::Clock::LockStep };
+    let setup = mock::Setup { clock, ..mock::Setup::new(commands, states) };
+    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
     let server = MockServer::start(controller, mock::Ports::free()).expect("starts");
     let address = Address {
         host: "127.0.0.1".to_owned(),
         command_port: server.command_address().port(),
         state_port: server.state_address().port(),
     };
-    let link = BlockingLink::start(address, LinkLimits::default(), Pace::LockStep).expect("starts");
+    let link = BlockingLink::start(address, LinkLimits::default(), pace).expect("starts");
     (server, link)
 }
 
@@ -90,8 +91,8 @@ fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
 }
 
 /// Sets base and tool where the arm stands and sends it once round a circle of 40 mm.
-fn circle(points: usize) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
-    let (server, mut link) = cell();
+fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
+    let (server, mut link) = cell(pace);
     let state = wait(&mut link, |report| match report {
         Report::Connected { state } => Some(**state),
         _ => None,
@@ -102,12 +103,8 @@ fn circle(points: usize) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
     let tip = state.base_from_tcp.to_rigid::<Base, Flange>() * flange_from_tool.to_rigid::<Flange, Tool>();
     let tip = KukaPose::from_rigid(&tip);
     let base = KukaPose { a_deg: 0.0, b_deg: 0.0, c_deg: 0.0, ..tip };
-    let speed = SetAccSpeed {
-        speed_m_s: 0.04,
-        acceleration_m_s2: 1.0,
-        axis_speed_percent: 30,
-        axis_acceleration_percent: 30,
-    };
+    let speed =
+        SetAccSpeed { speed_m_s, acceleration_m_s2: 1.0, axis_speed_percent: 30, axis_acceleration_percent: 30 };
     link.send(Command::SetBase(base)).expect("good");
     link.send(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other })).expect("good");
     link.send(Command::SetAccSpeed(speed)).expect("good");
@@ -133,7 +130,7 @@ fn circle(points: usize) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
 /// Base, tool, speed and 500 points: each executed once and in order, none starved, each acknowledged once.
 #[test]
 fn five_hundred_points_are_executed_once_in_lock_step() {
-    let (executed, underruns, progress) = circle(500);
+    let (executed, underruns, progress) = circle(Pace::LockStep, 500, 0.04);
     let ids: Vec<i32> = executed.iter().map(|step| step.id).collect();
     assert_eq!(ids, (4..=503).collect::<Vec<i32>>());
     assert_eq!(underruns, 0);
@@ -142,12 +139,20 @@ fn five_hundred_points_are_executed_once_in_lock_step() {
     let took_ms = executed[499].time_ms - executed[0].time_ms;
     assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
     // Virtual time: the same to the bit, whatever the machine does.
-    assert_eq!(circle(500).0, executed);
+    assert_eq!(circle(Pace::LockStep, 500, 0.04).0, executed);
+}
+
+/// The same on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
+#[test]
+fn a_path_runs_on_the_wall_clock() {
+    let (executed, underruns, progress) = circle(Pace::Wall, 63, 0.2);
+    assert_eq!(executed.iter().map(|step| step.id).collect::<Vec<i32>>(), (4..=66).collect::<Vec<i32>>());
+    assert_eq!((underruns, progress.last()), (0, Some(&CommandId(66))));
 }
 
 #[test]
 fn an_abort_on_the_way_ends_in_standstill() {
-    let (server, mut link) = cell();
+    let (server, mut link) = cell(Pace::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
     wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
@@ -172,7 +177,7 @@ fn an_abort_on_the_way_ends_in_standstill() {
 /// The controller's programs start again with a path queued: the link comes back by itself and nothing moves.
 #[test]
 fn a_link_that_comes_back_moves_nothing() {
-    let (server, mut link) = cell();
+    let (server, mut link) = cell(Pace::LockStep);
     wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
     link.open_epoch().expect("connected");
     wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));

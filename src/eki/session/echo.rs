@@ -2,7 +2,7 @@
 //!
 //! A lost `set_base` is a crash that looks plausible, so no straight line is sent before the state shows the frame
 //! that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles are noise. The controller
-//! keeps single-precision numbers, so what was sent is rounded to those first.
+//! keeps single-precision numbers: below 8 m that is half the tolerance at most, and angles are far finer.
 
 use crate::eki::report::EchoMismatch;
 use crate::eki::wire::CommandId;
@@ -58,7 +58,7 @@ impl FrameEcho {
         if !is_set {
             return Err(Box::new(EchoMismatch::NotSet { frame, id }));
         }
-        let (distance_mm, turn_deg) = apart(as_single(sent), found);
+        let (distance_mm, turn_deg) = apart(sent, found);
         if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {
             self.confirmed = id;
             Ok(())
@@ -73,19 +73,6 @@ fn apart(one: KukaPose, other: KukaPose) -> (f64, f64) {
     let [one, other] = [one, other].map(|pose| pose.to_rigid::<Base, Tool>());
     let distance_mm = (one.origin() - other.origin()).mm.amax();
     (distance_mm, one.isometry().rotation.angle_to(&other.isometry().rotation).to_degrees())
-}
-
-/// The pose as a controller keeps it.
-fn as_single(pose: KukaPose) -> KukaPose {
-    let single = |number: f64| f64::from(number as f32);
-    KukaPose {
-        x_mm: single(pose.x_mm),
-        y_mm: single(pose.y_mm),
-        z_mm: single(pose.z_mm),
-        a_deg: single(pose.a_deg),
-        b_deg: single(pose.b_deg),
-        c_deg: single(pose.c_deg),
-    }
 }
 
 #[cfg(test)]
@@ -108,7 +95,7 @@ mod tests {
         assert!(!echo(turned(0.0, 0.0, 0.002), turned(0.0, 0.0, 0.0)));
     }
 
-    /// 5678.123456 mm is 5678.12353515625 in single precision; a whole micrometre more is not the same place.
+    /// 5678.123456 mm is 5678.12353515625 in single precision; one and a half micrometres are not the same place.
     #[test]
     fn single_precision_is_the_controllers_and_no_difference() {
         let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
