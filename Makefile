@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds
+.PHONY: help setup demo test bench bench-seeds bench-inspect
 
 help:
 	@echo 'make demo    render a cell, locate, inspect and plan on its files, write $(DEMO_OUT)/index.html'
@@ -43,8 +43,12 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds
+bench: bench-seeds bench-inspect
 
 # Ten seeds from rendering to the planned path, against the renderer's truth.
 bench-seeds: setup
 	cargo bench --locked --bench seeds
+
+# The water-break test alone, on more films.
+bench-inspect: setup
+	cargo bench --locked --bench inspect

@@ -25,6 +25,8 @@ pub mod surface;
 
 pub mod path;
 
+pub mod cycle;
+
 pub mod eki;
 
 pub mod files;

@@ -1,9 +1,10 @@
 //! Verdicts and their reasons: what a gate says, in words a person can act on.
 
-use serde::{Serialize, Serializer};
+use serde::{Deserialize, Serialize, Serializer};
 
 /// What a stage or a cycle ends with.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The evidence supports going on.
     Accept,

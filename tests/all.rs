@@ -2,5 +2,6 @@
 
 mod camera_model;
 mod commands;
+mod config_files;
 mod layers;
 mod locate;

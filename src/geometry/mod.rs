@@ -20,6 +20,6 @@ pub use frames::{Base, Board, Camera, Flange, FlangeCamera, Frame, Panel, Tool};
 pub use joints::Joints;
 pub use kuka_pose::KukaPose;
 pub use picture::{ColorPicture, GrayPicture, Mask};
-pub use plane::{Plane, local_plane};
+pub use plane::{Plane, local_plane, local_plane_of};
 pub use rigid::{Point, Rigid, Vector};
 pub use units::{Degrees, Pixel};

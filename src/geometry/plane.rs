@@ -37,15 +37,27 @@ impl<F: Frame> Plane<F> {
 /// where the camera stands.
 pub fn local_plane<F: Frame>(
     cloud: &OrganizedCloud<F>,
-    (column, row): (usize, usize),
+    at: (usize, usize),
     half_width_px: usize,
     viewer: Point<F>,
 ) -> Option<Plane<F>> {
-    let middle = nearest_valid(cloud, (column, row), half_width_px)?;
+    local_plane_of(cloud, at, half_width_px, viewer, |_| true)
+}
+
+/// The same, through those points alone whose pixel, by its index, belongs to one surface.
+pub fn local_plane_of<F: Frame>(
+    cloud: &OrganizedCloud<F>,
+    (column, row): (usize, usize),
+    half_width_px: usize,
+    viewer: Point<F>,
+    belongs: impl Fn(usize) -> bool,
+) -> Option<Plane<F>> {
+    let point = |u: usize, v: usize| cloud.point(u, v).filter(|_| belongs(v * cloud.width() + u));
+    let middle = nearest_valid((cloud.width(), cloud.height()), (column, row), half_width_px, &point)?;
     let mut offsets: Vec<Vector3<f64>> = Vec::with_capacity((2 * half_width_px + 1).pow(2));
     for v in row.saturating_sub(half_width_px)..=(row + half_width_px).min(cloud.height() - 1) {
         for u in column.saturating_sub(half_width_px)..=(column + half_width_px).min(cloud.width() - 1) {
-            offsets.extend(cloud.point(u, v).map(|point| (point - middle).mm));
+            offsets.extend(point(u, v).map(|point| (point - middle).mm));
         }
     }
     let mut distances_mm: Vec<f64> = offsets.iter().map(|offset| offset.norm()).collect();
@@ -69,14 +81,15 @@ pub fn local_plane<F: Frame>(
 }
 
 fn nearest_valid<F: Frame>(
-    cloud: &OrganizedCloud<F>,
+    (width, height): (usize, usize),
     (column, row): (usize, usize),
     half_width_px: usize,
+    point: &dyn Fn(usize, usize) -> Option<Point<F>>,
 ) -> Option<Point<F>> {
     (0..=half_width_px).find_map(|reach| {
-        let columns = column.saturating_sub(reach)..=(column + reach).min(cloud.width() - 1);
-        let rows = row.saturating_sub(reach)..=(row + reach).min(cloud.height() - 1);
-        rows.flat_map(|v| columns.clone().map(move |u| (u, v))).find_map(|(u, v)| cloud.point(u, v))
+        let columns = column.saturating_sub(reach)..=(column + reach).min(width - 1);
+        let rows = row.saturating_sub(reach)..=(row + reach).min(height - 1);
+        rows.flat_map(|v| columns.clone().map(move |u| (u, v))).find_map(|(u, v)| point(u, v))
     })
 }
 

@@ -142,6 +142,6 @@ mod tests {
         // 14 sampled columns, 6 mm apart, spread by 6·√((14² − 1)/12) = 24.2 mm, √12 of it is 83.8 mm.
         assert!((size.length_mm - 83.785).abs() < 1e-3 && (size.width_mm - 60.0).abs() < 3.0, "{size:?}");
         assert!(size.unlike(&size) < 1e-12);
-        assert!(size.unlike(&Size { length_mm: 110.0, ..size }) > 1.0, "1.4 times as long is another thing");
+        assert!(size.unlike(&Size { length_mm: 120.0, ..size }) > 1.0, "1.4 times as long is another thing");
     }
 }

@@ -48,8 +48,8 @@ pub(super) fn align(guess: Rigid<Base, Panel>, taught: &Taught, scanned: &Scanne
 /// pairs or points on a line.
 fn umeyama(matched: &[(Point<Base>, Point<Panel>)]) -> Option<Rigid<Base, Panel>> {
     let count = matched.len() as f64;
-    let sum = |of: fn(&(Point<Base>, Point<Panel>)) -> Vector3<f64>| matched.iter().map(of).sum::<Vector3<f64>>();
-    let (p_mean, q_mean) = (sum(|pair| pair.0.mm.coords) / count, sum(|pair| pair.1.mm.coords) / count);
+    let p_mean = matched.iter().map(|(p, _)| p.mm.coords).sum::<Vector3<f64>>() / count;
+    let q_mean = matched.iter().map(|(_, q)| q.mm.coords).sum::<Vector3<f64>>() / count;
     let mut scatter = Matrix3::zeros();
     for (p, q) in matched {
         scatter += (p.mm.coords - p_mean) * (q.mm.coords - q_mean).transpose();

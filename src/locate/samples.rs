@@ -8,7 +8,9 @@
 use super::LocateError;
 use super::correspond::{CHUNK, Tree};
 use super::piece::inner;
-use crate::geometry::{Base, Frame, Mask, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, local_plane};
+use crate::geometry::{
+    Base, Frame, Mask, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, local_plane, local_plane_of,
+};
 use crate::imaging::outer_contours;
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix3, Vector3};
@@ -44,7 +46,7 @@ impl Taught {
         let width = panel.scan.width();
         let surface: Vec<Point<Panel>> = panel
             .points()
-            .filter(|(index, _)| (index % width) % stride == 0 && (index / width) % stride == 0)
+            .filter(|(index, _)| (index % width).is_multiple_of(stride) && (index / width).is_multiple_of(stride))
             .map(|(_, point)| point)
             .collect();
         let spacing_mm = (area_mm2 / panel.mask.count().max(1) as f64).sqrt();
@@ -111,7 +113,7 @@ impl Scanned {
             .collect();
         let patch = |&(column, row): &(usize, usize)| {
             let plane = inner(piece, column, row, half_width_px)
-                .then(|| local_plane(scan, (column, row), half_width_px, viewer))
+                .then(|| local_plane_of(scan, (column, row), half_width_px, viewer, |i| piece.inside[i]))
                 .flatten();
             let raw = || Some(Patch { point: scan.point(column, row)?, normal: None });
             plane.map(|plane| Patch { point: plane.point, normal: Some(plane.normal) }).or_else(raw)
@@ -121,7 +123,7 @@ impl Scanned {
         let contour = outer_contours(piece)?.into_iter().next().unwrap_or_default();
         let edge = |line: &Line<Base>| {
             // Less than half of the neighbourhood of an outline's pixel is surface.
-            let plane = local_plane(scan, line.pixel, half_width_px + 1, viewer)?;
+            let plane = local_plane_of(scan, line.pixel, half_width_px + 1, viewer, |i| piece.inside[i])?;
             let across = line.along.cross(&plane.normal.mm).try_normalize(1e-6)?;
             Some(Edge { point: line.point, across: Vector::new(across) })
         };

@@ -5,7 +5,7 @@
 //! any camera pose, not only for the nominal one.
 
 use super::{LearnError, TaughtPanel};
-use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector, local_plane};
+use crate::geometry::{FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 
 /// Half the width of the neighbourhood that gives the surface beside a corner, px.
 const BESIDE_HALF_WIDTH_PX: usize = 12;
@@ -53,9 +53,8 @@ impl TaughtPanel {
             .min_by(|a, b| distance_mm(&a.1).total_cmp(&distance_mm(&b.1)))
             .filter(|(_, point)| distance_mm(point) <= MAX_DISTANCE_MM);
         let (pixel, _) = nearest.ok_or_else(|| off.clone())?;
-        let viewer = self.panel_from_camera.origin();
         let at = (pixel.u as usize, pixel.v as usize);
-        let plane = local_plane(&self.scan, at, BESIDE_HALF_WIDTH_PX, viewer).ok_or_else(|| off.clone())?;
+        let plane = self.plane_at(at, BESIDE_HALF_WIDTH_PX).ok_or_else(|| off.clone())?;
         let point = plane.meet(origin, ray).ok_or(off)?;
         Ok(TaughtCorner { teaching, point })
     }

@@ -11,7 +11,9 @@ pub mod segment;
 pub use corner::{CornerTeaching, TaughtCorner};
 pub use region::{GridId, GridIdError, Region};
 
-use crate::geometry::{Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Point, Rigid, local_plane};
+use crate::geometry::{
+    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of,
+};
 use crate::imaging::{ImagingError, outer_contours};
 use crate::recipe::Recipe;
 use nalgebra::{Isometry3, Point2};
@@ -173,8 +175,13 @@ impl TaughtPanel {
     pub fn surface_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
         let at = pixel.whole(self.scan.width(), self.scan.height())?;
         let viewer = self.panel_from_camera.origin();
-        let plane = local_plane(&self.scan, at, SURFACE_HALF_WIDTH_PX, viewer)?;
+        let plane = self.plane_at(at, SURFACE_HALF_WIDTH_PX)?;
         plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
+    }
+
+    /// The plane through the panel's points around a pixel, seen from the camera; what is not panel has no part in it.
+    fn plane_at(&self, at: (usize, usize), half_width_px: usize) -> Option<Plane<Panel>> {
+        local_plane_of(&self.scan, at, half_width_px, self.panel_from_camera.origin(), |i| self.mask.inside[i])
     }
 
     /// The panel's points with their pixel index, row by row.

@@ -13,7 +13,7 @@ const MAX_STEPS: f64 = 6.0;
 fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f64> {
     let pair = |index: usize| {
         let beside = index + 1;
-        let pair = free[index] && beside % cloud.width() != 0 && free[beside];
+        let pair = free[index] && !beside.is_multiple_of(cloud.width()) && free[beside];
         pair.then(|| Some(cloud.point_at(index)?.distance_mm(cloud.point_at(beside)?))).flatten()
     };
     let mut steps: Vec<f64> = (0..free.len() - 1).step_by(7).filter_map(pair).collect();

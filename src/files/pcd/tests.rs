@@ -194,17 +194,3 @@ proptest! {
         }
     }
 }
-
-/// By hand in release: `cargo test --release --lib files -- --ignored --nocapture`.
-#[test]
-#[ignore = "measures the speed of a full-size shot"]
-fn speed_of_a_full_size_shot() {
-    let points = (0..1944 * 1200).map(|i| [i as f32, 1.0, 700.0]).collect();
-    let cloud = OrganizedCloud::new(1944, 1200, points, vec![[1, 2, 3]; 1944 * 1200]).expect("counts agree");
-    let start = std::time::Instant::now();
-    let bytes = write_pcd(&cloud);
-    let written = start.elapsed();
-    let start = std::time::Instant::now();
-    read_pcd(&bytes).expect("our own");
-    println!("{} bytes: written in {written:?}, read in {:?}", bytes.len(), start.elapsed());
-}

@@ -1,0 +1,187 @@
+//! What the loop does for the table, in this order and nothing else.
+
+use super::{Deadline, Id, Request, Robot, Trouble};
+use crate::verdict::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// One thing to do. The event that led to it is in the journal before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Effect {
+    /// Perform the act and report its answer under this id. An act that is no longer [`State::due`](super::State)
+    /// is abandoned: a computation or a capture may be dropped; switches have happened and stay in order.
+    Do {
+        /// The id that the answer names.
+        id: Id,
+        /// The act.
+        act: Act,
+    },
+    /// Report [`Report::Deadline`](super::Report) with this id after the time that is set for it.
+    Arm {
+        /// The id that the report names.
+        id: Id,
+        /// Which time.
+        deadline: Deadline,
+    },
+    /// Commit this motion to the store; stands before the [`Effect::Do`] that it permits.
+    OpenIntent(Motion),
+    /// Commit how a motion ended: the robot stands.
+    CloseIntent {
+        /// The motion.
+        motion: Motion,
+        /// How it ended.
+        outcome: Outcome,
+        /// Waypoints executed, as the robot says.
+        done: u32,
+    },
+    /// Commit the cycle's result.
+    Conclude {
+        /// The verdict.
+        verdict: Verdict,
+    },
+    /// Tell whoever asked that it is not done, and why.
+    Refuse {
+        /// What was asked.
+        request: Request,
+        /// Why not.
+        refusal: Refusal,
+    },
+}
+
+/// What takes time and is answered. At most one is under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Act {
+    /// Ask the robot whether it stands; nothing else. Answered by `Stands`.
+    Stand,
+    /// Cameras, disk, handshake, checksums. `Done`.
+    SelfTest,
+    /// Open an epoch with a number above this and above the controller's. No motion. `Epoch`.
+    OpenEpoch {
+        /// The last epoch that this table knows.
+        above: u32,
+    },
+    /// The abort frame: tool off, brake, discard, retract if in contact. `Stands` once the robot stands and the tool
+    /// is proven off.
+    EndEpoch {
+        /// The epoch that ends.
+        epoch: u32,
+    },
+    /// Set base and tool, echoed within 0.001 mm and degrees. `Done`.
+    SetFrames(Frames),
+    /// Switch an output and wait for its feedback. `Done`.
+    Switch(Switch),
+    /// Gate the whole path, then stream it within the window. `Progress`, then `Stands`.
+    Move(Motion),
+    /// A 3D shot and the localization from it. `Graded`.
+    Locate,
+    /// The corner picture from this view and the correction from it. `Graded` or `Displaced`.
+    Refine {
+        /// Which corner pose, from 0.
+        view: u8,
+    },
+    /// The corner picture from the first view, wet or dry. `Graded`; accept renews the localization.
+    Verify,
+    /// The picture of the dry panel. `Done`.
+    DryPicture,
+    /// Watch the film and judge it. `Filmed`.
+    Film,
+    /// Plan a path over what this pass must still abrade. `Planned`, or `Graded` with reject.
+    Plan {
+        /// Which pass, from 1.
+        pass: u8,
+    },
+}
+
+/// A path and the epoch it belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Motion {
+    /// The epoch; when it has ended, nothing of the path is sent.
+    pub epoch: u32,
+    /// Which path.
+    pub path: Path,
+    /// The plan of a contact path; 0 for others.
+    pub plan: u64,
+    /// Waypoints of a contact path; 1 for others: one target, points on the way are not counted.
+    pub waypoints: u32,
+}
+
+/// Where a path leads.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Path {
+    /// To the park pose, by axes.
+    Park,
+    /// To a corner pose of the flange camera, in air.
+    Corner {
+        /// Which, from 0.
+        view: u8,
+    },
+    /// To the air point before the first contact.
+    Approach,
+    /// Landing, abrasion and leaving, with the tool running; ends in air.
+    Contact,
+    /// From the air point after the last contact, clear of the panel.
+    Retract,
+}
+
+/// Base and tool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Frames {
+    /// The robot's base and the flange camera.
+    Camera,
+    /// The panel as located and the sanding pad.
+    Pad,
+}
+
+/// An output and what it should be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Switch {
+    ToolOn,
+    ToolOff,
+    Rinse,
+    Spray,
+    WaterOff,
+    LightOn,
+    LightOff,
+    /// Cameras can see.
+    LensClear,
+    /// Shut or purged: no drop reaches a lens.
+    LensGuard,
+    /// On and proven by its flow.
+    ExtractionOn,
+    ExtractionOff,
+}
+
+/// How a motion ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// At its end.
+    Done,
+    /// By a hold.
+    Held,
+    /// By a stop.
+    Stopped,
+    /// By an abort.
+    Aborted,
+    /// Unknown until the robot was asked; a person cleared it.
+    Cleared,
+}
+
+/// Why a request is refused.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Refusal {
+    /// Not in this state.
+    NotNow,
+    /// The robot is not ready.
+    Robot(Robot),
+    /// Held for review: accept it, or confirm that the panel is dry and locate again.
+    Review,
+    /// A reset came to this.
+    Failed(Trouble),
+}

@@ -1,0 +1,220 @@
+//! What can happen: a person asks, or the cell tells. Each event is one line of the journal.
+
+use serde::{Deserialize, Serialize};
+
+/// Number of one effect. A report names the effect that it answers; numbers are never used again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Id(pub u64);
+
+/// Everything that moves the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Event {
+    /// A person, or systemd for one, wants something.
+    Asked(Request),
+    /// The cell says what is.
+    Told(Report),
+}
+
+/// What a person may ask for. What does not fit the state is refused with a reason.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// Stopped or Complete → Idle: self-test, everything off, no motion.
+    Reset,
+    /// Idle → a cycle on the dry panel that now lies in the fixture.
+    Start {
+        /// Abrasions of this cycle, at most.
+        max_passes: u8,
+        /// Moves of the corner loop, at most.
+        max_moves: u8,
+    },
+    /// Leave what is going on; ends in Held.
+    Hold,
+    /// Held → on, through Verify.
+    Unhold {
+        /// A person confirms that the panel is dry: it is located again.
+        dried: bool,
+    },
+    /// Held for review → on: a person takes the result as good.
+    Accept,
+    /// End the cycle; ends in Stopped. SIGTERM.
+    Stop,
+    /// End everything at once; ends in Aborted. A second SIGTERM.
+    Abort,
+    /// Aborted → Stopped: a person at the cell says that the cause is gone and the pad is off the panel.
+    Clear,
+}
+
+/// What the cell says. The answer to an act comes once; the rest comes when it happens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Report {
+    /// The program starts. Whatever was going on is over.
+    Boot,
+    /// An act is done, or could not be.
+    Answered {
+        /// The act.
+        id: Id,
+        /// What came of it.
+        answer: Answer,
+    },
+    /// Time is up.
+    Deadline {
+        /// The effect that armed it.
+        id: Id,
+        /// Which time.
+        which: Deadline,
+    },
+    /// So many waypoints of a move are executed.
+    Progress {
+        /// The move.
+        id: Id,
+        /// Waypoints executed.
+        done: u32,
+    },
+    /// The robot's condition changed.
+    Robot(Robot),
+    /// Something went wrong that no act asked for.
+    Trouble(Trouble),
+}
+
+/// What comes of an act; [`crate::cycle::Act`] says which answers each one has. Any may fail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Answer {
+    /// Done and proven by its feedback, where there is one.
+    Done,
+    /// The controller accepted this epoch.
+    Epoch(u32),
+    /// The robot stands; of the move it executed so many waypoints.
+    Stands {
+        /// Waypoints executed.
+        done: u32,
+    },
+    /// A gate's word on a localization, a corner or a plan.
+    Graded(Grade),
+    /// The corner is seen, not yet where it should be; the next corner pose is ready.
+    Displaced,
+    /// The film was watched to its end, or not.
+    Filmed(Film),
+    /// A path over what is still to be abraded.
+    Planned {
+        /// First eight bytes of the path's hash.
+        plan: u64,
+        /// Its waypoints; none when nothing is left to do.
+        waypoints: u32,
+    },
+    /// It could not be done.
+    Failed(Trouble),
+}
+
+/// A gate's word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Grade {
+    /// Good.
+    Accept,
+    /// A person must look.
+    Review,
+    /// Not to be used.
+    Reject,
+}
+
+/// What the water film says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Film {
+    /// No grid failed.
+    Whole,
+    /// At least one grid failed.
+    Broken,
+    /// The film says nothing.
+    Invalid,
+}
+
+/// Which time. Arming one replaces an armed one of the same kind; the answer to an act disarms `Answer`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Deadline {
+    /// The longest that this act may take.
+    Answer,
+    /// A stop, `stop_deadline_s`.
+    Stop,
+    /// The rinse.
+    Rinse,
+    /// The spray that wets the panel.
+    Spray,
+    /// From water off to a drained cell.
+    Drain,
+    /// From light on to steady light.
+    Settle,
+    /// The localization's validity, `token_s`.
+    Token,
+}
+
+/// What the robot's link says about the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Robot {
+    /// Nothing heard yet.
+    Unknown,
+    /// Connected, handshake good, automatic, drives on, no stop.
+    Ready,
+    /// No connection.
+    LinkLost,
+    /// Another boot id or program than before.
+    Restarted,
+    /// Emergency stop.
+    EmergencyStop,
+    /// Guard open.
+    GuardOpen,
+    /// Drives off, or motion not possible.
+    DrivesOff,
+    /// T1 or T2.
+    NotAutomatic,
+}
+
+/// What can go wrong (rows of the fault model in parentheses).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Trouble {
+    /// A camera gave no picture (C2–C4, C9).
+    Camera,
+    /// Its pictures are unusable (C6–C8, P10).
+    Picture,
+    /// A computation could not be made.
+    Computing,
+    /// A feedback is not what it should be: tool, extraction, water, lens, light (R21).
+    Feedback,
+    /// The robot ran out of waypoints (R6).
+    Starved,
+    /// The robot is far behind its plan (R5).
+    Slow,
+    /// The gate refused a path that was planned to pass it (P13–P15).
+    Gate,
+    /// The robot refused a command (R20).
+    Refused,
+    /// The robot stood before its path's end (R3).
+    Short,
+    /// Acknowledgements out of order (R12).
+    Sequence,
+    /// What came is not the protocol (R7–R11).
+    Protocol,
+    /// The arm is not where it was sent (R18).
+    Deviation,
+    /// The store does not write (S1, S2).
+    Store,
+    /// No answer by the deadline.
+    Late,
+    /// An answer that does not fit its act.
+    Unexpected,
+}
+
+impl Trouble {
+    /// Whether the work may go on once a person has looked; what it is not for ends in Aborted.
+    pub fn holds(self) -> bool {
+        use Trouble::{Camera, Computing, Feedback, Picture, Slow, Starved};
+        matches!(self, Camera | Picture | Computing | Feedback | Starved | Slow)
+    }
+}

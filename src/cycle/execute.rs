@@ -1,0 +1,243 @@
+//! What is aimed at in each state, and what an act's answer leads to.
+
+use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, Row, STARTING, UNHOLDING};
+use super::rules::Rule;
+use super::turn::Turn;
+use super::{
+    Act, Answer, At, Cause, Deadline, Epoch, Extraction, Film, Grade, Hold, Lens, Light, Motion, Outcome, Path,
+    Phase, Refusal, Request, Robot, Switch, Tool, Trouble, Water, Why,
+};
+use crate::verdict::Verdict;
+
+/// What a state is about.
+pub(super) enum Aim {
+    /// Nothing, or only time.
+    Rest,
+    /// This act, once its needs hold.
+    Do(Act),
+    /// This act at once.
+    Now(Act),
+    /// The next state, once these hold.
+    Reach(&'static [Row], At),
+}
+
+impl Turn {
+    /// What the state is about.
+    pub fn aim(&self) -> Aim {
+        let state = &self.state;
+        match state.at {
+            At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. } => Aim::Rest,
+            At::Resetting => Aim::Reach(&RESETTING, At::Idle),
+            At::Starting => Aim::Reach(&STARTING, At::Execute(Phase::Locate)),
+            At::Holding(hold) => Aim::Reach(&LEAVING, At::Held(hold)),
+            At::Unholding { resume, verify } => {
+                Aim::Reach(if verify { &UNHOLDING } else { &[] }, At::Execute(resume))
+            }
+            At::Completing { verdict } => Aim::Reach(&COMPLETING, At::Complete { verdict }),
+            At::Stopping { .. } => Aim::Reach(&LEAVING, At::Stopped),
+            At::Aborting { shut_water: true, .. } => Aim::Now(Act::Switch(Switch::WaterOff)),
+            At::Aborting { .. } => Aim::Now(Act::EndEpoch { epoch: state.epoch }),
+            At::Clearing { .. } => Aim::Reach(&CLEARING, At::Stopped),
+            At::Execute(phase) => match (phase, state.facts.water) {
+                (Phase::Wet, Water::Spraying { .. }) | (Phase::Rinse, Water::Rinsing { .. }) => Aim::Rest,
+                (Phase::Wet, _) => Aim::Do(Act::Switch(Switch::Spray)),
+                (Phase::Rinse, _) => Aim::Do(Act::Switch(Switch::Rinse)),
+                (Phase::Locate, _) => Aim::Do(Act::Locate),
+                (Phase::Refine { moves }, _) => Aim::Do(Act::Refine { view: moves }),
+                (Phase::Dry, _) => Aim::Do(Act::DryPicture),
+                (Phase::Inspect, _) => Aim::Do(Act::Film),
+                (Phase::Plan, _) => Aim::Do(Act::Plan { pass: state.job.pass }),
+                (Phase::Verify, _) => Aim::Do(Act::Verify),
+                (Phase::Abrade, _) => Aim::Do(Act::Move(state.motion(Path::Contact))),
+                (Phase::Retract, _) => Aim::Do(Act::Move(state.motion(Path::Retract))),
+            },
+        }
+    }
+
+    /// What an act's answer makes known, and where it leads.
+    pub fn answered(&mut self, act: Act, answer: Answer) {
+        use Answer as R;
+        match (act, answer) {
+            (Act::EndEpoch { .. }, R::Stands { done }) => self.epoch_ended(done),
+            _ if matches!(self.state.at, At::Aborting { .. }) => self.abort_went_on(act),
+            (_, R::Failed(trouble)) => self.trouble(trouble),
+            (Act::Stand, R::Stands { done }) => {
+                self.close_intent(Outcome::Cleared, done);
+                (self.facts().standing, self.facts().touching) = (true, false);
+            }
+            (Act::SelfTest, R::Done) => self.facts().tested = true,
+            (Act::OpenEpoch { above }, R::Epoch(epoch)) if epoch > above => {
+                self.state.epoch = epoch;
+                // A new epoch has neither base nor tool.
+                (self.facts().epoch, self.facts().frames) = (Epoch::Open, None);
+            }
+            (Act::SetFrames(frames), R::Done) => self.facts().frames = Some(frames),
+            (Act::Switch(switch), R::Done) => self.switched(switch),
+            (Act::Move(motion), R::Stands { done }) => self.stands(motion, done),
+            (Act::Locate, R::Graded(grade)) => self.graded(grade, Phase::Refine { moves: 0 }),
+            (Act::Refine { .. }, R::Graded(grade)) => self.refined(grade),
+            (Act::Refine { view }, R::Displaced) => {
+                let over = view >= self.state.job.max_moves && self.rules.keep(Rule::MoveLimit);
+                self.state.at = if over {
+                    At::Completing { verdict: Verdict::Reject }
+                } else {
+                    At::Execute(Phase::Refine { moves: view.saturating_add(1) })
+                };
+            }
+            (Act::DryPicture, R::Done) => self.state.at = At::Execute(self.state.job.after_dry),
+            (Act::Film, R::Filmed(film)) => self.filmed(film),
+            (Act::Plan { .. }, R::Planned { plan, waypoints }) => {
+                (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
+                let verify = if self.rules.keep(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
+                self.state.at = At::Execute(if waypoints == 0 { Phase::Rinse } else { verify });
+            }
+            (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
+            (Act::Verify, R::Graded(grade)) => self.verified(grade),
+            _ => self.trouble(Trouble::Unexpected),
+        }
+    }
+
+    fn switched(&mut self, switch: Switch) {
+        match switch {
+            Switch::ToolOn => self.facts().tool = Tool::Running,
+            Switch::ToolOff => self.facts().tool = Tool::Off,
+            Switch::Rinse => self.facts().water = Water::Rinsing { until: self.arm(Deadline::Rinse) },
+            Switch::Spray => self.facts().water = Water::Spraying { until: self.arm(Deadline::Spray) },
+            Switch::WaterOff => self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) },
+            Switch::LightOn => self.facts().light = Light::Settling { until: self.arm(Deadline::Settle) },
+            Switch::LightOff => self.facts().light = Light::Off,
+            Switch::LensClear => self.facts().lens = Lens::Clear,
+            Switch::LensGuard => self.facts().lens = Lens::Guarded,
+            Switch::ExtractionOn => self.facts().extraction = Extraction::Flowing,
+            Switch::ExtractionOff => self.facts().extraction = Extraction::Off,
+        }
+    }
+
+    /// The robot stands at the end of a move, or short of it.
+    fn stands(&mut self, motion: Motion, done: u32) {
+        if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
+            return self.trouble(Trouble::Short);
+        }
+        self.close_intent(Outcome::Done, done);
+        self.facts().arm = Some(motion.path);
+        if motion.path == Path::Contact {
+            self.facts().touching = false;
+        }
+        match (self.state.at, motion.path) {
+            (At::Execute(Phase::Abrade), Path::Contact) => self.state.at = At::Execute(Phase::Retract),
+            (At::Execute(Phase::Retract), Path::Retract) => self.state.at = At::Execute(Phase::Rinse),
+            _ => {}
+        }
+    }
+
+    /// The abort frame is answered: the robot stands, its tool is off, nothing of the epoch is left.
+    fn epoch_ended(&mut self, done: u32) {
+        let (outcome, aborted) = match self.state.at {
+            At::Holding(_) => (Outcome::Held, None),
+            At::Aborting { cause, .. } => (Outcome::Aborted, Some(cause)),
+            _ => (Outcome::Stopped, None),
+        };
+        let facts = self.facts();
+        (facts.epoch, facts.tool) = (Epoch::Closed, Tool::Off);
+        // With the drives off nothing retracts: the pad is jogged off, and Clear says so.
+        facts.touching &= facts.robot != Robot::Ready;
+        self.close_intent(outcome, done);
+        if let Some(cause) = aborted {
+            self.aborted(cause);
+        }
+    }
+
+    /// An abort takes any answer: from shutting the water it goes on to the abort frame, from that to Aborted.
+    fn abort_went_on(&mut self, act: Act) {
+        let At::Aborting { cause, .. } = self.state.at else { return };
+        if matches!(act, Act::EndEpoch { .. }) {
+            self.aborted(cause);
+        } else {
+            self.state.at = At::Aborting { cause, shut_water: false };
+        }
+    }
+
+    /// On to the next phase, to a person, or to the end.
+    fn graded(&mut self, grade: Grade, next: Phase) {
+        self.state.at = match grade {
+            Grade::Review if self.rules.keep(Rule::ReviewHolds) => {
+                At::Holding(Hold { why: Why::Review, resume: next })
+            }
+            Grade::Reject if self.rules.keep(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
+            _ => At::Execute(next),
+        };
+    }
+
+    fn refined(&mut self, grade: Grade) {
+        if grade == Grade::Accept {
+            self.facts().token = Some(self.arm(Deadline::Token));
+        }
+        let dry = if self.rules.keep(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
+        self.graded(grade, dry);
+    }
+
+    fn verified(&mut self, grade: Grade) {
+        match (grade, self.state.at) {
+            (Grade::Accept, at) => {
+                self.facts().token = Some(self.arm(Deadline::Token));
+                if at == At::Execute(Phase::Verify) {
+                    self.state.at = At::Execute(Phase::Abrade);
+                }
+            }
+            (_, At::Execute(phase) | At::Unholding { resume: phase, .. }) => self.hold(Why::NotVerified, phase),
+            _ => self.abort(Cause::Trouble(Trouble::Unexpected)),
+        }
+    }
+
+    fn filmed(&mut self, film: Film) {
+        let passes_left = self.state.job.pass < self.state.job.max_passes || !self.rules.keep(Rule::PassLimit);
+        self.state.at = match film {
+            Film::Whole => At::Completing { verdict: Verdict::Pass },
+            Film::Invalid if self.rules.keep(Rule::InvalidEnds) => At::Completing { verdict: Verdict::Invalid },
+            _ if passes_left => {
+                self.state.job.pass = self.state.job.pass.saturating_add(1);
+                At::Execute(Phase::Plan)
+            }
+            _ => At::Completing { verdict: Verdict::Fail },
+        };
+    }
+
+    /// The localization is too old: contact ends; elsewhere Verify renews it when it is needed.
+    pub fn token_over(&mut self) {
+        self.facts().token = None;
+        let in_contact = self.state.intent.is_some_and(|intent| intent.motion.path == Path::Contact);
+        if let (At::Execute(phase), true) = (self.state.at, in_contact && self.rules.keep(Rule::TokenInContact)) {
+            self.hold(Why::TokenOver, phase);
+        }
+    }
+
+    /// Leaves what is going on; nothing of it is continued.
+    pub fn hold(&mut self, why: Why, phase: Phase) {
+        self.state.due = None;
+        self.facts().token = None;
+        let resume = match phase {
+            Phase::Locate | Phase::Refine { .. } => Phase::Locate,
+            Phase::Dry => Phase::Dry,
+            Phase::Wet | Phase::Inspect => Phase::Wet,
+            Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
+            Phase::Retract | Phase::Rinse => Phase::Rinse,
+        };
+        self.state.at = At::Holding(Hold { why, resume });
+    }
+
+    /// Goes on through Verify, or on a dried panel through a new localization.
+    pub fn unhold(&mut self, hold: Hold, dried: bool) {
+        let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
+        if dried || undried {
+            if matches!(hold.resume, Phase::Wet | Phase::Plan | Phase::Rinse) {
+                self.state.job.after_dry = hold.resume;
+            }
+            self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
+        } else if hold.why == Why::Review {
+            self.refuse(Request::Unhold { dried }, Refusal::Review);
+        } else {
+            let verify = !matches!(hold.resume, Phase::Locate | Phase::Refine { .. });
+            self.state.at = At::Unholding { resume: hold.resume, verify };
+        }
+    }
+}

@@ -1,0 +1,151 @@
+//! What is known of the cell: only what it told, and nothing of what is being changed.
+
+use super::{Act, Frames, Id, Path, Robot, Switch};
+use serde::{Deserialize, Serialize};
+
+/// The facts that interlocks ask for. A fact becomes known by a report and unknown by asking for a change.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Facts {
+    /// The robot's condition.
+    pub robot: Robot,
+    /// The robot said that it stands, since the last Reset or Clear.
+    pub standing: bool,
+    /// The self-test passed, since the last Reset.
+    pub tested: bool,
+    /// Whether the controller takes commands of [`State::epoch`](super::State).
+    pub epoch: Epoch,
+    /// Base and tool as echoed in this epoch.
+    pub frames: Option<Frames>,
+    /// The path at whose end the arm stands.
+    pub arm: Option<Path>,
+    /// The pad may touch the panel.
+    pub touching: bool,
+    /// The sanding tool.
+    pub tool: Tool,
+    /// Rinse and spray.
+    pub water: Water,
+    /// The light for the film.
+    pub light: Light,
+    /// The cameras' lenses.
+    pub lens: Lens,
+    /// Dust extraction.
+    pub extraction: Extraction,
+    /// The localization may be used until this deadline.
+    pub token: Option<Id>,
+}
+
+/// Whether the controller takes commands of our epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Epoch {
+    Closed,
+    /// Opening or ending is asked and not answered.
+    Changing,
+    Open,
+}
+
+/// The sanding tool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Tool {
+    Unknown,
+    Off,
+    Running,
+}
+
+/// Rinse and spray.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Water {
+    Unknown,
+    Rinsing { until: Id },
+    Spraying { until: Id },
+    Draining { until: Id },
+    Drained,
+}
+
+/// The light for the film.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Light {
+    Unknown,
+    Off,
+    Settling { until: Id },
+    Settled,
+}
+
+/// The cameras' lenses.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Lens {
+    Unknown,
+    Clear,
+    /// Shut or purged.
+    Guarded,
+}
+
+/// Dust extraction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[expect(missing_docs, reason = "the names say it")]
+pub enum Extraction {
+    Unknown,
+    Off,
+    Flowing,
+}
+
+impl Facts {
+    /// What a program knows when it starts.
+    pub const UNKNOWN: Facts = Facts {
+        robot: Robot::Unknown,
+        standing: false,
+        tested: false,
+        epoch: Epoch::Closed,
+        frames: None,
+        arm: None,
+        touching: false,
+        tool: Tool::Unknown,
+        water: Water::Unknown,
+        light: Light::Unknown,
+        lens: Lens::Unknown,
+        extraction: Extraction::Unknown,
+        token: None,
+    };
+
+    /// Neither rinse nor spray runs.
+    pub fn water_off(&self) -> bool {
+        matches!(self.water, Water::Draining { .. } | Water::Drained)
+    }
+
+    /// What an act changes is unknown until it is answered.
+    pub(super) fn ask(&mut self, act: Act) {
+        match act {
+            Act::Move(motion) => {
+                self.arm = None;
+                self.touching |= motion.path == Path::Contact;
+            }
+            Act::OpenEpoch { .. } | Act::EndEpoch { .. } => self.epoch = Epoch::Changing,
+            Act::SetFrames(_) => self.frames = None,
+            Act::Switch(switch) => match switch {
+                Switch::ToolOn | Switch::ToolOff => self.tool = Tool::Unknown,
+                Switch::Rinse | Switch::Spray | Switch::WaterOff => self.water = Water::Unknown,
+                Switch::LightOn | Switch::LightOff => self.light = Light::Unknown,
+                Switch::LensClear | Switch::LensGuard => self.lens = Lens::Unknown,
+                Switch::ExtractionOn | Switch::ExtractionOff => self.extraction = Extraction::Unknown,
+            },
+            _ => {}
+        }
+    }
+
+    /// The robot is not ready: arm and outputs may be moved by hand, and the localization is void.
+    pub(super) fn forget(&mut self) {
+        let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
+        let epoch = if lost { Epoch::Closed } else { self.epoch };
+        *self = Facts { robot: self.robot, touching: self.touching, epoch, ..Facts::UNKNOWN };
+    }
+}

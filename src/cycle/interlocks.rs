@@ -1,0 +1,157 @@
+//! The interlocks: what each act needs, in the order in which it is brought about, and what brings it about.
+
+use super::rules::Rule;
+use super::{Act, Epoch, Extraction, Facts, Frames, Lens, Light, Motion, Path, State, Switch, Tool, Water};
+
+/// Something that must hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Need {
+    Standing,
+    Tested,
+    Epoch,
+    EpochEnded,
+    Frames(Frames),
+    At(Path),
+    ToolOff,
+    ToolRunning,
+    WaterOff,
+    Drained,
+    LightOff,
+    LightSettled,
+    LensClear,
+    LensGuarded,
+    ExtractionOff,
+    ExtractionFlowing,
+    Token,
+}
+
+/// A need and the rule that makes it one.
+pub(super) type Row = (Rule, Need);
+
+/// What an act needs. This is the whole list of the cell's interlocks.
+pub(super) fn needs(act: Act) -> Vec<Row> {
+    use Need as N;
+    use Rule as R;
+    let parked = (R::ArmOutOfView, N::At(Path::Park));
+    let (clear, dark) = ((R::LensClear, N::LensClear), (R::LightOff, N::LightOff));
+    let lit = (R::LightSettled, N::LightSettled);
+    let (dry_air, tool_off) = ((R::WaterOff, N::WaterOff), (R::ToolOff, N::ToolOff));
+    let (camera, pad) = ((R::Frames, N::Frames(Frames::Camera)), (R::Frames, N::Frames(Frames::Pad)));
+    let (drained, extraction) = ((R::Drained, N::Drained), (R::Extraction, N::ExtractionFlowing));
+    let at_approach = (R::StartsInAir, N::At(Path::Approach));
+    let corner = |view| (R::AtView, N::At(Path::Corner { view }));
+    let (epoch, token) = ((R::Epoch, N::Epoch), (R::Token, N::Token));
+    match act {
+        Act::Stand | Act::SelfTest | Act::OpenEpoch { .. } | Act::EndEpoch { .. } | Act::Plan { .. } => vec![],
+        Act::Locate => vec![dry_air, parked, dark, clear],
+        Act::DryPicture => vec![dry_air, parked, lit, clear],
+        Act::Film => vec![dry_air, parked, lit, clear],
+        Act::Refine { view } => vec![dark, clear, corner(view)],
+        Act::Verify => vec![dark, clear, corner(0)],
+        Act::Switch(Switch::Rinse | Switch::Spray) => {
+            vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
+        }
+        Act::Switch(Switch::ToolOn) => vec![epoch, drained, extraction, at_approach],
+        Act::Switch(_) | Act::SetFrames(_) => vec![epoch],
+        Act::Move(Motion { path, .. }) => match path {
+            Path::Park => vec![epoch, dry_air, tool_off],
+            Path::Corner { .. } => vec![epoch, dry_air, tool_off, camera],
+            Path::Approach => vec![epoch, drained, tool_off, token, pad],
+            Path::Contact => {
+                let running = (R::ToolRunning, N::ToolRunning);
+                vec![epoch, drained, extraction, token, at_approach, pad, running]
+            }
+            Path::Retract => vec![epoch, dry_air, tool_off, pad],
+        },
+    }
+}
+
+/// What Stopping and Holding bring about. Water is shut while the epoch still takes commands; nothing moves while
+/// it may run, so a motion never waits for it.
+pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
+
+/// What Clearing brings about.
+pub(super) const CLEARING: [Row; 3] =
+    [(Rule::StandsFirst, Need::Standing), (Rule::ToolOff, Need::ToolOff), (Rule::WaterOff, Need::WaterOff)];
+
+/// What Resetting brings about.
+pub(super) const RESETTING: [Row; 6] = [
+    (Rule::StandsFirst, Need::Standing),
+    (Rule::ToolOff, Need::ToolOff),
+    (Rule::WaterOff, Need::WaterOff),
+    (Rule::AllOff, Need::ExtractionOff),
+    (Rule::AllOff, Need::LightOff),
+    (Rule::SelfTest, Need::Tested),
+];
+
+/// What Starting brings about.
+pub(super) const STARTING: [Row; 1] = [(Rule::ArmOutOfView, Need::At(Path::Park))];
+
+/// What Unholding brings about, where the panel had been located.
+pub(super) const UNHOLDING: [Row; 1] = [(Rule::UnholdVerifies, Need::Token)];
+
+/// What Completing brings about.
+pub(super) const COMPLETING: [Row; 5] = [
+    (Rule::WaterOff, Need::WaterOff),
+    (Rule::ToolOff, Need::ToolOff),
+    (Rule::ArmOutOfView, Need::At(Path::Park)),
+    (Rule::AllOff, Need::ExtractionOff),
+    (Rule::AllOff, Need::LightOff),
+];
+
+impl Need {
+    /// Whether it holds.
+    pub fn holds(self, facts: &Facts) -> bool {
+        match self {
+            Need::Standing => facts.standing,
+            Need::Tested => facts.tested,
+            Need::Epoch => facts.epoch == Epoch::Open,
+            Need::EpochEnded => facts.epoch == Epoch::Closed,
+            Need::Frames(frames) => facts.frames == Some(frames),
+            Need::At(path) => facts.arm == Some(path),
+            Need::ToolOff => facts.tool == Tool::Off,
+            Need::ToolRunning => facts.tool == Tool::Running,
+            Need::WaterOff => facts.water_off(),
+            Need::Drained => facts.water == Water::Drained,
+            Need::LightOff => facts.light == Light::Off,
+            Need::LightSettled => facts.light == Light::Settled,
+            Need::LensClear => facts.lens == Lens::Clear,
+            Need::LensGuarded => facts.lens == Lens::Guarded,
+            Need::ExtractionOff => facts.extraction == Extraction::Off,
+            Need::ExtractionFlowing => facts.extraction == Extraction::Flowing,
+            Need::Token => facts.token.is_some(),
+        }
+    }
+
+    /// The act that brings it about; `None` where only time does.
+    pub fn brought_by(self, state: &State) -> Option<Act> {
+        Some(match self {
+            Need::Standing => Act::Stand,
+            Need::Tested => Act::SelfTest,
+            Need::Epoch => Act::OpenEpoch { above: state.epoch },
+            Need::EpochEnded => Act::EndEpoch { epoch: state.epoch },
+            Need::Frames(frames) => Act::SetFrames(frames),
+            Need::At(path) => Act::Move(state.motion(path)),
+            Need::ToolOff => Act::Switch(Switch::ToolOff),
+            Need::ToolRunning => Act::Switch(Switch::ToolOn),
+            Need::Drained if matches!(state.facts.water, Water::Draining { .. }) => return None,
+            Need::WaterOff | Need::Drained => Act::Switch(Switch::WaterOff),
+            Need::LightOff => Act::Switch(Switch::LightOff),
+            Need::LightSettled if matches!(state.facts.light, Light::Settling { .. }) => return None,
+            Need::LightSettled => Act::Switch(Switch::LightOn),
+            Need::LensClear => Act::Switch(Switch::LensClear),
+            Need::LensGuarded => Act::Switch(Switch::LensGuard),
+            Need::ExtractionOff => Act::Switch(Switch::ExtractionOff),
+            Need::ExtractionFlowing => Act::Switch(Switch::ExtractionOn),
+            Need::Token => Act::Verify,
+        })
+    }
+}
+
+impl State {
+    /// The motion along this path in the epoch that is open.
+    pub(super) fn motion(&self, path: Path) -> Motion {
+        let (plan, waypoints) = if path == Path::Contact { (self.job.plan, self.job.waypoints) } else { (0, 1) };
+        Motion { epoch: self.epoch, path, plan, waypoints }
+    }
+}

@@ -1,0 +1,43 @@
+//! The cycle as a pure table: `step(State, Event) -> (State, Vec<Effect>)`.
+//!
+//! An [`Event`] is what a person asks or the cell tells; an [`Effect`] is what the loop then does. `interlocks` says
+//! what each act needs and which act brings that about, `step` what each event means in each state, `execute` what
+//! follows each phase, `turn` joins them. The way to a phase is never written down: the table performs the first act
+//! that is still needed, hears its answer, and looks again.
+//!
+//! The outer states have their PackML names. Inside Execute, closed into a loop:
+//!
+//! ```text
+//! Locate → Refine → Dry → Wet → Inspect ─┬─ no break → Complete (pass)
+//!  (3D)   (corner)                       └─ breaks → Plan → Verify → Abrade → Retract → Rinse → Wet → Inspect …
+//! ```
+//!
+//! What it never does. It has no clock: [`Effect::Arm`] asks for a deadline, [`Report::Deadline`] says it is over. It
+//! reads no files, opens no sockets, draws no random numbers. It never believes what was not told: [`Facts`] become
+//! known by reports alone, and asking for a change makes one unknown. It never takes the answer to one act for
+//! another: each act has an [`Id`], and a report that names another is dropped and counted. It never ends a motion:
+//! the robot says when it stands. It never resumes by itself: after [`Report::Boot`] it rests, and a path that was
+//! left is planned again.
+//!
+//! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
+
+mod boot;
+mod effect;
+mod event;
+mod execute;
+mod facts;
+mod interlocks;
+mod rules;
+mod state;
+mod step;
+mod turn;
+
+#[cfg(test)]
+mod tests;
+
+pub use boot::{fold, recover};
+pub use effect::{Act, Effect, Frames, Motion, Outcome, Path, Refusal, Switch};
+pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
+pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
+pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
+pub use step::step;

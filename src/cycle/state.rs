@@ -1,0 +1,243 @@
+//! Where the cycle is.
+
+use super::{Act, Facts, Id, Motion, Robot, Trouble};
+use crate::verdict::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// All that the table remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct State {
+    /// The PackML state, with the phase inside Execute.
+    pub at: At,
+    /// The cycle that is running, or ran last.
+    pub job: Job,
+    /// What the cell told.
+    pub facts: Facts,
+    /// The one act that is under way.
+    pub due: Option<Due>,
+    /// The motion that began and of which the robot has not yet said that it stands.
+    pub intent: Option<Intent>,
+    /// The last epoch that was opened.
+    pub epoch: u32,
+    /// The last id that was given.
+    pub last_id: Id,
+    /// Reports that answered nothing.
+    pub dropped: u64,
+}
+
+impl State {
+    /// Before the first event of a new store.
+    pub const NEW: State = State {
+        at: At::Stopped,
+        job: Job {
+            running: false,
+            max_passes: 0,
+            max_moves: 0,
+            pass: 0,
+            after_dry: Phase::Wet,
+            plan: 0,
+            waypoints: 0,
+        },
+        facts: Facts::UNKNOWN,
+        due: None,
+        intent: None,
+        epoch: 0,
+        last_id: Id(0),
+        dropped: 0,
+    };
+}
+
+/// The PackML states.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum At {
+    /// At rest; a Reset leads out.
+    Stopped,
+    /// Everything off and tested, without motion.
+    Resetting,
+    /// Ready for a Start.
+    Idle,
+    /// The arm parks.
+    Starting,
+    /// The cycle.
+    Execute(Phase),
+    /// The way to Held: water off, epoch ended.
+    Holding(Hold),
+    /// At rest inside a cycle.
+    Held(Hold),
+    /// The way back: verify where the panel is.
+    Unholding {
+        /// Where it goes on.
+        resume: Phase,
+        /// Whether the panel's place must be verified first.
+        verify: bool,
+    },
+    /// Park, everything off.
+    Completing {
+        /// The cycle's verdict.
+        verdict: Verdict,
+    },
+    /// The cycle is over.
+    Complete {
+        /// Its verdict.
+        verdict: Verdict,
+    },
+    /// The way to Stopped: water off, epoch ended.
+    Stopping {
+        /// The deadline of it all.
+        until: Id,
+    },
+    /// The way to Aborted: the abort frame, whatever comes back.
+    Aborting {
+        /// Why.
+        cause: Cause,
+        /// Water may run and nothing moves: it is shut first, since the abort frame ends the epoch.
+        shut_water: bool,
+    },
+    /// At rest after a fault; only Clear leads out.
+    Aborted {
+        /// Why.
+        cause: Cause,
+    },
+    /// A person cleared the cause: the robot is asked whether it stands, tool and water are proven off.
+    Clearing {
+        /// What was cleared.
+        cause: Cause,
+    },
+}
+
+impl At {
+    /// The PackML word that users script against.
+    pub fn word(self) -> &'static str {
+        match self {
+            At::Stopped => "stopped",
+            At::Resetting => "resetting",
+            At::Idle => "idle",
+            At::Starting => "starting",
+            At::Execute(_) => "execute",
+            At::Holding(_) => "holding",
+            At::Held(_) => "held",
+            At::Unholding { .. } => "unholding",
+            At::Completing { .. } => "completing",
+            At::Complete { .. } => "complete",
+            At::Stopping { .. } => "stopping",
+            At::Aborting { .. } => "aborting",
+            At::Aborted { .. } => "aborted",
+            At::Clearing { .. } => "clearing",
+        }
+    }
+
+    /// Nothing is under way; the process may leave.
+    pub fn rests(self) -> bool {
+        matches!(self, At::Stopped | At::Idle | At::Held(_) | At::Complete { .. } | At::Aborted { .. })
+    }
+}
+
+/// The phases inside Execute.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Phase {
+    /// A 3D shot of the dry panel, from which its place.
+    Locate,
+    /// The corner loop.
+    Refine {
+        /// Moves made.
+        moves: u8,
+    },
+    /// The picture of the dry panel.
+    Dry,
+    /// The spray.
+    Wet,
+    /// The film is watched.
+    Inspect,
+    /// A path over what failed.
+    Plan,
+    /// A look at the corner just before contact.
+    Verify,
+    /// Approach, tool on, contact, leaving.
+    Abrade,
+    /// Tool off in air, clear of the panel.
+    Retract,
+    /// The dust is washed off.
+    Rinse,
+}
+
+/// A hold and how it ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Hold {
+    /// Why.
+    pub why: Why,
+    /// Where the cycle goes on; a path that was left is planned again.
+    pub resume: Phase,
+}
+
+/// Why a cycle is held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Why {
+    /// A person asked.
+    Asked,
+    /// A result waits for a person.
+    Review,
+    /// Verify failed: dry the panel and confirm it, or try again.
+    NotVerified,
+    /// The localization became too old in contact.
+    TokenOver,
+    /// Something went wrong that a person can mend.
+    Trouble(Trouble),
+}
+
+/// Why a cycle was aborted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Cause {
+    /// A person asked.
+    Asked,
+    /// The robot's condition.
+    Robot(Robot),
+    /// Something went wrong.
+    Trouble(Trouble),
+    /// A stop took too long.
+    StopTimedOut,
+    /// The program ended while a motion was open.
+    Interrupted,
+}
+
+/// One cycle's limits and counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Job {
+    /// Begun and not concluded.
+    pub running: bool,
+    /// Abrasions, at most.
+    pub max_passes: u8,
+    /// Moves of the corner loop, at most.
+    pub max_moves: u8,
+    /// Abrasions planned.
+    pub pass: u8,
+    /// What follows the dry picture: Wet, or after a relocation what was left: Plan or Rinse.
+    pub after_dry: Phase,
+    /// The path planned last.
+    pub plan: u64,
+    /// Its waypoints.
+    pub waypoints: u32,
+}
+
+/// An act that is under way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Due {
+    /// The id that its answer names.
+    pub id: Id,
+    /// The act.
+    pub act: Act,
+}
+
+/// An open motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Intent {
+    /// The id of its act.
+    pub id: Id,
+    /// The motion.
+    pub motion: Motion,
+    /// Waypoints executed, as far as told.
+    pub done: u32,
+}

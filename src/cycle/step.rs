@@ -1,0 +1,217 @@
+//! One step of the table: what an event means where the cycle is.
+
+use super::rules::{Rule, Rules};
+use super::turn::Turn;
+use super::{
+    Act, Answer, At, Cause, Deadline, Effect, Epoch, Event, Hold, Id, Job, Light, Phase, Refusal, Report, Request,
+    Robot, State, Trouble, Water, Why,
+};
+use crate::verdict::Verdict;
+
+/// The next state and what is to be done now, in order. Effects are drained before the next event.
+pub fn step(state: State, event: Event) -> (State, Vec<Effect>) {
+    step_with(Rules::ALL, state, event)
+}
+
+pub(super) fn step_with(rules: Rules, state: State, event: Event) -> (State, Vec<Effect>) {
+    let mut turn = Turn { rules, state, effects: Vec::new() };
+    match event {
+        Event::Asked(request) => turn.asked(request),
+        Event::Told(report) => turn.told(report),
+    }
+    turn.proceed();
+    (turn.state, turn.effects)
+}
+
+impl Turn {
+    fn asked(&mut self, request: Request) {
+        use Request as Q;
+        let robot = self.state.facts.robot;
+        let ready = robot == Robot::Ready || !self.rules.keep(Rule::RobotReady);
+        match (self.state.at, request) {
+            // What may lead to motion asks for a robot that is ready.
+            (At::Stopped | At::Complete { .. }, Q::Reset) if ready => {
+                (self.state.facts.standing, self.state.facts.tested) = (false, false);
+                self.state.at = At::Resetting;
+            }
+            (At::Idle, Q::Start { max_passes, max_moves }) if ready => {
+                self.state.job = Job { running: true, max_passes, max_moves, ..State::NEW.job };
+                self.state.at = At::Starting;
+            }
+            (At::Held(hold), Q::Unhold { dried }) if ready => self.unhold(hold, dried),
+            // A person looked at the result and stands at the panel: no Verify before the next phase.
+            (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
+                self.state.at = At::Unholding { resume, verify: false };
+            }
+            (At::Aborted { cause }, Q::Clear) if ready => {
+                self.state.facts.standing = false;
+                self.state.at = At::Clearing { cause };
+            }
+            (At::Stopped | At::Complete { .. }, Q::Reset)
+            | (At::Idle, Q::Start { .. })
+            | (At::Held(_), Q::Unhold { .. } | Q::Accept)
+            | (At::Aborted { .. }, Q::Clear) => self.refuse(request, Refusal::Robot(robot)),
+            (At::Execute(phase) | At::Unholding { resume: phase, .. }, Q::Hold) => self.hold(Why::Asked, phase),
+            (At::Stopped | At::Stopping { .. } | At::Clearing { .. }, Q::Stop)
+            | (At::Aborting { .. } | At::Aborted { .. }, Q::Stop | Q::Abort) => {
+                self.refuse(request, Refusal::NotNow);
+            }
+            (_, Q::Stop) => self.stop(),
+            (_, Q::Abort) => self.abort(Cause::Asked),
+            (_, request) => self.refuse(request, Refusal::NotNow),
+        }
+    }
+
+    fn told(&mut self, report: Report) {
+        let due = self.state.due;
+        let is_due = |id: Id| due.filter(|due| due.id == id);
+        match report {
+            Report::Boot => self.boot(),
+            Report::Robot(robot) => self.condition(robot),
+            Report::Trouble(trouble) => self.unasked(trouble),
+            Report::Progress { id, done } => self.progressed(id, done),
+            Report::Answered { id, answer } => {
+                let due = if self.rules.keep(Rule::AnswersMatch) { is_due(id) } else { due };
+                let Some(due) = due else { return self.drop() };
+                self.state.due = None;
+                self.answered(due.act, answer);
+            }
+            Report::Deadline { id, which: Deadline::Answer } => {
+                let Some(due) = is_due(id).filter(|_| self.rules.keep(Rule::AnswerDeadline)) else {
+                    return self.drop();
+                };
+                self.state.due = None;
+                self.answered(due.act, Answer::Failed(Trouble::Late));
+            }
+            Report::Deadline { id, which } => self.elapsed(id, which),
+        }
+    }
+
+    /// Time is up, if it is still waited for.
+    fn elapsed(&mut self, id: Id, which: Deadline) {
+        let facts = &mut self.state.facts;
+        match (which, self.state.at) {
+            (Deadline::Settle, _) if facts.light == (Light::Settling { until: id }) => facts.light = Light::Settled,
+            (Deadline::Drain, _) if facts.water == (Water::Draining { until: id }) => facts.water = Water::Drained,
+            (Deadline::Rinse, At::Execute(Phase::Rinse)) if facts.water == (Water::Rinsing { until: id }) => {
+                self.state.at = At::Execute(Phase::Wet);
+            }
+            (Deadline::Spray, At::Execute(Phase::Wet)) if facts.water == (Water::Spraying { until: id }) => {
+                self.state.at = At::Execute(Phase::Inspect);
+            }
+            (Deadline::Token, _) if facts.token == Some(id) => self.token_over(),
+            (Deadline::Stop, At::Stopping { until }) if until == id && self.rules.keep(Rule::StopDeadline) => {
+                self.abort(Cause::StopTimedOut);
+            }
+            _ => self.drop(),
+        }
+    }
+
+    /// The robot's condition changed; one that is not ready ends the work.
+    fn condition(&mut self, robot: Robot) {
+        self.state.facts.robot = robot;
+        if robot == Robot::Ready {
+            return;
+        }
+        if self.rules.keep(Rule::LossForgets) {
+            self.state.facts.forget();
+        }
+        let gone = matches!(robot, Robot::LinkLost | Robot::Restarted);
+        match self.state.at {
+            At::Stopped | At::Aborted { .. } => {}
+            At::Idle | At::Complete { .. } if robot != Robot::EmergencyStop => self.state.at = At::Stopped,
+            // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
+            At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
+            // Nobody is left to answer the abort frame. Its intent stays open until the robot was asked.
+            At::Aborting { cause, .. } if gone => self.aborted(cause),
+            At::Aborting { .. } => {}
+            At::Clearing { .. } => self.aborted(Cause::Robot(robot)),
+            _ if !self.rules.keep(Rule::ConditionAborts) => {}
+            _ => self.abort(Cause::Robot(robot)),
+        }
+    }
+
+    fn progressed(&mut self, id: Id, done: u32) {
+        let Some(due) = self.state.due.filter(|due| due.id == id) else { return self.drop() };
+        match (&mut self.state.intent, due.act) {
+            (Some(intent), Act::Move(motion)) => {
+                let in_order = intent.done <= done && done <= motion.waypoints;
+                intent.done = done;
+                if !in_order && self.rules.keep(Rule::Sequence) {
+                    self.trouble(Trouble::Sequence);
+                }
+            }
+            _ => self.trouble(Trouble::Unexpected),
+        }
+    }
+
+    /// Trouble that no act reports: it matters while something is under way.
+    fn unasked(&mut self, trouble: Trouble) {
+        match self.state.at {
+            at if at.rests() => self.drop(),
+            At::Aborting { .. } => self.drop(),
+            At::Resetting | At::Clearing { .. } | At::Completing { .. } | At::Stopping { .. } | At::Holding(_)
+                if trouble.holds() =>
+            {
+                self.drop();
+            }
+            // Late but alive harms only where the pad touches.
+            _ if trouble == Trouble::Slow && !self.state.facts.touching => self.drop(),
+            _ => self.trouble(trouble),
+        }
+    }
+
+    /// Leaves what is going on as this trouble asks.
+    pub fn trouble(&mut self, trouble: Trouble) {
+        if !self.rules.keep(Rule::TroubleLeaves) {
+            return;
+        }
+        self.state.due = None;
+        match self.state.at {
+            At::Resetting => {
+                self.state.at = At::Stopped;
+                self.refuse(Request::Reset, Refusal::Failed(trouble));
+            }
+            At::Clearing { cause } => self.aborted(cause),
+            At::Execute(phase) | At::Unholding { resume: phase, .. } if trouble.holds() => {
+                self.hold(Why::Trouble(trouble), phase);
+            }
+            At::Starting if trouble.holds() => self.hold(Why::Trouble(trouble), Phase::Locate),
+            _ => self.abort(Cause::Trouble(trouble)),
+        }
+    }
+
+    /// Everything changes at once: the abort frame goes out, whatever was under way.
+    pub fn abort(&mut self, cause: Cause) {
+        self.conclude(Verdict::Aborted);
+        self.state.due = None;
+        let facts = &self.state.facts;
+        let shut_water = facts.epoch == Epoch::Open && self.state.intent.is_none() && !facts.water_off();
+        self.state.at = At::Aborting { cause, shut_water };
+        if !self.rules.keep(Rule::AbortIsSent) {
+            self.aborted(cause);
+        }
+    }
+
+    /// The end of an abort, known or not.
+    pub fn aborted(&mut self, cause: Cause) {
+        self.state.due = None;
+        self.state.at = At::Aborted { cause };
+    }
+
+    fn stop(&mut self) {
+        // A result that nobody accepted stays what it was.
+        let review = matches!(self.state.at, At::Held(Hold { why: Why::Review, .. }));
+        self.conclude(if review { Verdict::Review } else { Verdict::Aborted });
+        self.state.due = None;
+        let until = self.arm(Deadline::Stop);
+        self.state.at = At::Stopping { until };
+    }
+
+    fn boot(&mut self) {
+        self.conclude(Verdict::Aborted);
+        if self.rules.keep(Rule::BootRests) {
+            self.state = super::boot::booted(self.state);
+        }
+    }
+}

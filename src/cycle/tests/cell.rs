@@ -1,0 +1,258 @@
+//! The true cell. It knows nothing of the table's facts: it believes its own outputs and its own arm.
+
+use super::super::rules::Rules;
+use super::super::step::step_with;
+use super::super::*;
+
+/// Waypoints that are sent and not yet executed, at most.
+pub const WINDOW: u32 = 5;
+
+/// A move that the robot has not yet ended.
+#[derive(Debug, Clone, Copy)]
+pub struct Moving {
+    pub id: Id,
+    pub motion: Motion,
+    pub sent: u32,
+    pub done: u32,
+}
+
+/// What is true, and what the table makes of it.
+pub struct Cell {
+    pub rules: Rules,
+    pub state: State,
+    pub robot: Robot,
+    pub arm: Option<Path>,
+    pub moving: Option<Moving>,
+    pub epoch: u32,
+    pub epoch_open: bool,
+    /// An epoch was asked for and may yet open.
+    pub opening: bool,
+    pub frames: Option<Frames>,
+    pub tool_on: bool,
+    pub tool_proven: bool,
+    pub water_on: bool,
+    pub drained: bool,
+    pub light_on: bool,
+    pub light_settled: bool,
+    pub lens_clear: bool,
+    pub extraction_on: bool,
+    pub extraction_proven: bool,
+    /// The robot was told to end its motion, or does so by its own watchdog.
+    pub ending: bool,
+    pub tested: bool,
+    pub wet: bool,
+    pub dry_picture: bool,
+    /// Verified since the last plan, film or hold.
+    pub verified: bool,
+    /// A person may have touched the panel since it was last measured.
+    pub disturbed: bool,
+    /// The panel was found in this cycle, or a person took its place as found.
+    pub located: bool,
+    pub token: bool,
+    /// A result was rejected or invalid.
+    pub doomed: bool,
+    /// A result waits for a person.
+    pub reviewed: bool,
+    pub film: Option<Film>,
+    pub passes: u8,
+    pub concluded: bool,
+    pub intent: Option<Motion>,
+    /// Acts that are no longer waited for.
+    pub stale: Vec<(Id, Act)>,
+    /// The armed deadline of each kind.
+    pub timers: Vec<(Deadline, Id)>,
+    pub journal: Vec<Event>,
+    pub effects: Vec<Effect>,
+}
+
+impl Cell {
+    /// Any cell before its first event: outputs as someone left them.
+    pub fn new(rules: Rules) -> Self {
+        Cell {
+            rules,
+            state: State::NEW,
+            robot: Robot::Unknown,
+            arm: None,
+            moving: None,
+            epoch: 3,
+            epoch_open: false,
+            opening: false,
+            frames: None,
+            tool_on: false,
+            tool_proven: false,
+            water_on: false,
+            drained: false,
+            light_on: true,
+            light_settled: false,
+            lens_clear: false,
+            extraction_on: true,
+            extraction_proven: false,
+            ending: false,
+            tested: false,
+            wet: true,
+            dry_picture: false,
+            verified: false,
+            disturbed: true,
+            located: false,
+            token: false,
+            doomed: false,
+            reviewed: false,
+            film: None,
+            passes: 0,
+            concluded: true,
+            intent: None,
+            stale: Vec::new(),
+            timers: Vec::new(),
+            journal: Vec::new(),
+            effects: Vec::new(),
+        }
+    }
+
+    /// One event through the table and its effects through the cell.
+    pub fn feed(&mut self, event: Event) -> Result<(), String> {
+        let before = self.state;
+        let due = before.due;
+        self.happen(event);
+        let (state, effects) = step_with(self.rules, before, event);
+        self.journal.push(event);
+        self.state = state;
+        if let Some(due) = due.filter(|due| state.due.is_none_or(|now| now.id != due.id)) {
+            self.stale.push((due.id, due.act));
+        }
+        self.follow(before, event);
+        self.check_effects(before, event, &effects)?;
+        self.check_state(before, event)?;
+        self.effects = effects;
+        Ok(())
+    }
+
+    /// The truth of an event, before the table hears of it.
+    fn happen(&mut self, event: Event) {
+        let Event::Told(report) = event else { return };
+        match report {
+            Report::Answered { id, answer } => {
+                if let Some(due) = self.state.due.filter(|due| due.id == id) {
+                    self.answered(due.act, answer);
+                }
+            }
+            Report::Deadline { id, which } => self.elapsed(id, which),
+            Report::Progress { .. } | Report::Trouble(_) => {}
+            Report::Robot(robot) => {
+                self.robot = robot;
+                if robot != Robot::Ready {
+                    // Whoever stopped it may jog the arm and press every button.
+                    (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
+                    (self.light_on, self.light_settled) = (!self.light_on, false);
+                    self.lens_clear = !self.lens_clear;
+                    (self.extraction_proven, self.tool_proven) = (false, false);
+                }
+                if matches!(robot, Robot::Restarted | Robot::LinkLost) {
+                    (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+                }
+                if robot == Robot::Restarted {
+                    (self.moving, self.tool_on) = (None, false);
+                }
+            }
+            Report::Boot => {
+                self.robot = Robot::Unknown;
+                (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
+                // The session closes with the process and the controller shuts everything by its own watchdog.
+                (self.timers, self.ending) = (Vec::new(), true);
+                (self.epoch_open, self.opening, self.frames) = (false, false, None);
+                (self.tool_on, self.water_on) = (false, false);
+            }
+        }
+    }
+
+    fn elapsed(&mut self, id: Id, which: Deadline) {
+        let armed = self.timers.iter().position(|timer| *timer == (which, id));
+        let Some(armed) = armed else { return };
+        self.timers.remove(armed);
+        match which {
+            Deadline::Drain => self.drained = !self.water_on,
+            Deadline::Settle => self.light_settled = self.light_on,
+            Deadline::Token => self.token = false,
+            _ => {}
+        }
+    }
+
+    fn answered(&mut self, act: Act, answer: Answer) {
+        match (act, answer) {
+            (Act::Move(motion), Answer::Stands { done }) => {
+                self.moving = None;
+                self.arm = (done == motion.waypoints).then_some(motion.path);
+            }
+            (Act::EndEpoch { .. }, Answer::Stands { .. }) => {
+                if self.moving.take().is_some() {
+                    self.arm = None;
+                }
+                (self.tool_on, self.tool_proven, self.ending) = (false, false, false);
+            }
+            (Act::Stand, Answer::Stands { .. }) => self.moving = None,
+            (Act::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
+                (self.epoch, self.epoch_open, self.opening) = (epoch, true, false);
+                (self.frames, self.ending) = (None, false);
+            }
+            (Act::SetFrames(frames), Answer::Done) => self.frames = Some(frames),
+            (Act::SelfTest, Answer::Done) => self.tested = true,
+            (Act::Switch(Switch::ToolOff), Answer::Done) => self.tool_on = false,
+            (Act::Switch(Switch::ToolOn), Answer::Done) => self.tool_proven = true,
+            (Act::Switch(Switch::WaterOff), Answer::Done) => self.water_on = false,
+            (Act::Switch(Switch::ExtractionOn), Answer::Done) => self.extraction_proven = true,
+            (Act::DryPicture, Answer::Done) => self.dry_picture = true,
+            (Act::Locate | Act::Refine { .. }, Answer::Graded(Grade::Review)) => self.reviewed = true,
+            (Act::Locate | Act::Refine { .. } | Act::Plan { .. }, Answer::Graded(Grade::Reject)) => {
+                self.doomed = true
+            }
+            (Act::Locate, Answer::Graded(Grade::Accept)) => (self.located, self.disturbed) = (true, false),
+            (Act::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
+            (Act::Verify, Answer::Graded(Grade::Accept)) => {
+                (self.token, self.verified, self.disturbed) = (true, true, false);
+            }
+            (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
+            (Act::Film, Answer::Filmed(film)) => {
+                self.film = Some(film);
+                self.verified = false;
+                self.doomed |= film == Film::Invalid;
+                self.passes += u8::from(film == Film::Broken);
+            }
+            _ => {}
+        }
+    }
+
+    /// What the table's decision means for the truth.
+    fn follow(&mut self, before: State, event: Event) {
+        match (event, self.state.at) {
+            (Event::Asked(Request::Start { .. }), at) if before.at == At::Idle && at != At::Idle => {
+                // A new dry panel, somewhere.
+                (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
+                (self.doomed, self.reviewed, self.film, self.passes) = (false, false, None, 0);
+                (self.token, self.located, self.concluded) = (false, false, false);
+            }
+            (Event::Asked(Request::Reset), at) if at != before.at => self.tested = false,
+            (Event::Asked(Request::Unhold { dried: true }), at) if at != before.at => {
+                (self.wet, self.dry_picture, self.reviewed) = (false, false, false);
+                self.located = false;
+            }
+            (Event::Asked(Request::Accept), at) if at != before.at => {
+                (self.reviewed, self.disturbed, self.located) = (false, false, true)
+            }
+            _ => {}
+        }
+    }
+
+    /// The pump: sends what the window allows of a move whose epoch is open.
+    pub fn pump(&mut self) -> Result<(), String> {
+        let ending = self.ending;
+        let (epoch, open) = (self.epoch, self.epoch_open);
+        let Some(moving) = self.moving.as_mut().filter(|_| !ending) else { return Ok(()) };
+        while moving.sent < moving.motion.waypoints && moving.sent - moving.done < WINDOW {
+            // I1
+            if !open || moving.motion.epoch != epoch {
+                return Err(format!("a waypoint of an ended epoch is sent: {moving:?}"));
+            }
+            moving.sent += 1;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,166 @@
+//! What a healthy cell and its operator say next; and what surprises them.
+
+use super::super::*;
+use super::cell::Cell;
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
+    all[random.random_range(0..all.len())]
+}
+
+impl Cell {
+    /// What is said next where nothing goes wrong; `None` would be a dead end.
+    pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
+        if let Some(due) = self.state.due {
+            return Some(Event::Told(self.answer(due, random)));
+        }
+        let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
+        let timer = waits.iter().find_map(|wait| self.timers.iter().find(|(which, _)| which == wait));
+        match timer {
+            // A drain that nobody waits for may last.
+            Some(&(which, id)) if !self.state.at.rests() || random.random_bool(0.5) => {
+                Some(Event::Told(Report::Deadline { id, which }))
+            }
+            _ if !self.state.at.rests() => None,
+            _ if self.robot != Robot::Ready => Some(Event::Told(Report::Robot(Robot::Ready))),
+            _ => Some(Event::Asked(self.request(random))),
+        }
+    }
+
+    fn request(&self, random: &mut Pcg64) -> Request {
+        match self.state.at {
+            At::Idle => {
+                Request::Start { max_passes: random.random_range(0..4), max_moves: random.random_range(0..5) }
+            }
+            At::Held(Hold { why: Why::Review, .. }) if random.random_bool(0.8) => Request::Accept,
+            At::Held(Hold { why: Why::NotVerified, .. }) => Request::Unhold { dried: random.random_bool(0.7) },
+            At::Held(_) => Request::Unhold { dried: random.random_bool(0.2) },
+            At::Aborted { .. } => Request::Clear,
+            _ => Request::Reset,
+        }
+    }
+
+    fn answer(&mut self, due: Due, random: &mut Pcg64) -> Report {
+        if let (Act::Move(_), Some(moving)) = (due.act, self.moving.as_mut())
+            && moving.done < moving.motion.waypoints
+        {
+            moving.done += random.random_range(1..=moving.sent - moving.done);
+            return Report::Progress { id: moving.id, done: moving.done };
+        }
+        let grade = |random: &mut Pcg64, good: f64| match random.random_bool(good) {
+            true => Grade::Accept,
+            false => one_of(random, &[Grade::Review, Grade::Reject]),
+        };
+        let done = self.moving.map_or(0, |moving| moving.done);
+        let answer = match due.act {
+            Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done },
+            Act::Move(motion) => Answer::Stands { done: motion.waypoints },
+            Act::OpenEpoch { above } => Answer::Epoch(above.max(self.epoch) + 1),
+            Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,
+            Act::Locate => Answer::Graded(grade(random, 0.9)),
+            Act::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::Displaced,
+            Act::Refine { .. } => Answer::Graded(grade(random, 0.95)),
+            Act::Verify => Answer::Graded(grade(random, 0.93)),
+            Act::Film if random.random_bool(0.03) => Answer::Filmed(Film::Invalid),
+            Act::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
+            Act::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
+            Act::Plan { .. } if random.random_bool(0.05) => Answer::Planned { plan: 0, waypoints: 0 },
+            Act::Plan { .. } => Answer::Planned { plan: random.random(), waypoints: random.random_range(1..30) },
+        };
+        Report::Answered { id: due.id, answer }
+    }
+
+    /// Anything else that can be said.
+    pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
+        let due = self.state.due;
+        let told = match random.random_range(0..20) {
+            0..=2 => return Event::Asked(one_of(random, &REQUESTS)),
+            3 => return Event::Asked(Request::Hold),
+            4 => return Event::Asked(one_of(random, &[Request::Stop, Request::Abort])),
+            5..=8 if !self.timers.is_empty() => {
+                let (which, id) = one_of(random, &self.timers);
+                Report::Deadline { id, which }
+            }
+            // What an abandoned act, or one that was answered, still says; often what the act under way would say.
+            9..=13 if !self.stale.is_empty() => {
+                let recent = self.stale.len() - random.random_range(1..=self.stale.len().min(3));
+                let (id, act) = self.stale[recent];
+                let act = due.map_or(act, |due| due.act);
+                one_of(random, &answers(act, id))
+            }
+            14 if due.is_some() => one_of(random, &due.map_or_else(Vec::new, |due| answers(due.act, due.id))),
+            15 if due.is_some() => {
+                let id = due.map_or(Id(0), |due| due.id);
+                Report::Progress { id, done: random.random_range(0..40) }
+            }
+            16 => Report::Trouble(one_of(random, &TROUBLES)),
+            17 => Report::Boot,
+            18 => Report::Robot(one_of(random, &ROBOTS)),
+            _ => match due {
+                Some(due) => Report::Answered { id: due.id, answer: Answer::Failed(one_of(random, &TROUBLES)) },
+                None => Report::Robot(Robot::Ready),
+            },
+        };
+        Event::Told(told)
+    }
+}
+
+pub const REQUESTS: [Request; 10] = [
+    Request::Reset,
+    Request::Start { max_passes: 1, max_moves: 1 },
+    Request::Start { max_passes: 2, max_moves: 2 },
+    Request::Hold,
+    Request::Unhold { dried: false },
+    Request::Unhold { dried: true },
+    Request::Accept,
+    Request::Stop,
+    Request::Abort,
+    Request::Clear,
+];
+
+pub const TROUBLES: [Trouble; 14] = [
+    Trouble::Camera,
+    Trouble::Picture,
+    Trouble::Computing,
+    Trouble::Feedback,
+    Trouble::Starved,
+    Trouble::Slow,
+    Trouble::Gate,
+    Trouble::Refused,
+    Trouble::Short,
+    Trouble::Sequence,
+    Trouble::Protocol,
+    Trouble::Deviation,
+    Trouble::Store,
+    Trouble::Late,
+];
+
+pub const ROBOTS: [Robot; 7] = [
+    Robot::Ready,
+    Robot::LinkLost,
+    Robot::Restarted,
+    Robot::EmergencyStop,
+    Robot::GuardOpen,
+    Robot::DrivesOff,
+    Robot::NotAutomatic,
+];
+
+/// Everything that can be said of an act, fitting or not, but for what fails.
+pub fn answers(act: Act, id: Id) -> Vec<Report> {
+    let stands = |done| Answer::Stands { done };
+    let graded = [Grade::Accept, Grade::Review, Grade::Reject].map(Answer::Graded);
+    let answers = match act {
+        Act::Stand | Act::EndEpoch { .. } => vec![stands(0)],
+        Act::Move(motion) => vec![stands(motion.waypoints), stands(motion.waypoints.saturating_sub(1))],
+        Act::OpenEpoch { above } => vec![Answer::Epoch(above + 1), Answer::Epoch(above)],
+        Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => vec![Answer::Done],
+        Act::Locate | Act::Verify => graded.to_vec(),
+        Act::Refine { .. } => [&graded[..], &[Answer::Displaced]].concat(),
+        Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
+        Act::Plan { .. } => {
+            vec![Answer::Planned { plan: 7, waypoints: 3 }, Answer::Planned { plan: 0, waypoints: 0 }, graded[2]]
+        }
+    };
+    answers.into_iter().map(|answer| Report::Answered { id, answer }).collect()
+}

@@ -1,0 +1,13 @@
+//! The table against a cell with a truth of its own.
+//!
+//! `cell` is the true cell: it does what the effects say, and names every effect and every state that must not be
+//! (`faults.md` 3.2). `healthy` says what a healthy cell and its operator say next. `scenarios` are stories to read,
+//! `walks` are thousands of seeded ones, `search` visits every state.
+
+mod cell;
+mod healthy;
+mod oracles;
+mod scenarios;
+mod search;
+mod story;
+mod walks;

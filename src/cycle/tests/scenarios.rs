@@ -1,0 +1,295 @@
+//! Stories: what the cell is asked to do, act by act.
+
+use super::super::*;
+use super::healthy::REQUESTS;
+use super::story::Story;
+use crate::verdict::Verdict;
+
+#[test]
+fn a_dirty_panel_is_abraded_once_and_passes() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    assert_eq!(story.until("locate"), "to-park lensclear locate");
+    assert_eq!(story.until("corner-0"), "frames-camera to-corner-0 corner-0");
+    story.answer(Answer::Displaced);
+    assert_eq!(story.until("corner-1"), "to-corner-1 corner-1");
+    assert_eq!(story.until("drypicture"), "to-park lighton drypicture");
+    assert_eq!(story.until("film"), "lensguard spray wateroff lensclear film");
+    assert_eq!(story.until("verify"), "plan-1 lightoff to-corner-0 verify");
+    assert_eq!(story.until("to-contact"), "extractionon frames-pad to-approach toolon to-contact");
+    assert_eq!(story.until("rinse"), "tooloff to-retract to-park lensguard rinse");
+    assert_eq!(story.until("film"), "spray wateroff lighton lensclear film");
+    assert_eq!(story.rests(), "extractionoff lightoff");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    assert_eq!(story.cell.state.job.pass, 1);
+}
+
+#[test]
+fn a_clean_panel_passes_without_contact() {
+    let mut story = Story::started(&[Film::Whole]);
+    let acts = story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
+}
+
+#[test]
+fn no_panel_is_a_reject_without_a_move_toward_it() {
+    let mut story = Story::started(&[]);
+    story.until("locate");
+    story.answer(Answer::Graded(Grade::Reject));
+    assert_eq!(story.rests(), "");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
+}
+
+#[test]
+fn breaks_after_the_last_pass_fail_and_a_film_that_says_nothing_is_invalid() {
+    let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Broken]);
+    story.rests();
+    assert_eq!((story.at(), story.cell.state.job.pass), (At::Complete { verdict: Verdict::Fail }, 2));
+    let mut story = Story::started(&[Film::Broken, Film::Invalid]);
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Invalid });
+}
+
+#[test]
+fn the_corner_loop_ends_in_reject_when_the_corner_is_not_reached() {
+    let mut story = Story::started(&[]);
+    for corner in ["corner-0", "corner-1", "corner-2", "corner-3"] {
+        story.until(corner);
+        story.answer(Answer::Displaced);
+    }
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });
+}
+
+#[test]
+fn a_doubtful_localization_waits_for_a_person() {
+    let mut story = Story::started(&[Film::Whole]);
+    story.until("locate");
+    story.answer(Answer::Graded(Grade::Review));
+    assert_eq!(story.rests(), "end-epoch");
+    assert!(matches!(story.at(), At::Held(Hold { why: Why::Review, .. })), "{:?}", story.at());
+    story.asked(Request::Unhold { dried: false });
+    let refusal = Effect::Refuse { request: Request::Unhold { dried: false }, refusal: Refusal::Review };
+    assert_eq!(story.cell.effects, [refusal]);
+    story.asked(Request::Accept);
+    assert_eq!(story.until("corner-0"), "epoch frames-camera to-corner-0 corner-0");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    // Nobody accepts: the verdict stays review.
+    let mut story = Story::started(&[]);
+    story.until("locate");
+    story.answer(Answer::Graded(Grade::Review));
+    story.rests();
+    story.asked(Request::Stop);
+    assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
+}
+
+#[test]
+fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Hold);
+    assert_eq!(story.acts.join(" "), "end-epoch", "at once, and nothing else");
+    let motion = story.cell.state.intent.expect("the robot has not said that it stands").motion;
+    assert!(!story.at().rests());
+    story.acts.clear();
+    story.answer(Answer::Stands { done: 2 });
+    let closed = Effect::CloseIntent { motion, outcome: Outcome::Held, done: 2 };
+    assert_eq!(story.cell.effects, [closed]);
+    assert!(matches!(story.at(), At::Held(Hold { why: Why::Asked, resume: Phase::Plan })));
+    // A late word of the ended path is dropped.
+    let (id, _) = story.cell.stale[story.cell.stale.len() - 2];
+    let before = story.cell.state;
+    story.told(Report::Answered { id, answer: Answer::Stands { done: 3 } });
+    assert_eq!(story.cell.state, State { dropped: before.dropped + 1, ..before });
+
+    story.asked(Request::Unhold { dried: false });
+    assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
+    assert_eq!(story.until("plan-1"), "plan-1");
+    assert_eq!(story.until("to-contact"), "verify frames-pad to-approach toolon to-contact");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+#[test]
+fn where_verify_fails_the_panel_is_dried_and_located_again() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("verify");
+    story.answer(Answer::Graded(Grade::Reject));
+    story.rests();
+    assert_eq!(story.at(), At::Held(Hold { why: Why::NotVerified, resume: Phase::Plan }));
+    // The guard is opened to dry it.
+    story.told(Report::Robot(Robot::GuardOpen));
+    story.asked(Request::Unhold { dried: true });
+    let refusal = Refusal::Robot(Robot::GuardOpen);
+    assert_eq!(story.cell.effects, [Effect::Refuse { request: Request::Unhold { dried: true }, refusal }]);
+    story.told(Report::Robot(Robot::Ready));
+    story.asked(Request::Unhold { dried: true });
+    let acts = story.until("to-contact");
+    let order = ["locate", "corner-0", "drypicture", "plan-1", "verify", "to-contact"];
+    let found = order.map(|act| acts.split(' ').position(|done| done == act));
+    assert!(found.is_sorted() && found[0].is_some(), "{acts}");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+#[test]
+fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Stop);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Stopped);
+    let mut story = Story::in_contact();
+    story.asked(Request::Stop);
+    let At::Stopping { until } = story.at() else { panic!("{:?}", story.at()) };
+    story.told(Report::Deadline { id: until, which: Deadline::Stop });
+    assert_eq!(story.rests(), "end-epoch end-epoch");
+    assert_eq!(story.at(), At::Aborted { cause: Cause::StopTimedOut });
+}
+
+#[test]
+fn from_aborted_only_clear_leads_out() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Abort);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Aborted { cause: Cause::Asked });
+    for request in REQUESTS.into_iter().filter(|request| *request != Request::Clear) {
+        story.asked(request);
+        assert!(matches!(story.cell.effects[..], [Effect::Refuse { .. }]), "{request:?}");
+    }
+    story.asked(Request::Clear);
+    assert_eq!(story.rests(), "stand");
+    assert_eq!(story.at(), At::Stopped);
+    // Aborted in the spray: the water is shut first, while the epoch still takes commands.
+    let mut story = Story::started(&[]);
+    story.until("spray");
+    story.asked(Request::Abort);
+    assert_eq!(story.rests(), "wateroff end-epoch");
+}
+
+/// The stations of a cycle, and one act of each.
+const STATIONS: [&str; 14] = [
+    "to-park",
+    "locate",
+    "to-corner-0",
+    "corner-0",
+    "drypicture",
+    "spray",
+    "film",
+    "plan-1",
+    "verify",
+    "to-approach",
+    "toolon",
+    "to-contact",
+    "to-retract",
+    "rinse",
+];
+
+#[test]
+fn a_link_that_is_lost_aborts_every_phase() {
+    for station in STATIONS {
+        let mut story = Story::started(&[Film::Broken]);
+        story.until(station);
+        story.told(Report::Robot(Robot::LinkLost));
+        let open = story.cell.state.intent.is_some();
+        assert_eq!(open, station.starts_with("to-"), "{station}");
+        story.answer(Answer::Failed(Trouble::Protocol));
+        assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::LinkLost) }, "{station}");
+        assert_eq!(story.cell.state.intent.is_some(), open, "{station}: the robot has not said that it stands");
+        // It is back: nothing moves. Cleared: the robot is asked where it stood.
+        story.acts.clear();
+        story.told(Report::Robot(Robot::Ready));
+        assert_eq!((story.acts.len(), story.cell.state.facts.token), (0, None));
+        story.asked(Request::Clear);
+        story.rests();
+        assert_eq!((story.at(), story.cell.state.intent), (At::Stopped, None), "{station}");
+    }
+}
+
+#[test]
+fn an_emergency_stop_voids_the_localization_and_its_release_moves_nothing() {
+    for station in STATIONS {
+        let mut story = Story::started(&[Film::Broken]);
+        story.until(station);
+        story.told(Report::Robot(Robot::EmergencyStop));
+        assert_eq!(story.cell.state.facts.token, None, "{station}");
+        story.rests();
+        assert_eq!(story.at(), At::Aborted { cause: Cause::Robot(Robot::EmergencyStop) }, "{station}");
+        assert_eq!(
+            story.cell.state.facts.touching,
+            station == "to-contact",
+            "{station}: drives off, nothing retracts"
+        );
+        for robot in [Robot::DrivesOff, Robot::Ready] {
+            story.told(Report::Robot(robot));
+            assert_eq!(story.acts, [""; 0], "{station}");
+        }
+        story.asked(Request::Clear);
+        story.rests();
+        assert_eq!((story.at(), story.cell.state.facts.touching), (At::Stopped, false), "{station}");
+    }
+}
+
+#[test]
+fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
+    for station in STATIONS {
+        let mut story = Story::started(&[Film::Broken]);
+        story.until(station);
+        let recovered = recover(story.cell.journal.iter().copied());
+        let interrupted = At::Aborted { cause: Cause::Interrupted };
+        let expected = if station.starts_with("to-") { interrupted } else { At::Stopped };
+        assert_eq!(recovered.at, expected, "{station}");
+        assert_eq!((recovered.due, recovered.facts.arm), (None, None), "{station}");
+        assert_eq!(recovered.facts.touching, station == "to-contact", "{station}");
+        // The same by the event, and a second start changes nothing.
+        story.told(Report::Boot);
+        assert_eq!(story.cell.state, recovered);
+        assert_eq!(recover(story.cell.journal.iter().copied()), recovered);
+    }
+}
+
+#[test]
+fn a_link_that_is_lost_while_aborting_leaves_nobody_to_wait_for() {
+    let mut story = Story::in_contact();
+    story.asked(Request::Abort);
+    story.told(Report::Robot(Robot::LinkLost));
+    assert_eq!(story.at(), At::Aborted { cause: Cause::Asked });
+}
+
+#[test]
+fn a_slow_robot_is_left_alone_in_air_and_held_in_contact() {
+    let mut story = Story::started(&[Film::Broken]);
+    story.until("to-approach");
+    story.told(Report::Trouble(Trouble::Slow));
+    assert_eq!(story.at(), At::Execute(Phase::Abrade));
+    let mut story = Story::in_contact();
+    story.told(Report::Trouble(Trouble::Slow));
+    assert!(matches!(story.at(), At::Holding(Hold { why: Why::Trouble(Trouble::Slow), .. })));
+}
+
+#[test]
+fn trouble_before_the_panel_is_found_is_held_and_the_panel_is_located() {
+    let mut story = Story::started(&[Film::Whole]);
+    story.told(Report::Trouble(Trouble::Feedback));
+    story.rests();
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Trouble(Trouble::Feedback), resume: Phase::Locate }));
+    story.acts.clear();
+    story.asked(Request::Unhold { dried: false });
+    assert_eq!(story.until("locate"), "epoch to-park lensclear locate");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+/// A journal is lines of JSON; read back it leads to the same state.
+#[test]
+fn a_journal_folds_to_the_state_that_wrote_it() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.rests();
+    let lines: Vec<String> =
+        story.cell.journal.iter().map(|event| serde_json::to_string(event).expect("a line")).collect();
+    assert!(lines.iter().all(|line| !line.contains('\n') && line.len() < 120), "{lines:#?}");
+    assert_eq!(lines[2], r#"{"told":{"answered":{"id":1,"answer":{"stands":{"done":0}}}}}"#);
+    let read = lines.iter().map(|line| serde_json::from_str(line).expect("an event"));
+    assert_eq!(fold(read), story.cell.state);
+    let kept = serde_json::to_string(&story.cell.state).expect("a state");
+    assert_eq!(serde_json::from_str::<State>(&kept).expect("a state"), story.cell.state);
+}

@@ -1,0 +1,124 @@
+//! What the stories are told with.
+
+use super::super::rules::Rules;
+use super::super::*;
+use super::cell::Cell;
+use super::healthy::answers;
+
+/// An act in the words of the stories.
+fn word(act: Act) -> String {
+    match act {
+        Act::Move(motion) => match motion.path {
+            Path::Corner { view } => format!("to-corner-{view}"),
+            path => format!("to-{path:?}").to_lowercase(),
+        },
+        Act::Switch(switch) => format!("{switch:?}").to_lowercase(),
+        Act::SetFrames(frames) => format!("frames-{frames:?}").to_lowercase(),
+        Act::Refine { view } => format!("corner-{view}"),
+        Act::Plan { pass } => format!("plan-{pass}"),
+        Act::OpenEpoch { .. } => "epoch".to_owned(),
+        Act::EndEpoch { .. } => "end-epoch".to_owned(),
+        other => format!("{other:?}").to_lowercase(),
+    }
+}
+
+/// A cell, what is done in it, and the acts since the last look.
+pub struct Story {
+    pub cell: Cell,
+    pub acts: Vec<String>,
+    films: Vec<Film>,
+}
+
+impl Story {
+    /// A cell in Idle; the films that it will see.
+    pub fn idle(films: &[Film]) -> Self {
+        let films = films.iter().rev().copied().collect();
+        let mut story = Story { cell: Cell::new(Rules::ALL), acts: Vec::new(), films };
+        story.told(Report::Robot(Robot::Ready));
+        story.asked(Request::Reset);
+        assert_eq!(story.rests(), "stand epoch tooloff wateroff extractionoff lightoff selftest");
+        assert_eq!(story.at(), At::Idle);
+        story
+    }
+
+    pub fn started(films: &[Film]) -> Self {
+        let mut story = Story::idle(films);
+        story.asked(Request::Start { max_passes: 2, max_moves: 3 });
+        story
+    }
+
+    pub fn at(&self) -> At {
+        self.cell.state.at
+    }
+
+    pub fn event(&mut self, event: Event) {
+        self.cell.feed(event).unwrap_or_else(|wrong| panic!("{wrong}: {:?}", self.cell.journal));
+        let acts = self.cell.effects.iter().filter_map(|effect| match effect {
+            Effect::Do { act, .. } => Some(word(*act)),
+            _ => None,
+        });
+        self.acts.extend(acts);
+    }
+
+    pub fn asked(&mut self, request: Request) {
+        self.event(Event::Asked(request));
+    }
+
+    pub fn told(&mut self, report: Report) {
+        self.event(Event::Told(report));
+    }
+
+    pub fn answer(&mut self, answer: Answer) {
+        let id = self.cell.state.due.expect("an act is under way").id;
+        self.told(Report::Answered { id, answer });
+    }
+
+    /// The next good answer, or the next deadline that is waited for.
+    pub fn good_news(&mut self) {
+        let waits = [Deadline::Rinse, Deadline::Spray, Deadline::Settle, Deadline::Drain];
+        match self.cell.state.due {
+            Some(Due { act: Act::Film, .. }) => {
+                let film = self.films.pop().expect("a film");
+                self.answer(Answer::Filmed(film));
+            }
+            Some(Due { id, act }) => self.told(answers(act, id)[0]),
+            None => {
+                let timer = waits.iter().find_map(|wait| self.cell.timers.iter().find(|(which, _)| which == wait));
+                let (which, id) = *timer.expect("a deadline is waited for");
+                self.told(Report::Deadline { id, which });
+            }
+        }
+    }
+
+    /// Goes on until this act is under way; the acts until then.
+    pub fn until(&mut self, act: &str) -> String {
+        for _ in 0..200 {
+            if self.cell.state.due.is_some_and(|due| word(due.act) == act) {
+                return std::mem::take(&mut self.acts).join(" ");
+            }
+            self.good_news();
+        }
+        panic!("{act} never comes: {:?}", self.cell.state);
+    }
+
+    /// Goes on until nothing is under way; the acts until then.
+    pub fn rests(&mut self) -> String {
+        for _ in 0..200 {
+            if self.at().rests() {
+                return std::mem::take(&mut self.acts).join(" ");
+            }
+            self.good_news();
+        }
+        panic!("no rest: {:?}", self.cell.state);
+    }
+
+    /// In contact, two of three waypoints done.
+    pub fn in_contact() -> Self {
+        let mut story = Story::started(&[Film::Broken, Film::Whole]);
+        story.until("to-contact");
+        let id = story.cell.state.due.expect("the contact path").id;
+        story.told(Report::Progress { id, done: 2 });
+        story.acts.clear();
+        story
+    }
+}

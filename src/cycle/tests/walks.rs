@@ -1,0 +1,189 @@
+//! Thousands of seeded walks: nine steps in ten are what a healthy cell says next.
+
+use super::super::rules::{Rule, Rules};
+use super::super::*;
+use super::cell::Cell;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::collections::BTreeMap;
+
+const WALKS: u64 = 6_000;
+const STEPS: usize = 300;
+
+/// What the walks have to have seen, and how often.
+type Seen = BTreeMap<&'static str, u64>;
+
+fn phase(at: At) -> &'static str {
+    match at {
+        At::Execute(Phase::Locate) => "locate",
+        At::Execute(Phase::Refine { .. }) => "refine",
+        At::Execute(Phase::Dry) => "dry",
+        At::Execute(Phase::Wet) => "wet",
+        At::Execute(Phase::Inspect) => "inspect",
+        At::Execute(Phase::Plan) => "plan",
+        At::Execute(Phase::Verify) => "verify",
+        At::Execute(Phase::Abrade) => "abrade",
+        At::Execute(Phase::Retract) => "retract",
+        At::Execute(Phase::Rinse) => "rinse",
+        other => other.word(),
+    }
+}
+
+fn note(seen: &mut Seen, cell: &Cell, before: State) {
+    let now = cell.state;
+    if now.at != before.at {
+        *seen.entry(phase(now.at)).or_default() += 1;
+    }
+    let contact = |state: State| state.intent.filter(|intent| intent.motion.path == Path::Contact);
+    let mut happened = |what, is: bool| *seen.entry(what).or_default() += u64::from(is);
+    let holds = matches!(now.at, At::Holding(_)) && before.at != now.at;
+    happened("held in contact", holds && contact(before).is_some_and(|intent| intent.done > 0));
+    happened("aborted in contact", contact(now).is_some() && matches!(now.at, At::Aborting { .. }));
+    happened("planned again", matches!(before.at, At::Unholding { .. }) && now.at == At::Execute(Phase::Plan));
+    happened("a contact path done", contact(before).is_some() && now.at == At::Execute(Phase::Retract));
+    happened("a second pass", before.job.pass == 1 && now.job.pass == 2);
+    happened("a third pass", before.job.pass == 2 && now.job.pass == 3);
+    happened("a report dropped", now.dropped > before.dropped);
+    if let (At::Complete { verdict }, true) = (now.at, now.at != before.at) {
+        happened(verdict.word(), true);
+    }
+}
+
+/// One walk; what it found wrong, with its last events.
+fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
+    let mut random = Pcg64::seed_from_u64(seed);
+    let mut cell = Cell::new(rules);
+    // One in ten on average; calm walks get far, wild ones get everywhere.
+    let surprises = random.random_range(0.01..0.19);
+    for index in 0..STEPS {
+        let before = cell.state;
+        let said = if random.random_bool(surprises) {
+            Some(cell.surprise(&mut random))
+        } else {
+            cell.healthy(&mut random)
+        };
+        let event = said.ok_or_else(|| "a dead end".to_owned());
+        let done = event.and_then(|event| cell.feed(event)).and_then(|()| cell.pump());
+        done.map_err(|wrong| {
+            let last: Vec<String> =
+                cell.journal.iter().rev().take(25).rev().map(|event| format!("  {event:?}")).collect();
+            format!(
+                "{wrong}\nseed {seed}, step {index}, {:?}\nwas {:?}\n{}",
+                cell.state,
+                before.at,
+                last.join("\n")
+            )
+        })?;
+        note(seen, &cell, before);
+    }
+    Ok(())
+}
+
+#[test]
+fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
+    let mut seen = Seen::new();
+    for seed in 0..WALKS {
+        walk(Rules::ALL, seed, &mut seen).unwrap_or_else(|wrong| panic!("{wrong}"));
+    }
+    println!("{seen:#?}");
+    let often = [
+        "stopped",
+        "resetting",
+        "idle",
+        "starting",
+        "locate",
+        "refine",
+        "dry",
+        "wet",
+        "inspect",
+        "plan",
+        "verify",
+        "abrade",
+        "retract",
+        "rinse",
+        "holding",
+        "held",
+        "unholding",
+        "completing",
+        "complete",
+        "stopping",
+        "aborting",
+        "aborted",
+        "clearing",
+        "held in contact",
+        "aborted in contact",
+        "planned again",
+        "a contact path done",
+        "a second pass",
+        "a third pass",
+        "a report dropped",
+        "pass",
+        "fail",
+        "invalid",
+        "reject",
+    ];
+    let rare: Vec<_> = often.iter().map(|what| (what, seen.get(what).copied().unwrap_or(0))).collect();
+    assert!(rare.iter().all(|(_, count)| *count >= 100), "the walks do not reach: {rare:?}");
+}
+
+/// The walks are worth what they catch: each rule is taken out, and they must find what it kept away.
+#[test]
+fn without_any_one_rule_the_walks_find_what_it_kept_away() {
+    let mut missed = Vec::new();
+    for rule in ALL_RULES {
+        let found = (0..WALKS).find_map(|seed| walk(Rules::without(rule), seed, &mut Seen::new()).err());
+        match found {
+            Some(wrong) => println!("{rule:?}: {}", wrong.lines().next().unwrap_or_default()),
+            None => missed.push(rule),
+        }
+    }
+    assert!(missed.is_empty(), "nobody misses {missed:?}");
+}
+
+const ALL_RULES: [Rule; 42] = {
+    use Rule::*;
+    [
+        ArmOutOfView,
+        AtView,
+        LightOff,
+        LightSettled,
+        LensClear,
+        LensGuarded,
+        ParkedForWater,
+        WaterOff,
+        ToolOff,
+        Drained,
+        Extraction,
+        StartsInAir,
+        ToolRunning,
+        Token,
+        Frames,
+        Epoch,
+        StandsFirst,
+        AllOff,
+        SelfTest,
+        AnswersMatch,
+        AskedIsUnknown,
+        RobotReady,
+        ConditionAborts,
+        LossForgets,
+        IntentFirst,
+        Sequence,
+        WholePath,
+        AnswerDeadline,
+        StopDeadline,
+        TroubleLeaves,
+        AbortIsSent,
+        BootRests,
+        RejectEnds,
+        ReviewHolds,
+        InvalidEnds,
+        DryPicture,
+        VerifyFirst,
+        TokenInContact,
+        UnholdVerifies,
+        DriedFirst,
+        MoveLimit,
+        PassLimit,
+    ]
+};

@@ -1,0 +1,113 @@
+//! One step under way: the state, the effects so far, and how an aim becomes the next act.
+
+use super::execute::Aim;
+use super::interlocks::{Row, needs};
+use super::rules::{Rule, Rules};
+use super::{Act, At, Deadline, Due, Effect, Facts, Id, Intent, Outcome, Refusal, Request, State};
+use crate::verdict::Verdict;
+
+/// One step under way.
+pub(super) struct Turn {
+    pub rules: Rules,
+    pub state: State,
+    pub effects: Vec<Effect>,
+}
+
+impl Turn {
+    /// The cycle's result; its localization is void.
+    pub fn conclude(&mut self, verdict: Verdict) {
+        self.state.facts.token = None;
+        if self.state.job.running {
+            self.state.job.running = false;
+            self.effects.push(Effect::Conclude { verdict });
+        }
+    }
+
+    /// The robot stands; a motion that was open is closed.
+    pub fn close_intent(&mut self, outcome: Outcome, done: u32) {
+        if let Some(Intent { motion, .. }) = self.state.intent.take() {
+            self.effects.push(Effect::CloseIntent { motion, outcome, done });
+        }
+    }
+
+    pub fn refuse(&mut self, request: Request, refusal: Refusal) {
+        self.effects.push(Effect::Refuse { request, refusal });
+    }
+
+    pub fn drop(&mut self) {
+        self.state.dropped += 1;
+    }
+
+    fn fresh(&mut self) -> Id {
+        self.state.last_id = Id(self.state.last_id.0 + 1);
+        self.state.last_id
+    }
+
+    /// Arms a deadline that is not an act's.
+    pub fn arm(&mut self, deadline: Deadline) -> Id {
+        let id = self.fresh();
+        self.effects.push(Effect::Arm { id, deadline });
+        id
+    }
+
+    /// Does what is next, unless something is under way.
+    pub fn proceed(&mut self) {
+        while self.state.due.is_none() {
+            match self.aim() {
+                Aim::Rest => return,
+                Aim::Do(act) => return self.perform_first(act),
+                Aim::Now(act) => return self.perform(act),
+                Aim::Reach(rows, at) => match self.unmet(rows) {
+                    Some(Some(act)) => return self.perform_first(act),
+                    Some(None) => return,
+                    None => self.enter(at),
+                },
+            }
+        }
+    }
+
+    /// Performs the first act that this one still needs, or itself. Only time is missing: nothing yet.
+    fn perform_first(&mut self, mut act: Act) {
+        loop {
+            match self.unmet(&needs(act)) {
+                Some(Some(before)) => act = before,
+                Some(None) => return,
+                None => return self.perform(act),
+            }
+        }
+    }
+
+    /// What brings about the first need that does not hold; `Some(None)` where only time does.
+    fn unmet(&self, rows: &[Row]) -> Option<Option<Act>> {
+        let missing = |(rule, need): &&Row| self.rules.keep(*rule) && !need.holds(&self.state.facts);
+        rows.iter().find(missing).map(|(_, need)| need.brought_by(&self.state))
+    }
+
+    fn perform(&mut self, act: Act) {
+        let id = self.fresh();
+        if self.rules.keep(Rule::AskedIsUnknown) {
+            self.state.facts.ask(act);
+        }
+        if let Act::Move(motion) = act {
+            self.state.intent = Some(Intent { id, motion, done: 0 });
+            if self.rules.keep(Rule::IntentFirst) {
+                self.effects.push(Effect::OpenIntent(motion));
+            }
+        }
+        self.effects.push(Effect::Arm { id, deadline: Deadline::Answer });
+        self.effects.push(Effect::Do { id, act });
+        self.state.due = Some(Due { id, act });
+    }
+
+    fn enter(&mut self, at: At) {
+        self.state.at = at;
+        if let At::Complete { verdict } = at {
+            self.conclude(verdict);
+        }
+    }
+
+    /// What is known of the cell.
+    pub fn facts(&mut self) -> &mut Facts {
+        &mut self.state.facts
+    }
+}
