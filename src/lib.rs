@@ -27,10 +27,14 @@ pub mod path;
 
 pub mod cycle;
 
+pub mod eki;
+
 pub mod files;
 
 pub mod report;
 
 pub mod store;
+
+pub mod devices;
 
 pub mod cli;

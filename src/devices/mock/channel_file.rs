@@ -1,0 +1,174 @@
+//! An EthernetKRL configuration, as far as the mock keeps to it: buffers, what is received, what is sent.
+//!
+//! Sections and attributes are those of the classic dialect. What is unknown is passed over, as the controller does.
+
+use super::fault::FileProblem;
+use quick_xml::events::{BytesStart, Event};
+use quick_xml::{Reader, XmlVersion};
+
+/// The type of a received element.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Int,
+    Real,
+    Frame,
+}
+
+/// A received or sent element. `Root/Child/@Name` is an attribute, without `@` it is the node itself.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Element {
+    /// As in the file.
+    pub(super) tag: String,
+    /// `None` where the element only sets a flag.
+    pub(super) kind: Option<Kind>,
+}
+
+impl Element {
+    /// The node's path and, of an attribute, its name.
+    pub(super) fn address(&self) -> (&str, Option<&str>) {
+        match self.tag.split_once("/@") {
+            Some((node, attribute)) => (node, Some(attribute)),
+            None => (&self.tag, None),
+        }
+    }
+}
+
+/// One channel's configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ChannelFile {
+    /// Most records that may wait for the program.
+    pub(super) limit_records: usize,
+    /// Most bytes that may wait for the end of their document.
+    pub(super) limit_bytes: usize,
+    /// The port that the controller listens on.
+    pub(super) port: u16,
+    pub(super) received: Vec<Element>,
+    pub(super) sent: Vec<Element>,
+}
+
+impl ChannelFile {
+    /// The port that the file names.
+    pub fn port(&self) -> u16 {
+        self.port
+    }
+
+    /// Reads a file's text.
+    ///
+    /// # Errors
+    /// Where it is no XML, lacks RECEIVE or SEND elements, or holds a number or type that is none.
+    pub fn parse(text: &str) -> Result<Self, FileProblem> {
+        // The controller's defaults: 16 records, 16384 bytes, port 54600.
+        let mut file = ChannelFile {
+            limit_records: 16,
+            limit_bytes: 16_384,
+            port: 54_600,
+            received: Vec::new(),
+            sent: Vec::new(),
+        };
+        let mut reader = Reader::from_str(text);
+        let mut path: Vec<String> = Vec::new();
+        loop {
+            match reader.read_event().map_err(|error| FileProblem::Xml(error.to_string()))? {
+                Event::Start(node) => {
+                    path.push(node.name().into_inner().to_owned());
+                    file.take(&path, &node)?;
+                }
+                Event::Empty(node) => {
+                    path.push(node.name().into_inner().to_owned());
+                    file.take(&path, &node)?;
+                    path.pop();
+                }
+                Event::Text(text) if path.last().is_some_and(|name| name == "PORT") => {
+                    file.port = number("PORT", text.into_inner().trim())?;
+                }
+                Event::End(_) => {
+                    path.pop();
+                }
+                Event::Eof => break,
+                _ => {}
+            }
+        }
+        match (file.received.is_empty(), file.sent.is_empty()) {
+            (true, _) => Err(FileProblem::Missing("RECEIVE elements")),
+            (_, true) => Err(FileProblem::Missing("SEND elements")),
+            _ => Ok(file),
+        }
+    }
+
+    fn take(&mut self, path: &[String], node: &BytesStart<'_>) -> Result<(), FileProblem> {
+        let names: Vec<&str> = path.iter().map(String::as_str).collect();
+        match names[..] {
+            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFERING"] => {
+                self.limit_records = limit(node)?.unwrap_or(self.limit_records);
+            }
+            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFSIZE"] => {
+                self.limit_bytes = limit(node)?.unwrap_or(self.limit_bytes);
+            }
+            ["ETHERNETKRL", "RECEIVE", "XML", "ELEMENT"] => self.received.push(element(node)?),
+            ["ETHERNETKRL", "SEND", "XML", "ELEMENT"] => self.sent.push(element(node)?),
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn limit(node: &BytesStart<'_>) -> Result<Option<usize>, FileProblem> {
+    attribute(node, "Limit")?.map(|text| number("Limit", &text)).transpose()
+}
+
+fn element(node: &BytesStart<'_>) -> Result<Element, FileProblem> {
+    let tag = attribute(node, "Tag")?.ok_or(FileProblem::Missing("Tag in an ELEMENT"))?;
+    let kind = match attribute(node, "Type")?.as_deref() {
+        None => None,
+        Some("INT") => Some(Kind::Int),
+        Some("REAL") => Some(Kind::Real),
+        Some("FRAME") => Some(Kind::Frame),
+        Some(other) => return Err(FileProblem::Type { tag, found: other.to_owned() }),
+    };
+    Ok(Element { tag, kind })
+}
+
+fn attribute(node: &BytesStart<'_>, name: &str) -> Result<Option<String>, FileProblem> {
+    for attribute in node.attributes() {
+        let attribute = attribute.map_err(|error| FileProblem::Xml(error.to_string()))?;
+        if attribute.key.into_inner() == name {
+            let value = attribute.normalized_value(XmlVersion::Implicit1_0);
+            return value.map(|value| Some(value.into_owned())).map_err(|error| FileProblem::Xml(error.to_string()));
+        }
+    }
+    Ok(None)
+}
+
+fn number<N: std::str::FromStr>(name: &str, found: &str) -> Result<N, FileProblem> {
+    found.parse().map_err(|_| FileProblem::Number { name: name.to_owned(), found: found.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What config/kuka says of the channels, by eye.
+    #[test]
+    fn the_shipped_files_are_read() {
+        let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");
+        assert_eq!((commands.limit_records, commands.limit_bytes, commands.port), (512, 65_534, 54_600));
+        assert_eq!(commands.received.len(), 9);
+        assert_eq!(commands.received[7], Element { tag: "Cmd/P".to_owned(), kind: Some(Kind::Frame) });
+        assert_eq!(commands.received[7].address(), ("Cmd/P", None));
+        assert_eq!(commands.sent[4].address(), ("Ack", Some("ErrId")));
+        let state = ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read");
+        assert_eq!((state.limit_records, state.port, state.sent.len()), (64, 54_601, 36));
+        assert_eq!(state.sent[35].address(), ("St/Tool", Some("C")));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let file = |inside: &str| ChannelFile::parse(&format!("<ETHERNETKRL>{inside}</ETHERNETKRL>"));
+        assert_eq!(file(""), Err(FileProblem::Missing("RECEIVE elements")));
+        let odd = "<RECEIVE><XML><ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/></XML></RECEIVE>";
+        assert_eq!(file(odd), Err(FileProblem::Type { tag: "A/@B".to_owned(), found: "AXIS".to_owned() }));
+        let many = "<CONFIGURATION><INTERNAL><BUFFERING Limit=\"many\"/></INTERNAL></CONFIGURATION>";
+        assert_eq!(file(many), Err(FileProblem::Number { name: "Limit".to_owned(), found: "many".to_owned() }));
+        assert!(matches!(ChannelFile::parse("<a"), Err(FileProblem::Xml(_))));
+    }
+}

@@ -1,0 +1,107 @@
+//! Whether the sanding tool is on the panel, as the programs know it from the commands, and the retract from there.
+//!
+//! In contact from the start of a move to a contact point until an air point is reached: landing and leaving count.
+
+use super::corner::Pose;
+use super::mover::{Lin, Move};
+use crate::geometry::{Flange, Rigid, Tool, Vector};
+
+/// How far a retract goes along the tool's −Z, mm.
+const RETRACT_MM: f64 = 50.0;
+const RETRACT_MM_S: f64 = 200.0;
+const RETRACT_MM_S2: f64 = 2000.0;
+
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Contact {
+    /// The last point that was reached is one of contact.
+    behind: bool,
+    /// The tool that touches.
+    tool: Option<Rigid<Flange, Tool>>,
+    retract: Retract,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+enum Retract {
+    #[default]
+    No,
+    /// To begin as soon as the arm stands.
+    Due,
+    Runs,
+}
+
+impl Contact {
+    /// Whether the tool touches, or is on its way.
+    pub(super) fn touches(&self, front: Option<&Move>) -> bool {
+        self.behind || front.is_some_and(Move::contact)
+    }
+
+    /// Whether both ends of the present stretch are contact.
+    pub(super) fn sands(&self, front: Option<&Move>) -> bool {
+        self.behind && front.is_none_or(Move::contact)
+    }
+
+    /// The tool that touches.
+    pub(super) fn tool(&self) -> Option<Rigid<Flange, Tool>> {
+        self.tool
+    }
+
+    /// This move is being executed.
+    pub(super) fn heads_for(&mut self, front: Option<&Move>) {
+        if let Some(Move::Lin(lin)) = front
+            && lin.contact
+        {
+            self.tool = Some(lin.flange_from_tool);
+        }
+    }
+
+    /// The end of this move was reached or passed.
+    pub(super) fn reached(&mut self, step: &Move) {
+        self.behind = step.contact();
+        if step.key().is_none() {
+            self.retract = Retract::No;
+        }
+    }
+
+    /// A stop: away from the panel as soon as the arm stands, where it may.
+    pub(super) fn stop(&mut self, front: Option<&Move>, may_retract: bool) {
+        self.behind = self.touches(front);
+        self.retract = if may_retract && self.behind { Retract::Due } else { Retract::No };
+    }
+
+    /// The retract cannot be made.
+    pub(super) fn give_up(&mut self) {
+        self.retract = Retract::No;
+    }
+
+    pub(super) fn wants_retract(&self) -> bool {
+        self.retract != Retract::No
+    }
+
+    pub(super) fn retracts(&self) -> bool {
+        self.retract == Retract::Runs
+    }
+
+    /// The retract that is due, from where the tool stands.
+    pub(super) fn begin_retract(&mut self, tool_at: impl Fn(&Rigid<Flange, Tool>) -> Pose) -> Option<Move> {
+        if self.retract != Retract::Due {
+            return None;
+        }
+        let Some(flange_from_tool) = self.tool else {
+            self.retract = Retract::No;
+            return None;
+        };
+        self.retract = Retract::Runs;
+        let from = tool_at(&flange_from_tool);
+        let away = from * Vector::<Tool>::new(nalgebra::Vector3::z() * -RETRACT_MM);
+        Some(Move::Lin(Lin {
+            key: None,
+            target: from.displaced(away),
+            flange_from_tool,
+            blend_mm: 0.0,
+            contact: false,
+            to_come: 0,
+            speed_mm_s: RETRACT_MM_S,
+            acceleration_mm_s2: RETRACT_MM_S2,
+        }))
+    }
+}

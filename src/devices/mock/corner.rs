@@ -1,0 +1,172 @@
+//! The tool's path: straight lines between poses, and the parabola that C_DIS puts in place of a corner.
+//!
+//! A blend leaves the incoming line d before the corner and meets the outgoing one d after it, d at most half of either
+//! line: position B(t) = (1−t)² start + 2t(1−t) corner + t² end, orientation the same construction on arcs. Along a
+//! path one measure counts: millimetres, or turning at the allowed rate where that takes longer.
+
+use crate::geometry::{Base, Rigid, Tool};
+use nalgebra::{Isometry3, Translation3};
+
+/// The tool in the base frame.
+pub(super) type Pose = Rigid<Base, Tool>;
+
+/// The pose this share of the way on: position on the line, orientation about one axis.
+pub(super) fn between(from: &Pose, to: &Pose, share: f64) -> Pose {
+    let (from, to) = (from.isometry(), to.isometry());
+    let origin = from.translation.vector.lerp(&to.translation.vector, share);
+    let turn = (from.rotation.inverse() * to.rotation).powf(share);
+    Rigid::claim(Isometry3::from_parts(Translation3::from(origin), from.rotation * turn))
+}
+
+/// How far apart two poses are, mm.
+pub(super) fn distance_mm(from: &Pose, to: &Pose) -> f64 {
+    from.origin().distance_mm(to.origin())
+}
+
+/// The measure of the way between two poses, where a turn of one degree counts as `mm_per_deg`.
+pub(super) fn measure_mm(from: &Pose, to: &Pose, mm_per_deg: f64) -> f64 {
+    let turn_deg = from.isometry().rotation.angle_to(&to.isometry().rotation).to_degrees();
+    distance_mm(from, to).max(turn_deg * mm_per_deg)
+}
+
+const PARTS: usize = 32;
+/// A blend shorter than this is a stop.
+const SHORTEST_MM: f64 = 1e-6;
+
+/// A corner's two lines and how much it may be cut.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bend {
+    /// A pose on the incoming line.
+    pub(super) from: Pose,
+    /// Length of the whole incoming line, from corner to corner, mm.
+    pub(super) whole_in_mm: f64,
+    /// The corner.
+    pub(super) vertex: Pose,
+    /// Where the outgoing line ends.
+    pub(super) next: Pose,
+    /// The blend distance asked for, mm.
+    pub(super) blend_mm: f64,
+    /// What a degree counts.
+    pub(super) mm_per_deg: f64,
+}
+
+/// A blended corner.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Corner {
+    pub(super) start: Pose,
+    vertex: Pose,
+    pub(super) end: Pose,
+    /// Its measure, mm.
+    pub(super) length_mm: f64,
+    /// Length of the whole outgoing line, mm.
+    pub(super) whole_out_mm: f64,
+    /// Arc lengths from the start, at equal steps of t.
+    arc_mm: [f64; PARTS + 1],
+}
+
+impl Corner {
+    /// `None` where the corner must be stopped at.
+    pub(super) fn new(bend: &Bend) -> Option<Self> {
+        let whole_out_mm = distance_mm(&bend.vertex, &bend.next);
+        let blend_mm = bend.blend_mm.min(bend.whole_in_mm / 2.0).min(whole_out_mm / 2.0);
+        let in_mm = distance_mm(&bend.from, &bend.vertex);
+        if blend_mm < SHORTEST_MM || in_mm < blend_mm - 1e-9 {
+            return None;
+        }
+        let start = between(&bend.from, &bend.vertex, (1.0 - blend_mm / in_mm).max(0.0));
+        let end = between(&bend.vertex, &bend.next, blend_mm / whole_out_mm);
+        let vertex = bend.vertex;
+        let mut corner = Corner { start, vertex, end, length_mm: 0.0, whole_out_mm, arc_mm: [0.0; PARTS + 1] };
+        for part in 1..=PARTS {
+            let [before, here] = [part - 1, part].map(|part| corner.origin_mm(part as f64 / PARTS as f64));
+            corner.arc_mm[part] = corner.arc_mm[part - 1] + (here - before).norm();
+        }
+        let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
+        let chords_mm = 2.0 * blend_mm;
+        // Position and turning share one pace; where turning does not slow the lines it does not slow the corner.
+        corner.length_mm = corner.arc_mm[PARTS] * (turned_mm / chords_mm).max(1.0);
+        Some(corner)
+    }
+
+    fn origin_mm(&self, t: f64) -> nalgebra::Vector3<f64> {
+        let [start, vertex, end] = [self.start, self.vertex, self.end].map(|pose| pose.origin().mm.coords);
+        start * ((1.0 - t) * (1.0 - t)) + vertex * (2.0 * t * (1.0 - t)) + end * (t * t)
+    }
+
+    /// The pose `gone_mm` (of the measure) behind the start.
+    pub(super) fn pose_at(&self, gone_mm: f64) -> Pose {
+        let arc_mm = self.arc_mm[PARTS] * (gone_mm / self.length_mm).clamp(0.0, 1.0);
+        let after = self.arc_mm.iter().position(|&end_mm| end_mm >= arc_mm).unwrap_or(PARTS).max(1);
+        let [low, high] = [self.arc_mm[after - 1], self.arc_mm[after]];
+        // A full reversal folds the parabola; its chords may have no length.
+        let inside = if high > low { (arc_mm - low) / (high - low) } else { 1.0 };
+        let t = ((after - 1) as f64 + inside) / PARTS as f64;
+        let turned = between(&between(&self.start, &self.vertex, t), &between(&self.vertex, &self.end, t), t);
+        let origin = Translation3::from(self.origin_mm(t));
+        Rigid::claim(Isometry3::from_parts(origin, turned.isometry().rotation))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KukaPose;
+
+    fn pose(x_mm: f64, y_mm: f64, a_deg: f64) -> Pose {
+        KukaPose { x_mm, y_mm, a_deg, ..KukaPose::default() }.to_rigid()
+    }
+
+    fn right_angle(blend_mm: f64) -> Bend {
+        Bend {
+            from: pose(0.0, 0.0, 0.0),
+            whole_in_mm: 10.0,
+            vertex: pose(10.0, 0.0, 0.0),
+            next: pose(10.0, 6.0, 30.0),
+            blend_mm,
+            mm_per_deg: 0.0,
+        }
+    }
+
+    /// By hand: 2 mm before and behind; in the middle ¼ (8,0) + ½ (10,0) + ¼ (10,2) = (9.5, 0.5). The arc of a
+    /// parabola over a right angle is 2 d · 0.811613 = 3.2465 mm.
+    #[test]
+    fn a_right_angle_is_cut_by_the_blend_distance() {
+        let corner = Corner::new(&right_angle(2.0)).expect("blended");
+        assert!(distance_mm(&corner.start, &pose(8.0, 0.0, 0.0)) < 1e-12);
+        assert!(distance_mm(&corner.end, &pose(10.0, 2.0, 0.0)) < 1e-12);
+        assert!(distance_mm(&corner.pose_at(corner.length_mm / 2.0), &pose(9.5, 0.5, 0.0)) < 1e-9);
+        assert!((corner.length_mm - 3.2465).abs() < 2e-3, "{}", corner.length_mm);
+    }
+
+    /// Half of the shorter line, 3 mm, is the most.
+    #[test]
+    fn a_blend_takes_at_most_half_of_either_line() {
+        let corner = Corner::new(&right_angle(50.0)).expect("blended");
+        assert!(distance_mm(&corner.start, &pose(7.0, 0.0, 0.0)) < 1e-12);
+        assert!(Corner::new(&right_angle(0.0)).is_none());
+        let whole = Bend { whole_in_mm: 2.0, ..right_angle(50.0) };
+        assert!(distance_mm(&Corner::new(&whole).expect("blended").start, &pose(9.0, 0.0, 0.0)) < 1e-12);
+    }
+
+    /// Equal steps of the measure are equal steps of the tool, and orientation runs on without a jump.
+    #[test]
+    fn the_corner_is_run_at_even_pace() {
+        let corner = Corner::new(&right_angle(2.0)).expect("blended");
+        let poses: Vec<Pose> = (0..=20).map(|part| corner.pose_at(corner.length_mm * f64::from(part) / 20.0)).collect();
+        let steps: Vec<f64> = poses.windows(2).map(|pair| distance_mm(&pair[0], &pair[1])).collect();
+        let mean = steps.iter().sum::<f64>() / 20.0;
+        assert!(steps.iter().all(|step| (step / mean - 1.0).abs() < 0.02), "{steps:?}");
+        let turns = poses.windows(2).map(|pair| measure_mm(&pair[0], &pair[1], 1000.0) / 1000.0);
+        assert!(turns.fold(0.0, f64::max) < 2.0);
+        // By hand: a third of the outgoing line's 30° at its first 2 of 6 mm.
+        assert!((KukaPose::from_rigid(&corner.end).a_deg - 10.0).abs() < 1e-9);
+    }
+
+    /// A turn of 30° that counts 1 mm a degree is a way of 30 mm on the line of 6.
+    #[test]
+    fn turning_counts_where_it_takes_longer() {
+        let (from, to) = (pose(10.0, 0.0, 0.0), pose(10.0, 6.0, 30.0));
+        assert!((measure_mm(&from, &to, 1.0) - 30.0).abs() < 1e-9);
+        assert!((measure_mm(&from, &to, 0.1) - 6.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,71 @@
+//! What one epoch holds: the ring, base and tool, speeds. Nothing of it outlives the epoch.
+
+use super::wire::{Command, Refusal};
+use crate::geometry::{Flange, KukaPose, Rigid, Tool};
+use std::collections::VecDeque;
+
+/// Places in the ring.
+pub(super) const RING: usize = 100;
+
+#[derive(Debug, Clone)]
+pub(super) struct Epoch {
+    pub(super) number: i32,
+    /// Commands are taken; false once the epoch has ended.
+    pub(super) open: bool,
+    pub(super) received: i32,
+    pub(super) done: i32,
+    /// The first refusal and the command's id.
+    pub(super) refusal: Option<(Refusal, i32)>,
+    /// Received and not yet planned.
+    pub(super) ring: VecDeque<Command>,
+    pub(super) base: Option<KukaPose>,
+    pub(super) tool: Option<ActiveTool>,
+    pub(super) speed_mm_s: f64,
+    pub(super) acceleration_mm_s2: f64,
+    /// Of each axis's highest acceleration, 0…1.
+    pub(super) axis_acceleration_share: f64,
+    /// The subroutine at the ring's front runs until then.
+    pub(super) subroutine_until_ms: Option<u64>,
+}
+
+/// $TOOL.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ActiveTool {
+    pub(super) pose: KukaPose,
+    pub(super) sanding: bool,
+}
+
+impl ActiveTool {
+    pub(super) fn flange_from_tool(&self) -> Rigid<Flange, Tool> {
+        self.pose.to_rigid()
+    }
+}
+
+impl Epoch {
+    /// An epoch that takes no commands.
+    pub(super) fn ended(number: i32) -> Self {
+        Epoch {
+            number,
+            open: false,
+            received: 0,
+            done: 0,
+            refusal: None,
+            ring: VecDeque::new(),
+            base: None,
+            tool: None,
+            speed_mm_s: 100.0,
+            acceleration_mm_s2: 1000.0,
+            axis_acceleration_share: 0.5,
+            subroutine_until_ms: None,
+        }
+    }
+
+    /// A fresh epoch, without base and tool.
+    pub(super) fn opened(number: i32) -> Self {
+        Epoch { open: true, ..Epoch::ended(number) }
+    }
+
+    pub(super) fn free(&self) -> usize {
+        RING.saturating_sub(self.ring.len())
+    }
+}

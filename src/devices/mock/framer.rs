@@ -1,0 +1,149 @@
+//! Documents out of a stream of bytes: KUKA's channels have no length, no delimiter, only tags.
+//!
+//! A document ends where the tag depth is back at zero outside of quotes. Between documents white space, NUL, a byte
+//! order mark and a prolog (`<?…?>`) are passed over. The result does not depend on how the stream was cut.
+
+use super::fault::EkiFault;
+
+/// Cuts a stream into documents.
+#[derive(Debug)]
+pub(super) struct Framer {
+    buffer: Vec<u8>,
+    /// Bytes of `buffer` that were looked at.
+    seen: usize,
+    place: Place,
+    depth: usize,
+    /// First byte of the open tag's inside.
+    tag_start: usize,
+    /// Most bytes that may wait for the end of their document.
+    limit_bytes: usize,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Place {
+    Between,
+    Text,
+    Tag,
+    Quoted(u8),
+    Prolog,
+}
+
+impl Framer {
+    pub(super) fn new(limit_bytes: usize) -> Self {
+        Framer { buffer: Vec::new(), seen: 0, place: Place::Between, depth: 0, tag_start: 0, limit_bytes }
+    }
+
+    pub(super) fn push(&mut self, bytes: &[u8]) {
+        self.buffer.extend_from_slice(bytes);
+    }
+
+    /// The next whole document, if there is one.
+    pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, EkiFault> {
+        while let Some(&byte) = self.buffer.get(self.seen) {
+            let at = self.seen;
+            self.seen += 1;
+            match self.place {
+                Place::Between => self.between(byte, at)?,
+                Place::Text if byte == b'<' => self.open_tag(),
+                Place::Tag if self.seen - 1 == self.tag_start && byte == b'!' => return Err(EkiFault::Malformed),
+                Place::Tag if self.seen - 1 == self.tag_start && byte == b'?' => self.place = Place::Prolog,
+                Place::Tag if byte == b'"' || byte == b'\'' => self.place = Place::Quoted(byte),
+                Place::Tag if byte == b'>' => {
+                    if self.close_tag(at)? {
+                        return Ok(Some(self.cut()));
+                    }
+                }
+                Place::Quoted(quote) if byte == quote => self.place = Place::Tag,
+                Place::Prolog if byte == b'>' && self.buffer[at - 1] == b'?' => self.end_prolog(),
+                Place::Text | Place::Tag | Place::Quoted(_) | Place::Prolog => {}
+            }
+        }
+        if self.buffer.len() > self.limit_bytes { Err(EkiFault::TooLong) } else { Ok(None) }
+    }
+
+    fn between(&mut self, byte: u8, at: usize) -> Result<(), EkiFault> {
+        match byte {
+            b'<' => {
+                self.buffer.drain(..at);
+                self.seen = 1;
+                self.open_tag();
+                Ok(())
+            }
+            b' ' | b'\t' | b'\r' | b'\n' | 0 | 0xEF | 0xBB | 0xBF => Ok(()),
+            _ => Err(EkiFault::Malformed),
+        }
+    }
+
+    fn open_tag(&mut self) {
+        self.place = Place::Tag;
+        self.tag_start = self.seen;
+    }
+
+    /// True where this `>` ends the document.
+    fn close_tag(&mut self, at: usize) -> Result<bool, EkiFault> {
+        let inside = &self.buffer[self.tag_start..at];
+        match (inside.first(), inside.last()) {
+            (None, _) => return Err(EkiFault::Malformed),
+            (Some(b'/'), _) => self.depth = self.depth.checked_sub(1).ok_or(EkiFault::Malformed)?,
+            (_, Some(b'/')) => {}
+            _ => self.depth += 1,
+        }
+        self.place = if self.depth == 0 { Place::Between } else { Place::Text };
+        Ok(self.depth == 0)
+    }
+
+    fn end_prolog(&mut self) {
+        self.place = if self.depth == 0 { Place::Between } else { Place::Text };
+    }
+
+    fn cut(&mut self) -> Vec<u8> {
+        let rest = self.buffer.split_off(self.seen);
+        self.seen = 0;
+        std::mem::replace(&mut self.buffer, rest)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn documents(pieces: &[&[u8]]) -> Result<Vec<String>, EkiFault> {
+        let (mut framer, mut found) = (Framer::new(1000), Vec::new());
+        for piece in pieces {
+            framer.push(piece);
+            while let Some(document) = framer.next()? {
+                found.push(String::from_utf8(document).expect("text"));
+            }
+        }
+        Ok(found)
+    }
+
+    const STREAM: &str = "\u{feff}<?xml version=\"1.0\"?>\r\n<A x=\"/>\"/><B><C y='<'></C> t </B>\0\n<D></D><E>";
+
+    #[test]
+    fn documents_end_at_depth_zero_outside_of_quotes() {
+        let expected = ["<A x=\"/>\"/>", "<B><C y='<'></C> t </B>", "<D></D>"];
+        assert_eq!(documents(&[STREAM.as_bytes()]).expect("framed"), expected);
+    }
+
+    #[test]
+    fn what_is_no_document_is_refused() {
+        for wrong in ["x", "</A>", "<>", "<!DOCTYPE a><a/>", "<A></A></A>", "<A><!-- --></A>"] {
+            assert_eq!(documents(&[wrong.as_bytes()]), Err(EkiFault::Malformed), "{wrong}");
+        }
+        let endless = format!("<A x=\"{}", "y".repeat(1000));
+        assert_eq!(documents(&[endless.as_bytes()]), Err(EkiFault::TooLong));
+    }
+
+    proptest! {
+        #[test]
+        fn every_cut_of_the_stream_gives_the_same(cuts in prop::collection::vec(0..STREAM.len(), 0..8)) {
+            let mut cuts = cuts;
+            cuts.extend([0, STREAM.len()]);
+            cuts.sort_unstable();
+            let pieces: Vec<&[u8]> = cuts.windows(2).map(|cut| &STREAM.as_bytes()[cut[0]..cut[1]]).collect();
+            prop_assert_eq!(documents(&pieces), documents(&[STREAM.as_bytes()]));
+        }
+    }
+}

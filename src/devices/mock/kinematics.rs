@@ -1,0 +1,376 @@
+//! Where the flange is, and which axis angles put it there: a six-axis arm with an ortho-parallel basis and a
+//! spherical wrist, b = 0.
+//!
+//! Frames: base at the arm's foot, X forward, Z up; flange Z out of the flange. At A = (0, −90, 90, 0, 0, 0) the
+//! upper arm stands upright and the forearm lies level, forward: the flange's Z is the base's X, its X points down,
+//! its Y is the base's Y (A 0, B 90, C 0). All axes at zero: both arms level, stretched forward.
+//!
+//! With q = (−A1, A2 + 90°, A3, −A4, A5, −A6), φ = q3 + atan2(a2, c3) and k = hypot(a2, c3):
+//!     r = a1 + c2 sin q2 + k sin(q2 + φ),   h = c1 + c2 cos q2 + k cos(q2 + φ)                          (1)
+//!     R = Rz(q1) Ry(q2 + q3) Rz(q4) Ry(q5) Rz(q6),   p = (r cos q1, r sin q1, h) + c4 R ẑ               (2)
+//! Backwards: the wrist's centre p − c4 R ẑ gives q1 (front, back), q2 and q3 (elbow twice), then R the wrist twice.
+//! Where q5 is zero only q4 + q6 is defined; q4 stays where it was.
+//! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014; KUKA's zero and signs as in
+//! kroshu/kuka_robot_descriptions.
+
+use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// An arm's lengths and the limits of its axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arm {
+    /// From axis 1 forward to axis 2, mm.
+    pub a1_mm: f64,
+    /// From axis 3 to the forearm's axis, across it; negative where the forearm runs above axis 3, mm.
+    pub a2_mm: f64,
+    /// Height of axis 2, mm.
+    pub c1_mm: f64,
+    /// The upper arm, mm.
+    pub c2_mm: f64,
+    /// The forearm up to the wrist's centre, mm.
+    pub c3_mm: f64,
+    /// From the wrist's centre to the flange, mm.
+    pub c4_mm: f64,
+    /// Lowest and highest angle of each axis, degrees.
+    pub limits_deg: [[f64; 2]; 6],
+    /// Highest speed of each axis, degrees per second.
+    pub speeds_deg_s: [f64; 6],
+}
+
+/// Why no axis angles put the flange there.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Unreachable {
+    /// Too far from axis 2, or too near to it.
+    #[error("the wrist's centre is {distance_mm:.1} mm from axis 2; {} to {} mm can be reached", allowed_mm[0], allowed_mm[1])]
+    Distance {
+        /// Measured.
+        distance_mm: f64,
+        /// Nearest and farthest.
+        allowed_mm: [f64; 2],
+    },
+    /// Every way to stand there needs an axis beyond its limits.
+    #[error("axis {axis} would stand at {angle_deg:.2}°; {} to {}° is allowed", allowed_deg[0], allowed_deg[1])]
+    AxisLimit {
+        /// 1 to 6.
+        axis: usize,
+        /// What the way nearest to the present angles needs.
+        angle_deg: f64,
+        /// Lowest and highest.
+        allowed_deg: [f64; 2],
+    },
+}
+
+/// Below this sine of q5 the axes 4 and 6 are one.
+const WRIST_POLE: f64 = 1e-9;
+
+impl Arm {
+    /// The KUKA KR 6 R700-2.
+    pub const fn kr6_r700_2() -> Self {
+        Arm {
+            a1_mm: 25.0,
+            a2_mm: -25.0,
+            c1_mm: 400.0,
+            c2_mm: 335.0,
+            c3_mm: 365.0,
+            c4_mm: 90.0,
+            limits_deg: [
+                [-170.0, 170.0],
+                [-190.0, 45.0],
+                [-120.0, 156.0],
+                [-185.0, 185.0],
+                [-120.0, 120.0],
+                [-350.0, 350.0],
+            ],
+            speeds_deg_s: [360.0, 300.0, 360.0, 450.0, 450.0, 540.0],
+        }
+    }
+
+    /// Where the flange is.
+    pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
+        let [q1, q2, q3, q4, q5, q6] = model_rad(joints);
+        let phi_rad = q3 + self.a2_mm.atan2(self.c3_mm);
+        let k_mm = self.a2_mm.hypot(self.c3_mm);
+        // Eq. (1)
+        let radius_mm = self.a1_mm + self.c2_mm * q2.sin() + k_mm * (q2 + phi_rad).sin();
+        let height_mm = self.c1_mm + self.c2_mm * q2.cos() + k_mm * (q2 + phi_rad).cos();
+        // Eq. (2)
+        let rotation = turn_z(q1) * turn_y(q2 + q3) * turn_z(q4) * turn_y(q5) * turn_z(q6);
+        let wrist_mm = Vector3::new(radius_mm * q1.cos(), radius_mm * q1.sin(), height_mm);
+        let origin_mm = wrist_mm + rotation * Vector3::z() * self.c4_mm;
+        Rigid::claim(Isometry3::from_parts(Translation3::from(origin_mm), rotation))
+    }
+
+    /// All ways to put the flange there, up to eight, each axis at the turn within its limits that is nearest to
+    /// `near`; ways that no turn brings inside the limits are left out.
+    pub fn solutions(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<Joints> {
+        let ways = self.ways_rad(base_from_flange, near);
+        ways.iter().filter_map(|&way| self.wound(way, near).ok()).map(joints).collect()
+    }
+
+    /// The way to put the flange there that takes the axes the least time from `near`.
+    ///
+    /// # Errors
+    /// Where it is out of reach, or needs an axis beyond its limits.
+    pub fn nearest(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Result<Joints, Unreachable> {
+        let ways = self.ways_rad(base_from_flange, near);
+        if ways.is_empty() {
+            return Err(self.out_of_reach(base_from_flange));
+        }
+        let best = |ways: &mut dyn Iterator<Item = [f64; 6]>| {
+            ways.min_by(|one, other| self.effort_s(one, near).total_cmp(&self.effort_s(other, near)))
+        };
+        if let Some(inside) = best(&mut ways.iter().filter_map(|&way| self.wound(way, near).ok())) {
+            return Ok(joints(inside));
+        }
+        let refused = ways.iter().filter_map(|&way| self.wound(way, near).err());
+        let off_deg = |refused: &Unreachable| match refused {
+            Unreachable::AxisLimit { axis, angle_deg, .. } => (angle_deg - angles_deg(near)[axis - 1]).abs(),
+            Unreachable::Distance { .. } => f64::INFINITY,
+        };
+        let nearest = refused.min_by(|one, other| off_deg(one).total_cmp(&off_deg(other)));
+        Err(nearest.unwrap_or_else(|| self.out_of_reach(base_from_flange)))
+    }
+
+    /// The first axis outside of its limits.
+    ///
+    /// # Errors
+    /// Names that axis.
+    pub fn within_limits(&self, joints: &Joints) -> Result<(), Unreachable> {
+        let outside = |(index, angle_deg): (usize, f64)| {
+            let allowed_deg = self.limits_deg[index];
+            let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&angle_deg);
+            (!inside).then_some(Unreachable::AxisLimit { axis: index + 1, angle_deg, allowed_deg })
+        };
+        angles_deg(joints).into_iter().enumerate().find_map(outside).map_or(Ok(()), Err)
+    }
+
+    fn out_of_reach(&self, base_from_flange: &Rigid<Base, Flange>) -> Unreachable {
+        let (across_mm, up_mm) = self.from_axis_2(&self.wrist_mm(base_from_flange), 1.0);
+        let k_mm = self.a2_mm.hypot(self.c3_mm);
+        Unreachable::Distance {
+            distance_mm: across_mm.hypot(up_mm),
+            allowed_mm: [(self.c2_mm - k_mm).abs(), self.c2_mm + k_mm],
+        }
+    }
+
+    fn wrist_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> Vector3<f64> {
+        base_from_flange.origin().mm.coords - base_from_flange.rotation() * Vector3::z() * self.c4_mm
+    }
+
+    /// The wrist's centre seen from axis 2, across and up; `side` is 1 in front of axis 1 and −1 behind it.
+    fn from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
+        (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
+    }
+
+    /// The model's angles of every way to stand there, each within half a turn of zero.
+    fn ways_rad(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Vec<[f64; 6]> {
+        let wrist_mm = self.wrist_mm(base_from_flange);
+        let [near_q1, _, _, near_q4, ..] = model_rad(near);
+        // Over axis 1 every q1 serves.
+        let over_axis_1 = wrist_mm.x.hypot(wrist_mm.y) < 1e-9;
+        let forward_rad = if over_axis_1 { near_q1 } else { wrist_mm.y.atan2(wrist_mm.x) };
+        let k_mm = self.a2_mm.hypot(self.c3_mm);
+        let mut ways = Vec::with_capacity(8);
+        for (side, q1) in [(1.0, forward_rad), (-1.0, forward_rad + std::f64::consts::PI)] {
+            let (across_mm, up_mm) = self.from_axis_2(&wrist_mm, side);
+            let square_mm2 = across_mm * across_mm + up_mm * up_mm;
+            let cosine = (square_mm2 - self.c2_mm * self.c2_mm - k_mm * k_mm) / (2.0 * self.c2_mm * k_mm);
+            if cosine.abs() > 1.0 {
+                continue;
+            }
+            for phi_rad in [cosine.acos(), -cosine.acos()] {
+                let behind_rad = (k_mm * phi_rad.sin()).atan2(self.c2_mm + k_mm * phi_rad.cos());
+                let q2 = across_mm.atan2(up_mm) - behind_rad;
+                let q3 = phi_rad - self.a2_mm.atan2(self.c3_mm);
+                let arm = turn_z(q1) * turn_y(q2 + q3);
+                let wrist = (arm.inverse() * base_from_flange.isometry().rotation).to_rotation_matrix();
+                for [q4, q5, q6] in wrist_ways_rad(wrist.matrix(), near_q4) {
+                    ways.push([q1, q2, q3, q4, q5, q6]);
+                }
+            }
+        }
+        ways
+    }
+
+    /// The controller's angles of a way, each at the turn within limits that is nearest to `near`.
+    fn wound(&self, way_rad: [f64; 6], near: &Joints) -> Result<[f64; 6], Unreachable> {
+        let (mut wound_deg, near_deg) = (controller_deg(way_rad), angles_deg(near));
+        for (index, angle_deg) in wound_deg.iter_mut().enumerate() {
+            let [lowest, highest] = self.limits_deg[index];
+            let nearest_turn = ((near_deg[index] - *angle_deg) / 360.0).round();
+            let turns = [0.0, -1.0, 1.0].map(|more| *angle_deg + 360.0 * (nearest_turn + more));
+            // An angle that rounding carries over its limit still stands on it.
+            let inside = |angle: &f64| (lowest - 1e-9..=highest + 1e-9).contains(angle);
+            let allowed_deg = self.limits_deg[index];
+            let found = turns.into_iter().filter(inside).min_by(|one, other| {
+                (one - near_deg[index]).abs().total_cmp(&(other - near_deg[index]).abs())
+            });
+            *angle_deg = found.ok_or(Unreachable::AxisLimit { axis: index + 1, angle_deg: turns[0], allowed_deg })?;
+        }
+        Ok(wound_deg)
+    }
+
+    fn effort_s(&self, way_deg: &[f64; 6], near: &Joints) -> f64 {
+        let near_deg = angles_deg(near);
+        (0..6).map(|axis| (way_deg[axis] - near_deg[axis]).abs() / self.speeds_deg_s[axis]).sum()
+    }
+}
+
+/// Both ways to turn the wrist into this rotation; one where axes 4 and 6 are in line.
+fn wrist_ways_rad(r: &nalgebra::Matrix3<f64>, near_q4_rad: f64) -> Vec<[f64; 3]> {
+    use std::f64::consts::PI;
+    let sine = r[(0, 2)].hypot(r[(1, 2)]);
+    let q5 = sine.atan2(r[(2, 2)]);
+    if sine < WRIST_POLE {
+        // With q5 = 0 the rotation is Rz(q4 + q6); with q5 = π (beyond any limit) it is Rz(q4) Ry(π) Rz(q6).
+        let whole_rad = if q5 < 1.0 { r[(1, 0)].atan2(r[(0, 0)]) } else { (-r[(1, 0)]).atan2(-r[(0, 0)]) };
+        let q6 = if q5 < 1.0 { whole_rad - near_q4_rad } else { near_q4_rad - whole_rad };
+        return vec![[near_q4_rad, q5, q6]];
+    }
+    let (q4, q6) = (r[(1, 2)].atan2(r[(0, 2)]), r[(2, 1)].atan2(-r[(2, 0)]));
+    vec![[q4, q5, q6], [q4 + PI, -q5, q6 + PI]]
+}
+
+/// The angles as numbers, axis 1 first.
+pub(super) fn angles_deg(joints: &Joints) -> [f64; 6] {
+    [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
+}
+
+/// The numbers as angles, axis 1 first.
+pub(super) fn joints(angles_deg: [f64; 6]) -> Joints {
+    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = angles_deg;
+    Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+}
+
+fn model_rad(joints: &Joints) -> [f64; 6] {
+    let [a1, a2, a3, a4, a5, a6] = angles_deg(joints);
+    [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(|angle_deg| Degrees(angle_deg).rad())
+}
+
+fn controller_deg(way_rad: [f64; 6]) -> [f64; 6] {
+    let [q1, q2, q3, q4, q5, q6] = way_rad.map(f64::to_degrees);
+    [-q1, q2 - 90.0, q3, -q4, q5, -q6]
+}
+
+fn turn_z(angle_rad: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
+}
+
+fn turn_y(angle_rad: f64) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{KukaPose, Point};
+    use nalgebra::Point3;
+    use proptest::prelude::*;
+
+    const ARM: Arm = Arm::kr6_r700_2();
+
+    fn at(angles: [f64; 6]) -> Rigid<Base, Flange> {
+        ARM.base_from_flange(&joints(angles))
+    }
+
+    fn assert_flange(angles: [f64; 6], origin_mm: [f64; 3], axes: [[f64; 3]; 2]) {
+        let pose = at(angles);
+        let (origin, turn) = (pose.origin(), pose.rotation());
+        assert!(origin.distance_mm(Point::new(Point3::from(origin_mm))) < 1e-9, "{origin:?}");
+        assert!((turn * Vector3::x() - Vector3::from(axes[0])).norm() < 1e-12, "x {}", turn * Vector3::x());
+        assert!((turn * Vector3::z() - Vector3::from(axes[1])).norm() < 1e-12, "z {}", turn * Vector3::z());
+    }
+
+    /// By hand, both arms level: x = 25 + 335 + 365 + 90 = 815; the forearm runs 25 above axis 3: z = 400 + 25.
+    #[test]
+    fn all_axes_at_zero_stretch_the_arm_forward() {
+        assert_flange([0.0; 6], [815.0, 0.0, 425.0], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]);
+    }
+
+    /// By hand, upper arm upright: x = 25 + 365 + 90 = 480, z = 400 + 335 + 25 = 760; A 0, B 90, C 0.
+    #[test]
+    fn at_home_the_forearm_is_level_and_the_flange_looks_forward() {
+        let home = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
+        assert_flange(home, [480.0, 0.0, 760.0], [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0]]);
+        let pose = KukaPose::from_rigid(&at(home));
+        assert!((pose.b_deg - 90.0).abs() < 1e-6 && pose.a_deg.abs() < 1e-6 && pose.c_deg.abs() < 1e-6, "{pose}");
+    }
+
+    /// By hand, A5 = 90 at home bends the wrist down: x = 25 + 365 = 390, z = 760 − 90 = 670; the pendant's
+    /// familiar A 180, B 0, C 180 has flange X backwards and Z down. A1 = 90 turns clockwise seen from above,
+    /// to −y. A6 = 90 turns the flange clockwise about its Z.
+    #[test]
+    fn signs_are_the_controllers() {
+        assert_flange([0.0, -90.0, 90.0, 0.0, 90.0, 0.0], [390.0, 0.0, 670.0], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+        assert_flange([90.0, -90.0, 90.0, 0.0, 0.0, 0.0], [0.0, -480.0, 760.0], [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]);
+        // Rz(−90) of the flange: its X is where −Y was, −Y of the base.
+        assert_flange([0.0, -90.0, 90.0, 0.0, 0.0, 90.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
+        assert_flange([0.0, -90.0, 90.0, 90.0, 0.0, 0.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
+        // A2 and A3 positive lower the arm. Upper arm level, forearm down: x = 25 + 335 + 25, z = 400 − 365 − 90.
+        assert_flange([0.0, 0.0, 90.0, 0.0, 0.0, 0.0], [385.0, 0.0, -55.0], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
+    }
+
+    /// By hand: the wrist's centre can be at most 335 + hypot(25, 365) = 700.9 mm from axis 2.
+    #[test]
+    fn beyond_reach_is_refused_with_the_distance() {
+        let far = Rigid::<Base, Flange>::claim(Isometry3::from_parts(
+            Translation3::new(1115.0, 0.0, 400.0),
+            at([0.0; 6]).isometry().rotation,
+        ));
+        let Err(Unreachable::Distance { distance_mm, allowed_mm }) = ARM.nearest(&far, &joints([0.0; 6])) else {
+            panic!("reached");
+        };
+        assert!((distance_mm - 1000.0).abs() < 1e-9 && (allowed_mm[1] - 700.855).abs() < 1e-3, "{allowed_mm:?}");
+    }
+
+    /// A turn beyond its limits is named by axis: facing backwards from the front needs A1 at 180.
+    #[test]
+    fn an_axis_beyond_its_limits_is_named() {
+        let behind = at([178.0, -60.0, 60.0, 0.0, 30.0, 0.0]);
+        let mut narrow = ARM;
+        narrow.limits_deg[1] = [-80.0, 0.0]; // not over its head either
+        let found = narrow.nearest(&behind, &joints([170.0, -60.0, 60.0, 0.0, 30.0, 0.0]));
+        assert!(matches!(found, Err(Unreachable::AxisLimit { axis: 1, .. })), "{found:?}");
+        let over = ARM.within_limits(&joints([0.0, 45.1, 0.0, 0.0, 0.0, 0.0]));
+        assert_eq!(over, Err(Unreachable::AxisLimit { axis: 2, angle_deg: 45.1, allowed_deg: [-190.0, 45.0] }));
+    }
+
+    /// In line, axis 4 stays and axis 6 takes the turn.
+    #[test]
+    fn at_the_wrists_pole_axis_4_stays() {
+        let pose = at([10.0, -80.0, 100.0, 25.0, 0.0, 35.0]);
+        let found = ARM.nearest(&pose, &joints([10.0, -80.0, 100.0, 40.0, 0.0, 0.0])).expect("reached");
+        assert!((found.a4_deg - 40.0).abs() < 1e-9 && (found.a6_deg - 20.0).abs() < 1e-6, "{found:?}");
+    }
+
+    fn inside() -> impl Strategy<Value = [f64; 6]> {
+        let axis = |index: usize| ARM.limits_deg[index][0]..ARM.limits_deg[index][1];
+        [axis(0), axis(1), axis(2), axis(3), axis(4), axis(5)]
+    }
+
+    proptest! {
+        #[test]
+        fn every_way_leads_back_to_the_pose(angles in inside(), near in inside()) {
+            let pose = at(angles);
+            for way in ARM.solutions(&pose, &joints(near)) {
+                let there = ARM.base_from_flange(&way);
+                prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-7, "{way:?}");
+                prop_assert!((there.rotation().matrix() - pose.rotation().matrix()).norm() < 1e-8, "{way:?}");
+                prop_assert!(ARM.within_limits(&way).is_ok(), "{way:?}");
+            }
+        }
+
+        /// Away from the poles of wrist, elbow and shoulder the way nearest to where the arm stands is that very one.
+        #[test]
+        fn the_nearest_way_is_where_the_arm_stands(angles in inside()) {
+            let pose = at(angles);
+            let wrist_mm = ARM.wrist_mm(&pose);
+            let phi_deg = angles[2] + ARM.a2_mm.atan2(ARM.c3_mm).to_degrees();
+            prop_assume!(angles[4].abs() > 0.1 && phi_deg.abs() > 0.1 && wrist_mm.xy().norm() > 1.0);
+            let found = angles_deg(&ARM.nearest(&pose, &joints(angles)).expect("reached"));
+            for axis in 0..6 {
+                prop_assert!((found[axis] - angles[axis]).abs() < 1e-4, "{found:?}");
+            }
+        }
+    }
+}

@@ -1,0 +1,87 @@
+//! What the controller did, for tests and for the simulated world.
+
+use super::mover::Blocked;
+use super::wire::Refusal;
+use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
+
+/// A motion command that was executed, once.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Executed {
+    /// Its epoch.
+    pub epoch: i32,
+    /// Its id.
+    pub id: i32,
+    /// The axes where it ended, or in the middle of its blend.
+    pub joints: Joints,
+    /// The flange there.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// When, ms since the controller's start.
+    pub time_ms: u64,
+    /// Whether it was a move in contact.
+    pub contact: bool,
+}
+
+/// Where the tool was at one tick of a contact.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// ms since the controller's start.
+    pub time_ms: u64,
+    /// The flange.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The sanding tool.
+    pub base_from_tool: Rigid<Base, Tool>,
+    /// Both ends of this stretch are in contact; else it lands or leaves.
+    pub sanding: bool,
+    /// Whether the tool's output was on.
+    pub tool_on: bool,
+}
+
+/// Why the program stopped an epoch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StopCause {
+    /// The client's abort.
+    Abort,
+    /// A new epoch while the old one was not at its end.
+    Superseded,
+    /// No application frame for 400 ms while something was queued.
+    Watchdog,
+    /// A channel lost its client while something was queued.
+    LinkLost,
+    /// The next point was missing in contact.
+    Underrun,
+    /// A command was refused.
+    Refused(Refusal),
+    /// The arm cannot go on along its path.
+    Blocked,
+    /// The emergency stop.
+    EStop,
+    /// The guard was opened.
+    Guard,
+    /// The drives were switched off.
+    Drives,
+    /// The mode switch was turned.
+    Mode,
+}
+
+/// A stop by the program.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stop {
+    /// When, ms since the controller's start.
+    pub time_ms: u64,
+    /// The epoch that it ended.
+    pub epoch: i32,
+    /// Why.
+    pub cause: StopCause,
+    /// Whether it began in contact.
+    pub contact: bool,
+    /// In words, where there is more to say.
+    pub detail: String,
+}
+
+/// Words for a path that cannot be gone on.
+pub(super) fn words(blocked: &Blocked) -> String {
+    match blocked {
+        Blocked::Unreachable(why) => why.to_string(),
+        Blocked::AxisSpeed(axis) => format!("axis {axis} would be too fast at any speed of the tool"),
+    }
+}

@@ -1,0 +1,48 @@
+//! A stand-in for the robot's controller: a model in Rust of what the cell's KRL programs do, behind EthernetKRL.
+//!
+//! It reads the controller's own files (`config/kuka/`) and shares nothing else with the client: framer, codec, units
+//! and kinematics are its own.
+//!
+//! - bytes: `framer` (stream to documents), `channel_file` and `codec` (documents to values and back), `memory`
+//!   (what waits), `wire` (what the numbers mean)
+//! - the arm: `kinematics`, `ramp` and `corner` (speed and shape of a path), `mover` (the main run)
+//! - the programs: `model` (one tick), `submit` (intake, watchdog, stop), `epoch`, `program` (advance run), `contact`
+//!   (retract), `answer` (what is told)
+//! - around it: `setup`, `world` (inputs and outputs), `log` (what happened), `server` (TCP)
+//!
+//! Not yet: a memory for each tag, RAW channels, LIFO, flags and EKI error numbers towards KRL, broken or slow links,
+//! deselecting and rebooting, path-synchronous outputs, approximated PTP.
+
+mod answer;
+mod channel_file;
+mod codec;
+mod contact;
+mod corner;
+mod epoch;
+mod fault;
+mod framer;
+mod kinematics;
+mod log;
+mod memory;
+mod model;
+mod mover;
+mod program;
+mod ramp;
+mod server;
+mod setup;
+mod submit;
+mod wire;
+mod world;
+
+#[cfg(test)]
+mod tests;
+
+pub use channel_file::ChannelFile;
+pub use fault::{EkiFault, FileProblem, MockError};
+pub use kinematics::{Arm, Unreachable};
+pub use log::{Executed, Sample, Stop, StopCause};
+pub use model::Controller;
+pub use server::{MockHandle, MockServer, Ports};
+pub use setup::{Clock, Mode, Setup};
+pub use wire::{Channel, Refusal};
+pub use world::{Unwired, World};

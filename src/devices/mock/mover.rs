@@ -1,0 +1,447 @@
+//! The main run: moves the arm along what is planned, one interpolation step at a time.
+//!
+//! LIN goes along straight lines and blended corners at constant speed, braking only for what must be stopped at: a
+//! move without blend distance, the last planned one, a change between LIN and PTP. A blend that is not planned when
+//! its start is passed becomes an exact stop. PTP runs all axes together, the slowest setting the pace. Where an axis
+//! would run faster than it can, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL; where that does not help (a pole, a
+//! change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend, load.
+
+use super::corner::{Bend, Corner, Pose, between, distance_mm, measure_mm};
+use super::kinematics::{Arm, Unreachable, angles_deg, joints};
+use super::ramp::{self, Limits};
+use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
+use std::collections::VecDeque;
+
+/// Which command a move is for; a retract is for none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Key {
+    pub(super) epoch: i32,
+    pub(super) id: i32,
+}
+
+/// A straight move of the tool.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Lin {
+    pub(super) key: Option<Key>,
+    pub(super) target: Pose,
+    pub(super) flange_from_tool: Rigid<Flange, Tool>,
+    /// 0 for an exact stop.
+    pub(super) blend_mm: f64,
+    pub(super) contact: bool,
+    /// Points still to come on this path.
+    pub(super) to_come: i32,
+    pub(super) speed_mm_s: f64,
+    pub(super) acceleration_mm_s2: f64,
+}
+
+/// A move of the axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ptp {
+    pub(super) key: Key,
+    pub(super) target: Joints,
+    /// Of each axis's highest speed, 0…1.
+    pub(super) speed_share: f64,
+    /// Of each axis's highest acceleration, 0…1.
+    pub(super) acceleration_share: f64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Move {
+    Lin(Lin),
+    Ptp(Ptp),
+}
+
+impl Move {
+    pub(super) fn key(&self) -> Option<Key> {
+        match self {
+            Move::Lin(lin) => lin.key,
+            Move::Ptp(ptp) => Some(ptp.key),
+        }
+    }
+
+    pub(super) fn contact(&self) -> bool {
+        matches!(self, Move::Lin(lin) if lin.contact)
+    }
+}
+
+/// A move that was executed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Done {
+    pub(super) step: Move,
+    /// The axes at its end, or in the middle of its blend.
+    pub(super) joints: Joints,
+    /// The arm stood there because nothing further was planned in time. Says nothing of what else waits.
+    pub(super) starved: bool,
+}
+
+/// Why the arm cannot go on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Blocked {
+    Unreachable(Unreachable),
+    /// The axis, 1 to 6, would have to run faster than it can at any speed of the tool.
+    AxisSpeed(usize),
+}
+
+/// What the mode allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Override {
+    pub(super) tool_mm_s: f64,
+    pub(super) axis_share: f64,
+}
+
+/// $VEL.ORI1: how fast the tool may turn.
+const TURN_DEG_S: f64 = 200.0;
+/// An axis reaches its highest speed in this time.
+const AXIS_RAMP_S: f64 = 0.2;
+/// BRAKE on a line, at least.
+const BRAKE_MM_S2: f64 = 5000.0;
+/// Lengths closer than this are one.
+const ROUNDING_MM: f64 = 1e-9;
+/// How often the step is halved for an axis that is too slow.
+const HALVINGS: i32 = 7;
+
+/// The arm and what it is going to do.
+#[derive(Debug, Clone)]
+pub(super) struct Mover {
+    arm: Arm,
+    joints: Joints,
+    /// The front one is being executed.
+    planned: VecDeque<Move>,
+    place: Place,
+    /// Gone on the present leg, mm or degrees of the leading axis.
+    gone: f64,
+    /// Along the path, mm/s or degrees/s of the leading axis.
+    speed: f64,
+    braking: bool,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Place {
+    Standing,
+    Line { from: Pose, whole_mm: f64 },
+    Corner { corner: Box<Corner>, passing: Option<Lin> },
+    Axes { from: [f64; 6] },
+}
+
+#[derive(Debug, Clone)]
+enum Leg {
+    /// `stops` where it ends on its corner.
+    Line { from: Pose, to: Pose, length_mm: f64, lin: Lin, stops: bool },
+    Corner { corner: Box<Corner>, lin: Lin },
+}
+
+impl Leg {
+    fn length_mm(&self) -> f64 {
+        match self {
+            Leg::Line { length_mm, .. } => *length_mm,
+            Leg::Corner { corner, .. } => corner.length_mm,
+        }
+    }
+
+    fn lin(&self) -> &Lin {
+        match self {
+            Leg::Line { lin, .. } | Leg::Corner { lin, .. } => lin,
+        }
+    }
+
+    fn pose_at(&self, gone_mm: f64) -> Pose {
+        match self {
+            Leg::Line { to, length_mm, .. } if gone_mm >= *length_mm => *to,
+            Leg::Line { from, to, length_mm, .. } => between(from, to, gone_mm / length_mm),
+            Leg::Corner { corner, .. } => corner.pose_at(gone_mm),
+        }
+    }
+}
+
+impl Mover {
+    pub(super) fn new(arm: Arm, joints: Joints) -> Self {
+        let place = Place::Standing;
+        Mover { arm, joints, planned: VecDeque::new(), place, gone: 0.0, speed: 0.0, braking: false }
+    }
+
+    pub(super) fn joints(&self) -> Joints {
+        self.joints
+    }
+
+    pub(super) fn base_from_flange(&self) -> Rigid<Base, Flange> {
+        self.arm.base_from_flange(&self.joints)
+    }
+
+    /// Nothing planned and nothing in motion.
+    pub(super) fn stands(&self) -> bool {
+        self.place == Place::Standing && self.planned.is_empty()
+    }
+
+    /// Slowing down to a stop that forgets what is left.
+    pub(super) fn brakes(&self) -> bool {
+        self.braking
+    }
+
+    /// Moves planned, the present one included.
+    pub(super) fn planned(&self) -> usize {
+        self.planned.len()
+    }
+
+    /// What is being executed.
+    pub(super) fn front(&self) -> Option<&Move> {
+        if self.place == Place::Standing { None } else { self.planned.front() }
+    }
+
+    /// The oldest move that is not executed.
+    pub(super) fn oldest(&self) -> Option<Key> {
+        let passing = match &self.place {
+            Place::Corner { passing, .. } => passing.and_then(|lin| lin.key),
+            _ => None,
+        };
+        passing.or_else(|| self.planned.front().and_then(Move::key))
+    }
+
+    /// Plans a move behind the others; its target must be reachable from where they end.
+    pub(super) fn plan(&mut self, step: Move) {
+        self.planned.push_back(step);
+    }
+
+    /// Slows down to a stop on the path and forgets what is left.
+    pub(super) fn brake(&mut self) {
+        self.braking = true;
+        if self.speed == 0.0 {
+            self.freeze();
+        }
+    }
+
+    /// Stands at once and forgets what is left.
+    pub(super) fn freeze(&mut self) {
+        self.planned.clear();
+        self.place = Place::Standing;
+        self.speed = 0.0;
+        self.braking = false;
+    }
+
+    /// One step. Reports moves whose end was reached or passed, and where it cannot go on.
+    pub(super) fn step(&mut self, allowed: Override, step_s: f64) -> (Vec<Done>, Option<Blocked>) {
+        if self.place == Place::Standing {
+            self.begin();
+        }
+        let mut done = Vec::new();
+        let blocked = match (&self.place, self.planned.front()) {
+            (Place::Axes { from }, Some(&Move::Ptp(ptp))) => {
+                let from = *from;
+                done.extend(self.step_axes(from, ptp, allowed, step_s));
+                None
+            }
+            (Place::Line { .. } | Place::Corner { .. }, _) => self.step_lines(allowed, step_s, &mut done).err(),
+            _ => None,
+        };
+        if blocked.is_some() {
+            self.speed = 0.0; // what is left is the caller's to forget
+        } else if self.braking && self.speed == 0.0 {
+            self.freeze();
+        }
+        (done, blocked)
+    }
+
+    fn begin(&mut self) {
+        (self.gone, self.speed) = (0.0, 0.0);
+        match self.planned.front() {
+            None => {}
+            Some(Move::Lin(lin)) => {
+                let from = self.base_from_flange() * lin.flange_from_tool;
+                self.place = Place::Line { from, whole_mm: distance_mm(&from, &lin.target) };
+            }
+            Some(Move::Ptp(_)) => self.place = Place::Axes { from: angles_deg(&self.joints) },
+        }
+    }
+
+    fn step_axes(&mut self, from: [f64; 6], ptp: Ptp, allowed: Override, step_s: f64) -> Option<Done> {
+        let to = angles_deg(&ptp.target);
+        let way: [f64; 6] = std::array::from_fn(|axis| to[axis] - from[axis]);
+        let lead_deg = way.iter().fold(0.0, |lead: f64, way_deg| lead.max(way_deg.abs()));
+        // The pace of the leading axis at which no axis is too fast.
+        let pace = |share: f64| {
+            let of_axis = |axis: usize| self.arm.speeds_deg_s[axis] * share * lead_deg / way[axis].abs();
+            (0..6).filter(|&axis| way[axis] != 0.0).map(of_axis).fold(f64::INFINITY, f64::min)
+        };
+        let limits = Limits {
+            to_stop: lead_deg - self.gone,
+            speed: if self.braking { 0.0 } else { pace(ptp.speed_share.min(allowed.axis_share)) },
+            acceleration: pace(if self.braking { 1.0 } else { ptp.acceleration_share }) / AXIS_RAMP_S,
+        };
+        let (further, speed) = if lead_deg > 0.0 { ramp::step(self.speed, limits, step_s) } else { (0.0, 0.0) };
+        self.gone += further;
+        self.speed = speed;
+        if self.gone < lead_deg {
+            let share = self.gone / lead_deg;
+            self.joints = joints(std::array::from_fn(|axis| from[axis] + way[axis] * share));
+            return None;
+        }
+        self.joints = ptp.target;
+        self.planned.pop_front();
+        self.place = Place::Standing;
+        Some(Done { step: Move::Ptp(ptp), joints: self.joints, starved: self.planned.is_empty() })
+    }
+
+    fn step_lines(&mut self, allowed: Override, step_s: f64, done: &mut Vec<Done>) -> Result<(), Blocked> {
+        let legs = self.legs();
+        let Some(flange_from_tool) = legs.first().map(|leg| leg.lin().flange_from_tool) else {
+            return Ok(());
+        };
+        let (further_mm, speed) = ramp::step(self.speed, self.line_limits(&legs, allowed, step_s), step_s);
+        let mut share = 1.0;
+        for halving in 0..=HALVINGS {
+            let Some(pose) = pose_ahead(&legs, self.gone + further_mm * share) else { break };
+            let next = self.stand(&pose, &flange_from_tool).map_err(Blocked::Unreachable)?;
+            match self.too_fast(&next, step_s) {
+                None => {
+                    self.speed = if halving == 0 { speed } else { further_mm * share / step_s };
+                    self.joints = next;
+                    return self.go_on(&legs, further_mm * share, done).map_err(Blocked::Unreachable);
+                }
+                Some(axis) if halving == HALVINGS => return Err(Blocked::AxisSpeed(axis)),
+                Some(_) => share *= 0.5,
+            }
+        }
+        Ok(())
+    }
+
+    fn stand(&self, pose: &Pose, flange_from_tool: &Rigid<Flange, Tool>) -> Result<Joints, Unreachable> {
+        self.arm.nearest(&(*pose * flange_from_tool.inverse()), &self.joints)
+    }
+
+    fn too_fast(&self, next: &Joints, step_s: f64) -> Option<usize> {
+        let (now, next) = (angles_deg(&self.joints), angles_deg(next));
+        let fast = |axis: &usize| (next[*axis] - now[*axis]).abs() > self.arm.speeds_deg_s[*axis] * step_s + 1e-6;
+        (0..6).find(fast).map(|axis| axis + 1)
+    }
+
+    fn line_limits(&self, legs: &[Leg], allowed: Override, step_s: f64) -> Limits {
+        let acceleration = legs.iter().map(|leg| leg.lin().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
+        let (mut ahead_mm, mut speed) = (-self.gone, f64::INFINITY);
+        for leg in legs {
+            // Slow enough here, one step on, to be down to that leg's speed where it begins.
+            let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
+            let own_mm_s = leg.lin().speed_mm_s.min(allowed.tool_mm_s);
+            speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
+            ahead_mm += leg.length_mm();
+        }
+        if self.braking {
+            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(BRAKE_MM_S2) };
+        }
+        Limits { to_stop: ahead_mm, speed, acceleration }
+    }
+
+    /// The present leg and those behind it, up to the next stop.
+    fn legs(&self) -> Vec<Leg> {
+        let lins: Vec<Lin> = self
+            .planned
+            .iter()
+            .map_while(|step| match step {
+                Move::Lin(lin) => Some(*lin),
+                Move::Ptp(_) => None,
+            })
+            .collect();
+        let (mut legs, mut gone_mm) = (Vec::with_capacity(8), self.gone);
+        let (mut from, mut whole_mm) = match &self.place {
+            Place::Line { from, whole_mm } => (*from, *whole_mm),
+            Place::Corner { corner, .. } => {
+                gone_mm = 0.0;
+                legs.extend(lins.first().map(|&lin| Leg::Corner { corner: corner.clone(), lin }));
+                (corner.end, corner.whole_out_mm)
+            }
+            Place::Standing | Place::Axes { .. } => return legs,
+        };
+        for (index, &lin) in lins.iter().enumerate() {
+            let mm_per_deg = lin.speed_mm_s / TURN_DEG_S;
+            let corner = lins.get(index + 1).and_then(|next| {
+                let (vertex, next) = (lin.target, next.target);
+                Corner::new(&Bend { from, whole_in_mm: whole_mm, vertex, next, blend_mm: lin.blend_mm, mm_per_deg })
+            });
+            let line = |to: Pose, stops: bool| Leg::Line {
+                from,
+                to,
+                length_mm: measure_mm(&from, &to, mm_per_deg),
+                lin,
+                stops,
+            };
+            let blended = corner.map(|corner| (line(corner.start, false), corner));
+            match blended {
+                // A blend whose start was passed already is none.
+                Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
+                    (from, whole_mm) = (corner.end, corner.whole_out_mm);
+                    legs.extend([to_blend, Leg::Corner { corner: Box::new(corner), lin }]);
+                }
+                _ => {
+                    legs.push(line(lin.target, true));
+                    break;
+                }
+            }
+            gone_mm = 0.0;
+        }
+        legs
+    }
+
+    /// Goes on along the legs, from one to the next where they end.
+    fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<(), Unreachable> {
+        self.gone += further_mm;
+        for (index, leg) in legs.iter().enumerate() {
+            self.pass_middle(leg, done)?;
+            if self.gone < leg.length_mm() - ROUNDING_MM {
+                return Ok(());
+            }
+            self.gone -= leg.length_mm();
+            match leg {
+                Leg::Line { lin, stops: true, .. } => {
+                    self.planned.pop_front();
+                    (self.place, self.gone, self.speed) = (Place::Standing, 0.0, 0.0);
+                    let starved = self.is_starved(lin);
+                    done.push(Done { step: Move::Lin(*lin), joints: self.joints, starved });
+                    return Ok(());
+                }
+                Leg::Line { lin, .. } => {
+                    self.planned.pop_front();
+                    if let Some(Leg::Corner { corner, .. }) = legs.get(index + 1) {
+                        self.place = Place::Corner { corner: corner.clone(), passing: Some(*lin) };
+                    }
+                }
+                Leg::Corner { corner, .. } => {
+                    self.place = Place::Line { from: corner.end, whole_mm: corner.whole_out_mm };
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether standing at the end of this move was not asked for.
+    fn is_starved(&self, lin: &Lin) -> bool {
+        match self.planned.front() {
+            None => true,
+            // Planned only after the blend's start was passed.
+            Some(Move::Lin(next)) => lin.blend_mm > 0.0 && distance_mm(&lin.target, &next.target) > ROUNDING_MM,
+            Some(Move::Ptp(_)) => false,
+        }
+    }
+
+    /// A blended move counts as executed in the middle of its corner.
+    fn pass_middle(&mut self, leg: &Leg, done: &mut Vec<Done>) -> Result<(), Unreachable> {
+        let Place::Corner { corner, passing } = &mut self.place else { return Ok(()) };
+        if self.gone < corner.length_mm / 2.0 {
+            return Ok(());
+        }
+        if let Some(lin) = passing.take() {
+            let middle = leg.pose_at(leg.length_mm() / 2.0);
+            let joints = self.stand(&middle, &lin.flange_from_tool)?;
+            done.push(Done { step: Move::Lin(lin), joints, starved: false });
+        }
+        Ok(())
+    }
+}
+
+/// The pose this far behind the start of the first leg.
+fn pose_ahead(legs: &[Leg], mut gone_mm: f64) -> Option<Pose> {
+    for leg in legs {
+        if gone_mm <= leg.length_mm() {
+            return Some(leg.pose_at(gone_mm));
+        }
+        gone_mm -= leg.length_mm();
+    }
+    legs.last().map(|leg| leg.pose_at(leg.length_mm()))
+}

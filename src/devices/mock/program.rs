@@ -1,0 +1,212 @@
+//! The robot interpreter's share: the advance run, the main run, what comes of it.
+//!
+//! Commands are planned in order. Speeds take effect on what follows; base, tool, outputs and subroutines wait until
+//! the arm stands, as statements that stop the advance run do.
+
+use super::epoch::ActiveTool;
+use super::kinematics;
+use super::log::{Executed, Sample, StopCause, words};
+use super::model::{Controller, TICK_MS};
+use super::mover::{Blocked, Done, Key, Lin, Move, Override, Ptp};
+use super::setup::Mode;
+use super::wire::{self, Command, Refusal};
+use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool};
+
+/// $ADVANCE: motions planned beside the present one.
+const ADVANCE: usize = 3;
+
+impl Controller {
+    /// Executes or plans what the ring holds, as far as the advance run reaches.
+    pub(super) fn interpret(&mut self) {
+        if self.mover.stands() && self.contact.wants_retract() {
+            let mover = &self.mover;
+            if let Some(away) = self.contact.begin_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool) {
+                self.mover.plan(away);
+            }
+        }
+        while !self.contact.wants_retract() && !self.mover.brakes() {
+            let Some(&command) = self.epoch.ring.front() else { return };
+            match self.execute(&command) {
+                Ok(true) => {
+                    self.epoch.ring.pop_front();
+                }
+                Ok(false) => return,
+                Err((refusal, detail)) => return self.refuse(command.id, refusal, detail),
+            }
+        }
+    }
+
+    /// True where the command is planned or done, false where it must wait.
+    fn execute(&mut self, command: &Command) -> Result<bool, (Refusal, String)> {
+        let Command { n: [n1, n2], r: [r1, r2], p, .. } = *command;
+        match command.operation {
+            wire::MOVE_J | wire::MOVE_LIN if self.mover.planned() > ADVANCE => return Ok(false),
+            wire::MOVE_J => {
+                let key = Key { epoch: command.epoch, id: command.id };
+                let (target, acceleration_share) = (kinematics::joints(p), self.epoch.axis_acceleration_share);
+                self.mover.plan(Move::Ptp(Ptp { key, target, speed_share: r1 / 100.0, acceleration_share }));
+            }
+            wire::MOVE_LIN => {
+                let lin = self.lin(command)?;
+                self.mover.plan(Move::Lin(lin));
+            }
+            wire::SET_ACC_SPEED => {
+                self.epoch.speed_mm_s = r1 * 1000.0;
+                self.epoch.acceleration_mm_s2 = r2 * 1000.0;
+                self.epoch.axis_acceleration_share = f64::from(n2) / 100.0;
+            }
+            // These stop the advance run.
+            _ if !self.mover.stands() => return Ok(false),
+            wire::SET_BASE => self.epoch.base = Some(kuka_pose(p)),
+            wire::SET_TCP => self.epoch.tool = Some(ActiveTool { pose: kuka_pose(p), sanding: n1 == 1 }),
+            wire::SET_DIGOUT => self.set_output(u16::try_from(n1).unwrap_or_default(), n2 == 1),
+            _ => return Ok(self.run_subroutine(n1)),
+        }
+        Ok(true)
+    }
+
+    fn lin(&self, command: &Command) -> Result<Lin, (Refusal, String)> {
+        let (Some(base), Some(tool)) = (self.epoch.base, self.epoch.tool) else {
+            return Err((Refusal::NoBaseOrTool, String::new()));
+        };
+        let contact = command.n[1] == 1;
+        if contact && !tool.sanding {
+            return Err((Refusal::OutOfRange, "contact without the sanding tool".to_owned()));
+        }
+        let target = base.to_rigid::<Base, Panel>() * kuka_pose(command.p).to_rigid::<Panel, Tool>();
+        let flange_from_tool = tool.flange_from_tool();
+        let base_from_flange = target * flange_from_tool.inverse();
+        let reached = self.setup.arm.nearest(&base_from_flange, &self.mover.joints());
+        reached.map_err(|why| (Refusal::Unreachable, why.to_string()))?;
+        Ok(Lin {
+            key: Some(Key { epoch: command.epoch, id: command.id }),
+            target,
+            flange_from_tool,
+            blend_mm: command.r[0],
+            contact,
+            to_come: command.n[0],
+            speed_mm_s: self.epoch.speed_mm_s,
+            acceleration_mm_s2: self.epoch.acceleration_mm_s2,
+        })
+    }
+
+    fn run_subroutine(&mut self, index: i32) -> bool {
+        let takes_ms = usize::try_from(index).ok().and_then(|index| self.setup.subroutines_ms.get(index));
+        let until_ms = self.now_ms + takes_ms.copied().unwrap_or_default();
+        let ended = *self.epoch.subroutine_until_ms.get_or_insert(until_ms) <= self.now_ms;
+        if ended {
+            self.epoch.subroutine_until_ms = None;
+        }
+        ended
+    }
+
+    /// One interpolation step of the arm.
+    pub(super) fn step_arm(&mut self) {
+        let (done, blocked) = self.mover.step(self.allowed(), TICK_MS as f64 / 1000.0);
+        for step in &done {
+            self.reached(step);
+        }
+        if let Some(blocked) = blocked {
+            self.blocked(&blocked);
+        }
+        self.contact.heads_for(self.mover.front());
+        self.count_done();
+        let dwells = self.epoch.open && self.mover.stands() && self.epoch.ring.is_empty();
+        if dwells && self.contact.touches(None) {
+            self.underruns += 1;
+            self.stop(StopCause::Underrun, String::new());
+        }
+        self.sample();
+    }
+
+    fn allowed(&self) -> Override {
+        if !self.safety.motion_possible() {
+            return Override { tool_mm_s: 0.0, axis_share: 0.0 };
+        }
+        match self.safety.mode {
+            Mode::T1 => Override { tool_mm_s: 250.0, axis_share: 0.1 },
+            Mode::T2 | Mode::Aut | Mode::Ext => Override { tool_mm_s: f64::INFINITY, axis_share: 1.0 },
+        }
+    }
+
+    fn reached(&mut self, done: &Done) {
+        self.contact.reached(&done.step);
+        let Some(key) = done.step.key() else { return };
+        if key.epoch == self.epoch.number {
+            self.epoch.done = self.epoch.done.max(key.id);
+        }
+        self.executed.push(Executed {
+            epoch: key.epoch,
+            id: key.id,
+            joints: done.joints,
+            base_from_flange: self.setup.arm.base_from_flange(&done.joints),
+            time_ms: self.now_ms,
+            contact: done.step.contact(),
+        });
+        if let Move::Lin(lin) = done.step
+            && self.epoch.open
+            && done.starved
+            && lin.to_come > 0
+        {
+            let next = self.epoch.ring.front();
+            let waits = next.is_some_and(|next| ![wire::MOVE_J, wire::MOVE_LIN].contains(&next.operation));
+            // Standing in contact is counted where it is seen.
+            let in_contact = lin.contact && next.is_none() && self.mover.stands();
+            if !waits && !in_contact {
+                self.underruns += 1;
+            }
+        }
+    }
+
+    fn blocked(&mut self, blocked: &Blocked) {
+        if let Some(key) = self.mover.oldest()
+            && !self.mover.brakes()
+        {
+            return self.refuse(key.id, Refusal::Unreachable, words(blocked));
+        }
+        self.mover.freeze();
+        if self.contact.retracts() {
+            self.contact.give_up();
+        }
+    }
+
+    /// The last command before the oldest one that is not executed.
+    pub(super) fn count_done(&mut self) {
+        if !self.epoch.open {
+            return;
+        }
+        let moving = self.mover.oldest().filter(|key| key.epoch == self.epoch.number).map(|key| key.id);
+        let oldest = moving.or(self.epoch.ring.front().map(|command| command.id));
+        self.epoch.done = oldest.map_or(self.epoch.received, |id| id - 1);
+    }
+
+    fn sample(&mut self) {
+        let front = self.mover.front();
+        let Some(flange_from_tool) = self.contact.tool().filter(|_| self.contact.touches(front)) else { return };
+        if self.contact.retracts() {
+            return;
+        }
+        let base_from_flange = self.mover.base_from_flange();
+        let tool_on = self.setup.tool_output.and_then(|number| self.outputs.get(&number)).copied();
+        self.trace.push(Sample {
+            time_ms: self.now_ms,
+            base_from_flange,
+            base_from_tool: base_from_flange * flange_from_tool,
+            sanding: self.contact.sands(front),
+            tool_on: tool_on.unwrap_or(false),
+        });
+    }
+
+    /// The tool in the active base; the flange and the robot's base where none was set.
+    pub(super) fn tcp(&self) -> KukaPose {
+        let base = self.epoch.base.unwrap_or_default().to_rigid::<Base, Panel>();
+        let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
+        let tcp: Rigid<Panel, Tool> = base.inverse() * self.mover.base_from_flange() * tool.to_rigid();
+        KukaPose::from_rigid(&tcp)
+    }
+}
+
+fn kuka_pose(numbers: [f64; 6]) -> KukaPose {
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers;
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
+}

@@ -1,0 +1,257 @@
+//! The mock controller behind two TCP ports, one client each.
+//!
+//! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. Whatever a call to
+//! the controller makes it say is written before the next call, acknowledgements first.
+
+use super::fault::MockError;
+use super::model::{Controller, TICK_MS};
+use super::setup::Clock;
+use super::wire::Channel;
+use crate::geometry::{Base, Flange, Rigid};
+use std::io::{ErrorKind, Read, Write};
+use std::net::{IpAddr, Ipv4Addr, Shutdown, SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// Where the mock listens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ports {
+    /// Address of the machine; loopback for a mock inside the program.
+    pub host: IpAddr,
+    /// Port of the command channel; 0 for any free one.
+    pub command: u16,
+    /// Port of the state channel; 0 for any free one.
+    pub state: u16,
+}
+
+impl Ports {
+    /// Two free ports of this machine.
+    pub fn free() -> Self {
+        Ports { host: IpAddr::V4(Ipv4Addr::LOCALHOST), command: 0, state: 0 }
+    }
+}
+
+/// A client that does not read for this long is gone.
+const WRITE_TIMEOUT: Duration = Duration::from_millis(500);
+/// How often clients are looked for, and in free time ticks made up for.
+const ROUND: Duration = Duration::from_millis(3);
+
+struct Shared {
+    controller: Controller,
+    command: Option<TcpStream>,
+    state: Option<TcpStream>,
+}
+
+impl Shared {
+    fn stream(&mut self, channel: Channel) -> &mut Option<TcpStream> {
+        match channel {
+            Channel::Command => &mut self.command,
+            Channel::State => &mut self.state,
+        }
+    }
+
+    /// Sends what the controller has said, and hangs up where it closed the channel.
+    fn flush(&mut self) {
+        for channel in [Channel::Command, Channel::State] {
+            let bytes = self.controller.take_output(channel);
+            let stream = self.stream(channel);
+            let sent = match stream {
+                Some(stream) => stream.write_all(&bytes).is_ok(),
+                None => continue,
+            };
+            if !sent || !self.controller.is_connected(channel) {
+                self.hang_up(channel);
+            }
+        }
+    }
+
+    fn hang_up(&mut self, channel: Channel) {
+        if let Some(stream) = self.stream(channel).take() {
+            // It may be gone already.
+            let _ = stream.shutdown(Shutdown::Both);
+        }
+        self.controller.disconnect(channel);
+    }
+}
+
+/// The controller of a running server, shared: for cameras that ask where the flange is, for tests that press buttons.
+#[derive(Clone)]
+pub struct MockHandle {
+    shared: Arc<Mutex<Shared>>,
+}
+
+impl MockHandle {
+    fn lock(&self) -> MutexGuard<'_, Shared> {
+        // A test that failed while it held the controller must not hide its failure behind this one.
+        self.shared.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does this with the controller, between two of its ticks, and sends what comes of it.
+    pub fn with<T>(&self, act: impl FnOnce(&mut Controller) -> T) -> T {
+        let mut shared = self.lock();
+        let result = act(&mut shared.controller);
+        shared.flush();
+        result
+    }
+
+    /// Where the flange is now.
+    pub fn flange_pose(&self) -> Rigid<Base, Flange> {
+        self.lock().controller.flange_pose()
+    }
+}
+
+/// A mock controller that listens. Dropped, it closes its channels and ends its threads.
+pub struct MockServer {
+    handle: MockHandle,
+    command_address: SocketAddr,
+    state_address: SocketAddr,
+    ends: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl MockServer {
+    /// Starts to listen.
+    ///
+    /// # Errors
+    /// Where a port is taken, or the system gives no thread.
+    pub fn start(controller: Controller, ports: Ports) -> Result<Self, MockError> {
+        let clock = controller.clock();
+        let (command, command_address) = listen(SocketAddr::new(ports.host, ports.command))?;
+        let (state, state_address) = listen(SocketAddr::new(ports.host, ports.state))?;
+        let shared = Shared { controller, command: None, state: None };
+        let handle = MockHandle { shared: Arc::new(Mutex::new(shared)) };
+        let ends = Arc::new(AtomicBool::new(false));
+        let rounds = Rounds {
+            handle: handle.clone(),
+            listeners: [(Channel::Command, command), (Channel::State, state)],
+            ends: ends.clone(),
+            readers: Vec::new(),
+        };
+        let thread = std::thread::Builder::new().name("mock controller".to_owned());
+        let thread = thread.spawn(move || rounds.run(clock)).map_err(MockError::Thread)?;
+        Ok(MockServer { handle, command_address, state_address, ends, thread: Some(thread) })
+    }
+
+    /// The controller inside.
+    pub fn handle(&self) -> MockHandle {
+        self.handle.clone()
+    }
+
+    /// Where the command channel listens.
+    pub fn command_address(&self) -> SocketAddr {
+        self.command_address
+    }
+
+    /// Where the state channel listens.
+    pub fn state_address(&self) -> SocketAddr {
+        self.state_address
+    }
+}
+
+impl Drop for MockServer {
+    fn drop(&mut self) {
+        self.ends.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // Its panic was reported where it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn listen(address: SocketAddr) -> Result<(TcpListener, SocketAddr), MockError> {
+    let failed = |reason| MockError::Listen { address, reason };
+    let listener = TcpListener::bind(address).map_err(failed)?;
+    listener.set_nonblocking(true).map_err(failed)?;
+    let address = listener.local_addr().map_err(failed)?;
+    Ok((listener, address))
+}
+
+/// The thread that accepts clients and lets time pass.
+struct Rounds {
+    handle: MockHandle,
+    listeners: [(Channel, TcpListener); 2],
+    ends: Arc<AtomicBool>,
+    readers: Vec<JoinHandle<()>>,
+}
+
+impl Rounds {
+    fn run(mut self, clock: Clock) {
+        let started = Instant::now();
+        let mut passed_ms = 0;
+        while !self.ends.load(Ordering::Relaxed) {
+            self.accept();
+            if clock == Clock::Free {
+                let now_ms = started.elapsed().as_millis() as u64;
+                if now_ms >= passed_ms + TICK_MS {
+                    self.handle.with(|controller| controller.advance_ms(now_ms - passed_ms));
+                    passed_ms = now_ms;
+                }
+            }
+            std::thread::sleep(ROUND);
+        }
+        for (channel, _) in &self.listeners {
+            self.handle.lock().hang_up(*channel);
+        }
+        for reader in self.readers.drain(..) {
+            let _ = reader.join();
+        }
+    }
+
+    fn accept(&mut self) {
+        for (channel, listener) in &self.listeners {
+            // Whoever comes while the channel has its client is dropped.
+            while let Ok((stream, _)) = listener.accept() {
+                if let Some(reader) = take_client(&self.handle, *channel, stream) {
+                    self.readers.push(reader);
+                }
+            }
+        }
+        self.readers.retain(|reader| !reader.is_finished());
+    }
+}
+
+fn take_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Option<JoinHandle<()>> {
+    let mut shared = handle.lock();
+    if shared.stream(channel).is_some() {
+        return None;
+    }
+    let prepared = stream
+        .set_nonblocking(false)
+        .and_then(|()| stream.set_nodelay(true))
+        .and_then(|()| stream.set_write_timeout(Some(WRITE_TIMEOUT)))
+        .and_then(|()| stream.try_clone());
+    let reading = prepared.ok()?;
+    let reader = handle.clone();
+    let thread = std::thread::Builder::new().name(format!("mock {channel:?} channel"));
+    let thread = thread.spawn(move || read(&reader, channel, reading)).ok()?;
+    *shared.stream(channel) = Some(stream);
+    shared.controller.connect(channel);
+    Some(thread)
+}
+
+/// Reads until the client hangs up or the controller does.
+fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
+    let mut bytes = vec![0; 65_536];
+    loop {
+        let count = match stream.read(&mut bytes) {
+            Ok(0) => break,
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            Err(_) => break,
+        };
+        let mut shared = handle.lock();
+        match channel {
+            Channel::Command => shared.controller.command_bytes(&bytes[..count]),
+            Channel::State => shared.controller.state_bytes(&bytes[..count]),
+        }
+        shared.flush();
+        if shared.stream(channel).is_none() {
+            return;
+        }
+    }
+    let mut shared = handle.lock();
+    shared.hang_up(channel);
+    shared.flush();
+}

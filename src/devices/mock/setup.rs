@@ -1,0 +1,76 @@
+//! What a mock controller is made of: its arm, its channels, its clock, what its inputs and outputs are.
+
+use super::channel_file::ChannelFile;
+use super::kinematics::Arm;
+use crate::geometry::Joints;
+
+/// What makes the controller's time pass.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clock {
+    /// Whoever calls [`Controller::advance_ms`](super::Controller::advance_ms), as the server does by the wall clock.
+    Free,
+    /// The client: each heartbeat grants 100 ms, once every command up to the one that it names has arrived.
+    LockStep,
+}
+
+/// The mode switch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Manual, at most 250 mm/s; moves only while the start key is held.
+    T1 = 1,
+    /// Manual at full speed; moves only while the start key is held.
+    T2 = 2,
+    /// Automatic.
+    Aut = 3,
+    /// Automatic, started from outside.
+    Ext = 4,
+}
+
+/// A mock controller's configuration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Setup {
+    /// The arm.
+    pub arm: Arm,
+    /// Where its axes stand at the start.
+    pub start: Joints,
+    /// CELLCMD.xml.
+    pub commands: ChannelFile,
+    /// CELLSTAT.xml.
+    pub states: ChannelFile,
+    /// What makes time pass.
+    pub clock: Clock,
+    /// Changes at each start of a controller.
+    pub boot: i32,
+    /// Of the KRL programs.
+    pub checksum: i32,
+    /// Which $IN the bits of `In` are, lowest bit first; at most 31.
+    pub inputs: Vec<u16>,
+    /// Which $OUT the bits of `Out` are, lowest bit first; at most 31.
+    pub outputs: Vec<u16>,
+    /// The $OUT that runs the tool, switched off by every stop.
+    pub tool_output: Option<u16>,
+    /// How long each user subroutine takes, ms; its index is its place here, from 0.
+    pub subroutines_ms: Vec<u64>,
+}
+
+impl Setup {
+    /// A KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the tool on output 5, one
+    /// subroutine of 100 ms.
+    pub fn new(commands: ChannelFile, states: ChannelFile) -> Self {
+        let start =
+            Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+        Setup {
+            arm: Arm::kr6_r700_2(),
+            start,
+            commands,
+            states,
+            clock: Clock::LockStep,
+            boot: 1,
+            checksum: 1,
+            inputs: (1..=8).collect(),
+            outputs: (1..=8).collect(),
+            tool_output: Some(5),
+            subroutines_ms: vec![100],
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! The submit interpreter's share: requests, the intake of commands into the ring, the watchdog, the stop.
+
+use super::epoch::{Epoch, RING};
+use super::log::{Stop, StopCause};
+use super::model::Controller;
+use super::setup::{Clock, Mode};
+use super::wire::{self, Channel, Command, Refusal, Request};
+
+/// Commands read in one tick, at most.
+const COMMANDS_PER_TICK: usize = 8;
+/// Time that a heartbeat grants in lock step.
+const GRANT_MS: u64 = 100;
+/// Silence that stops what is queued.
+const WATCHDOG_MS: u64 = 400;
+/// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
+const MOST: [f64; 2] = [2.0, 10.0];
+
+impl Controller {
+    /// Answers what was asked, in order. In lock step a heartbeat waits for the commands that it names.
+    pub(super) fn serve_requests(&mut self) {
+        while let Some(record) = self.states.memory.front() {
+            let request = match self.request_places.request(record) {
+                Ok(request) => request,
+                Err(fault) => return self.close(Channel::State, fault),
+            };
+            let grants = self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
+            if grants && !self.is_delivered(&request) {
+                return;
+            }
+            self.states.memory.pop();
+            self.last_frame_ms = self.now_ms;
+            match request.operation {
+                wire::ABORT => self.abort(request.n1),
+                wire::RESET => self.reset(request.n1),
+                wire::HEARTBEAT if grants => {
+                    self.read_up_to = Some((request.epoch, request.n1));
+                    self.advance_ms(GRANT_MS);
+                    self.read_up_to = None;
+                }
+                _ => {}
+            }
+            self.tell_state(request.id);
+        }
+    }
+
+    /// Nothing more is to be waited for where the channel is closed or the epoch has ended.
+    fn is_delivered(&self, heartbeat: &Request) -> bool {
+        let named = (heartbeat.epoch, heartbeat.n1);
+        heartbeat.n1 <= 0 || !self.commands.connected || heartbeat.epoch < self.epoch.number || self.arrived >= named
+    }
+
+    /// The client's abort. It stops in any case; a number that is not higher opens no gap in the count.
+    fn abort(&mut self, number: i32) {
+        self.stop(StopCause::Abort, String::new());
+        if number > self.epoch.number {
+            self.epoch = Epoch::ended(number);
+        }
+    }
+
+    /// Opens an epoch, without base and tool. Nothing moves but what is still being stopped.
+    fn reset(&mut self, number: i32) {
+        if number <= self.epoch.number {
+            return;
+        }
+        if self.epoch.open && self.is_busy() {
+            self.stop(StopCause::Superseded, String::new());
+        }
+        self.epoch = Epoch::opened(number);
+        self.stopped = false;
+    }
+
+    /// Reads commands out of the channel's memory.
+    pub(super) fn read_commands(&mut self) {
+        for _ in 0..COMMANDS_PER_TICK {
+            let Some(record) = self.commands.memory.front() else { return };
+            let order = self.command_places.order(record);
+            if let (Some(last), Ok(order)) = (self.read_up_to, order)
+                && order > last
+            {
+                return;
+            }
+            let command = self.command_places.command(record);
+            self.commands.memory.pop();
+            match command {
+                Ok(command) => self.take(command),
+                Err(fault) => return self.close(Channel::Command, fault),
+            }
+        }
+    }
+
+    fn take(&mut self, command: Command) {
+        if command.epoch < self.epoch.number {
+            self.stale += 1; // in flight when its epoch ended
+            return;
+        }
+        match self.judge(&command) {
+            Ok(()) => {
+                self.epoch.received = command.id;
+                self.epoch.ring.push_back(command);
+            }
+            Err(refusal) => self.refuse(command.id, refusal, String::new()),
+        }
+    }
+
+    fn judge(&self, command: &Command) -> Result<(), Refusal> {
+        if command.epoch > self.epoch.number {
+            return Err(Refusal::WrongEpoch);
+        }
+        if !self.epoch.open {
+            return Err(if self.stopped { Refusal::Stopped } else { Refusal::WrongEpoch });
+        }
+        if command.id != self.epoch.received + 1 {
+            return Err(Refusal::IdGap);
+        }
+        self.judge_values(command)?;
+        let moves = [wire::MOVE_J, wire::MOVE_LIN, wire::CALL_SUBROUTINE].contains(&command.operation);
+        if moves && !self.safety.motion_possible() {
+            return Err(Refusal::NoMotion);
+        }
+        if self.epoch.ring.len() >= RING { Err(Refusal::RingFull) } else { Ok(()) }
+    }
+
+    fn judge_values(&self, command: &Command) -> Result<(), Refusal> {
+        let Command { n: [n1, n2], r: [r1, r2], p, .. } = *command;
+        let percent = |number: f64| (1.0..=100.0).contains(&number);
+        let right = match command.operation {
+            wire::MOVE_J => {
+                let target = super::kinematics::joints(p);
+                self.setup.arm.within_limits(&target).map_err(|_| Refusal::Unreachable)?;
+                percent(r1) && r2 == 0.0
+            }
+            wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0,
+            wire::SET_BASE => true,
+            wire::SET_TCP => (0..=1).contains(&n1),
+            wire::SET_ACC_SPEED => {
+                let motion = r1 > 0.0 && r1 <= MOST[0] && r2 > 0.0 && r2 <= MOST[1];
+                motion && percent(f64::from(n1)) && percent(f64::from(n2))
+            }
+            wire::SET_DIGOUT => (1..=4096).contains(&n1) && (0..=1).contains(&n2),
+            wire::SET_DIGIN => return Err(Refusal::ReadOnly),
+            wire::CALL_SUBROUTINE => usize::try_from(n1).is_ok_and(|n1| n1 < self.setup.subroutines_ms.len()),
+            _ => return Err(Refusal::UnknownOperation),
+        };
+        if right { Ok(()) } else { Err(Refusal::OutOfRange) }
+    }
+
+    /// A command is not executed. A path with a hole is worse than a stop: nothing behind it is executed either.
+    pub(super) fn refuse(&mut self, id: i32, refusal: Refusal, detail: String) {
+        if !matches!(refusal, Refusal::WrongEpoch | Refusal::Stopped) {
+            self.stop(StopCause::Refused(refusal), detail);
+        }
+        self.epoch.refusal.get_or_insert((refusal, id));
+    }
+
+    /// Silence while something is queued ends the epoch.
+    pub(super) fn watch(&mut self) {
+        if self.epoch.open && self.is_busy() && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
+            self.stop(StopCause::Watchdog, String::new());
+        }
+    }
+
+    pub(super) fn link_lost(&mut self) {
+        if self.epoch.open && self.is_busy() {
+            self.stop(StopCause::LinkLost, String::new());
+        }
+    }
+
+    fn is_busy(&self) -> bool {
+        !self.epoch.ring.is_empty() || !self.mover.stands()
+    }
+
+    /// Ends the epoch: tool off, brake, discard, and away from the panel where the tool touches and the drives stay on.
+    pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
+        self.count_done();
+        let contact = self.contact.touches(self.mover.front());
+        // A retract ends an epoch; it is never made up for later.
+        let may_retract = self.epoch.open && self.safety.drives_on;
+        if self.epoch.open {
+            let (time_ms, epoch) = (self.now_ms, self.epoch.number);
+            self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
+        }
+        if let Some(number) = self.setup.tool_output {
+            self.set_output(number, false);
+        }
+        self.epoch.ring.clear();
+        self.epoch.subroutine_until_ms = None;
+        self.epoch.open = false;
+        self.stopped = true;
+        let at_once = matches!(cause, StopCause::EStop | StopCause::Guard | StopCause::Drives | StopCause::Mode);
+        if at_once {
+            self.contact.stop(self.mover.front(), false);
+            self.mover.freeze();
+        } else if !self.contact.wants_retract() {
+            // A retract under way goes on.
+            self.contact.stop(self.mover.front(), may_retract);
+            self.mover.brake();
+        }
+    }
+
+}
+
+/// What people and the safety controller do.
+impl Controller {
+    /// The emergency stop: the arm stands at once where it is, the drives go off, the epoch ends.
+    pub fn press_e_stop(&mut self) {
+        self.safety.e_stop = true;
+        self.safety.drives_on = false;
+        self.stop(StopCause::EStop, String::new());
+    }
+
+    /// Releases the emergency stop. The drives stay off and nothing goes on.
+    pub fn release_e_stop(&mut self) {
+        self.safety.e_stop = false;
+    }
+
+    /// Switches the drives; not on while the emergency stop is pressed.
+    pub fn switch_drives(&mut self, on: bool) {
+        if !on && self.safety.drives_on {
+            self.stop(StopCause::Drives, String::new());
+        }
+        self.safety.drives_on = on && !self.safety.e_stop;
+    }
+
+    /// Opens or closes the guard; opening it stops the automatic modes at once.
+    pub fn set_guard(&mut self, closed: bool) {
+        let automatic = matches!(self.safety.mode, Mode::Aut | Mode::Ext);
+        if !closed && self.safety.guard_closed && automatic {
+            self.stop(StopCause::Guard, String::new());
+        }
+        self.safety.guard_closed = closed;
+    }
+
+    /// Turns the mode switch, which ends the epoch.
+    pub fn select_mode(&mut self, mode: Mode) {
+        if mode != self.safety.mode {
+            self.stop(StopCause::Mode, String::new());
+        }
+        self.safety.mode = mode;
+    }
+
+    /// Holds or releases the start key, which T1 and T2 need; released, the motion waits.
+    pub fn hold_start_key(&mut self, held: bool) {
+        self.safety.start_key = held;
+    }
+
+    /// Sets an input that the world leaves alone.
+    pub fn set_input(&mut self, number: u16, value: bool) {
+        self.inputs.insert(number, value);
+    }
+}

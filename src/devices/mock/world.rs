@@ -1,0 +1,23 @@
+//! What stands around the controller: outputs act on it, inputs come from it.
+
+/// The world on the other side of the controller's terminals. Called with the controller held, so it must not ask the
+/// controller for anything.
+pub trait World: Send {
+    /// `$OUT[number]` changed.
+    fn on_output(&mut self, number: u16, value: bool, time_ms: u64);
+
+    /// `$IN[number]` now; `None` leaves it as [`Controller::set_input`](super::Controller::set_input) set it.
+    fn input(&self, number: u16, time_ms: u64) -> Option<bool>;
+}
+
+/// Nothing is connected.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Unwired;
+
+impl World for Unwired {
+    fn on_output(&mut self, _: u16, _: bool, _: u64) {}
+
+    fn input(&self, _: u16, _: u64) -> Option<bool> {
+        None
+    }
+}

@@ -1,0 +1,64 @@
+//! The link for callers without a runtime, such as a command that does one thing.
+
+use super::{Address, RobotLink, StartError};
+use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
+use std::time::Duration;
+use tokio::runtime::Runtime;
+
+/// A [`RobotLink`] whose calls block.
+#[derive(Debug)]
+pub struct BlockingLink {
+    // Dropped first: its thread ends by itself.
+    link: RobotLink,
+    runtime: Runtime,
+}
+
+impl BlockingLink {
+    /// As [`RobotLink::start`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
+        let link = RobotLink::start(address, limits, pace)?;
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build()?;
+        Ok(BlockingLink { link, runtime })
+    }
+
+    /// As [`RobotLink::send`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn send(&self, command: Command) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send(command))
+    }
+
+    /// As [`RobotLink::send_path`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send_path(points))
+    }
+
+    /// As [`RobotLink::open_epoch`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open_epoch(&self) -> Result<Epoch, QueueError> {
+        self.runtime.block_on(self.link.open_epoch())
+    }
+
+    /// As [`RobotLink::abort`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn abort(&self) -> Result<(), QueueError> {
+        self.runtime.block_on(self.link.abort())
+    }
+
+    /// The next thing to know; `None` where nothing comes for this long by the wall clock.
+    pub fn next(&mut self, patience: Duration) -> Option<Report> {
+        let BlockingLink { link, runtime } = self;
+        runtime.block_on(async { tokio::time::timeout(patience, link.next()).await.ok() })
+    }
+}

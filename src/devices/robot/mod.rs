@@ -1,0 +1,192 @@
+//! The link to a robot's controller: an EKI session over two TCP connections, on a thread and runtime of its own, so
+//! that no computation delays it.
+//!
+//! [`RobotLink`] is what the rest of the program holds: commands go in, reports come out. A lost link is told once and
+//! made again with back-off; that asks for the controller's state and moves nothing. Dropping the link aborts what is
+//! under way.
+//!
+//! In lock step ([`Pace::LockStep`]) the controller's virtual time passes only while somebody waits in
+//! [`RobotLink::next`] and nothing else is left to tell: 100 ms for each wait. The same commands at the same reports
+//! give the same motion, bit by bit, however slow the machine is.
+//!
+//! Does not know what a waypoint may be: see the gate in `path`. Tells what happened, decides nothing: see `cycle`.
+
+mod blocking;
+mod connect;
+mod order;
+mod queue;
+mod run;
+
+#[cfg(test)]
+mod tests;
+
+pub use blocking::BlockingLink;
+
+use crate::cell;
+use crate::eki::{
+    CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, LinkLoss, MoveLin, Pace,
+    QueueError, Report, SchemaError, Session, Wire,
+};
+use order::Order;
+use queue::ReportQueue;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Duration;
+use tokio::sync::{mpsc, oneshot};
+
+/// Where a controller listens.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Address {
+    /// Name or address of the machine.
+    pub host: String,
+    /// Port of the command channel.
+    pub command_port: u16,
+    /// Port of the state channel.
+    pub state_port: u16,
+}
+
+impl From<&cell::Robot> for Address {
+    fn from(robot: &cell::Robot) -> Self {
+        Address {
+            host: robot.host().to_owned(),
+            command_port: robot.command_port(),
+            state_port: robot.state_port(),
+        }
+    }
+}
+
+/// The link's share of the cell's limits.
+pub fn link_limits(limits: &cell::Limits) -> LinkLimits {
+    let ms = |ms: usize| Duration::from_millis(ms as u64);
+    LinkLimits {
+        window: Duration::try_from_secs_f64(limits.window_s()).unwrap_or_default(),
+        window_commands: limits.window_commands(),
+        min_points: limits.min_points(),
+        heartbeat: ms(limits.heartbeat_ms()),
+        watchdog: ms(limits.watchdog_ms()),
+    }
+}
+
+/// Why a link cannot be started. An absent controller is none: that is reported.
+#[derive(Debug, thiserror::Error)]
+pub enum StartError {
+    /// A channel's file cannot be read.
+    #[error("{file}: {error}")]
+    Channel {
+        /// Which file.
+        file: &'static str,
+        /// What is wrong.
+        error: ChannelError,
+    },
+    /// The files do not fit this program.
+    #[error("the EthernetKRL files do not fit this program: {0}")]
+    Schema(#[from] SchemaError),
+    /// The system gives no thread or no runtime.
+    #[error("the robot link's thread cannot start: {0}")]
+    Thread(#[from] std::io::Error),
+}
+
+/// The link to one controller.
+#[derive(Debug)]
+pub struct RobotLink {
+    orders: mpsc::UnboundedSender<Order>,
+    reports: Arc<ReportQueue>,
+    pace: Pace,
+    /// How many reports there had been when time was last asked to pass.
+    granted: Option<u64>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl RobotLink {
+    /// Starts the link's thread, which begins to connect.
+    ///
+    /// # Errors
+    /// Where the shipped EthernetKRL files do not fit, or the system gives no thread.
+    pub fn start(address: Address, limits: LinkLimits, pace: Pace) -> Result<Self, StartError> {
+        let read = |file, text| ChannelFile::parse(text).map_err(|error| StartError::Channel { file, error });
+        let wire = Wire::new(&read("CELLCMD.xml", CELLCMD)?, &read("CELLSTAT.xml", CELLSTAT)?)?;
+        let session = Session::new(wire, limits, pace);
+        let (orders, taken) = mpsc::unbounded_channel();
+        let reports = Arc::new(ReportQueue::default());
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
+        let link = run::Link::new(address, session, pace, taken, reports.clone());
+        let thread = std::thread::Builder::new().name("robot link".to_owned());
+        let thread = thread.spawn(move || runtime.block_on(link.run()))?;
+        Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread) })
+    }
+
+    /// Queues one command; its id comes back, 0 for `get_current_state`.
+    ///
+    /// # Errors
+    /// Where there is no controller, no open epoch, or the command cannot be executed.
+    pub async fn send(&self, command: Command) -> Result<CommandId, QueueError> {
+        self.ask(|reply| Order::Queue(command, reply)).await
+    }
+
+    /// Queues a path whole, in the active base; the id of its last point comes back.
+    ///
+    /// # Errors
+    /// As [`RobotLink::send`]; one bad point refuses all.
+    pub async fn send_path(&self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        self.ask(|reply| Order::QueuePath(points, reply)).await
+    }
+
+    /// Asks for a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
+    ///
+    /// # Errors
+    /// Where no controller has answered yet.
+    pub async fn open_epoch(&self) -> Result<Epoch, QueueError> {
+        self.ask(Order::OpenEpoch).await
+    }
+
+    /// Ends the epoch; [`Report::Standstill`] follows.
+    ///
+    /// # Errors
+    /// Where no controller has answered yet.
+    pub async fn abort(&self) -> Result<(), QueueError> {
+        self.ask(Order::Abort).await
+    }
+
+    /// The next thing to know. Dropped while it waits, it loses nothing. In lock step the controller's time
+    /// passes only in here.
+    pub async fn next(&mut self) -> Report {
+        loop {
+            match self.reports.take() {
+                Ok(report) => return report,
+                Err(queue::Empty { closed: true, .. }) => std::future::pending().await,
+                Err(queue::Empty { told, .. }) if self.pace == Pace::LockStep && self.granted != Some(told) => {
+                    self.granted = Some(told);
+                    // Refused only where the thread has ended, which closes the queue.
+                    let _ = self.orders.send(Order::Grant { told });
+                }
+                Err(_) => {}
+            }
+            self.reports.changed().await;
+        }
+    }
+
+    async fn ask<T>(
+        &self,
+        order: impl FnOnce(oneshot::Sender<Result<T, QueueError>>) -> Order,
+    ) -> Result<T, QueueError> {
+        let (reply, answer) = oneshot::channel();
+        self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
+        answer.await.map_err(|_| QueueError::NotConnected)?
+    }
+}
+
+impl Drop for RobotLink {
+    fn drop(&mut self) {
+        // The thread ends when nobody is left to give orders.
+        (self.orders, _) = mpsc::unbounded_channel();
+        if let Some(thread) = self.thread.take() {
+            // Its panic was reported where it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Whether two losses are the same trouble, so that it is told once.
+fn is_same(one: &LinkLoss, other: &LinkLoss) -> bool {
+    std::mem::discriminant(one) == std::mem::discriminant(other)
+}

@@ -1,0 +1,18 @@
+//! What the link's thread is told to do.
+
+use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError};
+use tokio::sync::oneshot;
+
+type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
+
+#[derive(Debug)]
+pub(super) enum Order {
+    Queue(Command, Reply<CommandId>),
+    QueuePath(Vec<MoveLin>, Reply<CommandId>),
+    OpenEpoch(Reply<Epoch>),
+    Abort(Reply<()>),
+    /// Let virtual time pass, where nothing was told since this count of reports.
+    Grant {
+        told: u64,
+    },
+}

@@ -1,0 +1,94 @@
+//! Reports on their way from the link's thread to whoever waits for them.
+//!
+//! A reader that is busy for long finds the newest state and the newest progress, not all of them: what remains grows
+//! with commands and faults only, which the reader itself has asked for.
+
+use crate::eki::Report;
+use std::collections::VecDeque;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use tokio::sync::Notify;
+
+#[derive(Debug, Default)]
+pub(super) struct ReportQueue {
+    inside: Mutex<Inside>,
+    changed: Notify,
+}
+
+#[derive(Debug, Default)]
+struct Inside {
+    waiting: VecDeque<Report>,
+    told: u64,
+    closed: bool,
+}
+
+/// There is nothing to take.
+#[derive(Debug)]
+pub(super) struct Empty {
+    /// How many reports there have been.
+    pub told: u64,
+    /// There will be no more.
+    pub closed: bool,
+}
+
+impl ReportQueue {
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        // Every change is made whole under the lock.
+        self.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Adds a report; an older one of the same kind, with nothing but states and progress behind it, gives way.
+    pub(super) fn add(&self, report: Report, replaces: bool) {
+        let mut inside = self.lock();
+        let passing = |report: &Report| matches!(report, Report::State(_) | Report::Progress { .. });
+        let kind = std::mem::discriminant(&report);
+        let run = inside.waiting.iter().rev().take_while(|old| passing(old));
+        let old = run.enumerate().find(|(_, old)| std::mem::discriminant(*old) == kind).map(|(back, _)| back);
+        if let Some(back) = old.filter(|_| replaces && passing(&report)) {
+            let at = inside.waiting.len() - 1 - back;
+            inside.waiting.remove(at);
+        }
+        inside.waiting.push_back(report);
+        inside.told += 1;
+        drop(inside);
+        self.changed.notify_one();
+    }
+
+    pub(super) fn take(&self) -> Result<Report, Empty> {
+        let mut inside = self.lock();
+        inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
+    }
+
+    pub(super) fn told(&self) -> u64 {
+        self.lock().told
+    }
+
+    pub(super) fn close(&self) {
+        self.lock().closed = true;
+        self.changed.notify_one();
+    }
+
+    /// Waits until something may have changed.
+    pub(super) async fn changed(&self) {
+        self.changed.notified().await;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::eki::{CommandId, Epoch};
+
+    /// A reader that sleeps through a path finds the epoch, its end, and the newest progress of each.
+    #[test]
+    fn only_the_newest_progress_waits_and_nothing_else_is_lost() {
+        let queue = ReportQueue::default();
+        let progress = |done| Report::Progress { done: CommandId(done) };
+        let opened = Report::EpochOpened { epoch: Epoch(2) };
+        for report in [progress(1), progress(2), opened.clone(), progress(1), progress(5), progress(9)] {
+            queue.add(report, true);
+        }
+        let taken: Vec<Report> = std::iter::from_fn(|| queue.take().ok()).collect();
+        assert_eq!(taken, [progress(2), opened, progress(9)]);
+        assert_eq!(queue.told(), 6);
+    }
+}

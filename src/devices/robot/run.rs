@@ -1,0 +1,294 @@
+//! The link's thread: connects, moves bytes between sockets and session, obeys orders, lets time pass.
+
+use super::connect::{connect, failed};
+use super::order::Order;
+use super::queue::ReportQueue;
+use super::{Address, is_same};
+use crate::eki::{Channel, LinkLoss, Pace, Report, Session, Time};
+use std::io::{Error as IoError, ErrorKind};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use tokio::net::TcpStream;
+use tokio::sync::mpsc;
+
+/// Between two attempts to connect: doubled each time, up to the last.
+const FIRST_PAUSE: Duration = Duration::from_millis(100);
+const LAST_PAUSE: Duration = Duration::from_secs(1);
+/// How long an abort may take to leave when the link is closed.
+const FAREWELL: Duration = Duration::from_millis(100);
+/// In lock step no deadline passes; a controller that does not answer for this long by the wall clock is gone.
+const LOCK_STEP_SILENCE: Duration = Duration::from_secs(10);
+
+pub(super) struct Link {
+    address: Address,
+    session: Session,
+    pace: Pace,
+    orders: mpsc::UnboundedReceiver<Order>,
+    reports: Arc<ReportQueue>,
+    started: Instant,
+    /// The controller's time, as last heard; in lock step only.
+    virtual_now: Time,
+    /// The trouble that was told, until a controller answers.
+    told_loss: Option<LinkLoss>,
+}
+
+/// Nobody is left to give orders.
+struct Deserted;
+
+/// Two connections and what is still to be written to them.
+struct Streams {
+    command: TcpStream,
+    state: TcpStream,
+    command_out: Vec<u8>,
+    state_out: Vec<u8>,
+}
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        self.reports.close();
+    }
+}
+
+impl Link {
+    pub(super) fn new(
+        address: Address,
+        session: Session,
+        pace: Pace,
+        orders: mpsc::UnboundedReceiver<Order>,
+        reports: Arc<ReportQueue>,
+    ) -> Self {
+        Link {
+            address,
+            session,
+            pace,
+            orders,
+            reports,
+            started: Instant::now(),
+            virtual_now: Time::default(),
+            told_loss: None,
+        }
+    }
+
+    /// Connects, and connects again, until nobody is left to give orders.
+    pub(super) async fn run(mut self) {
+        let mut pause = FIRST_PAUSE;
+        loop {
+            let address = self.address.clone();
+            match self.meanwhile(connect(&address)).await {
+                Err(Deserted) => return,
+                Ok(Err(why)) => {
+                    self.session.disconnected(why);
+                    self.publish();
+                }
+                Ok(Ok((command, state))) => {
+                    let (command_out, state_out) = (Vec::new(), Vec::new());
+                    let mut streams = Streams { command, state, command_out, state_out };
+                    self.session.connected(self.now());
+                    let served = self.serve(&mut streams).await;
+                    self.farewell(&mut streams).await;
+                    self.publish();
+                    if let Err(Deserted) = served {
+                        return;
+                    }
+                    if self.told_loss.is_none() {
+                        pause = FIRST_PAUSE;
+                    }
+                }
+            }
+            if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause)).await {
+                return;
+            }
+            pause = (2 * pause).min(LAST_PAUSE);
+        }
+    }
+
+    /// Awaits this and goes on answering orders.
+    async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Deserted> {
+        tokio::pin!(work);
+        loop {
+            tokio::select! {
+                result = &mut work => return Ok(result),
+                order = self.orders.recv() => self.obey(order.ok_or(Deserted)?),
+            }
+        }
+    }
+
+    /// Serves two connections until one of them fails or is given up.
+    async fn serve(&mut self, streams: &mut Streams) -> Result<(), Deserted> {
+        let mut heard = Instant::now();
+        loop {
+            while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
+                match channel {
+                    Channel::Command => streams.command_out.extend_from_slice(&bytes),
+                    Channel::State => streams.state_out.extend_from_slice(&bytes),
+                }
+            }
+            self.publish();
+            if !self.session.is_connected() {
+                return Ok(());
+            }
+            // In lock step acknowledgements are read with the state that comes behind them, so that how fast the
+            // machine is cannot matter.
+            let reads_command = self.pace == Pace::Wall;
+            let deadline = self.deadline(heard);
+            let step = tokio::select! {
+                biased;
+                order = self.orders.recv() => {
+                    let Some(order) = order else {
+                        // Refused only where nothing was sent.
+                        let _ = self.session.abort();
+                        return Err(Deserted);
+                    };
+                    self.obey(order);
+                    Ok(())
+                }
+                ready = streams.state.writable(), if !streams.state_out.is_empty() => {
+                    ready.and_then(|()| write(&streams.state, &mut streams.state_out)).map_err(|error| failed(Channel::State, &error))
+                }
+                ready = streams.state.readable() => {
+                    heard = Instant::now();
+                    ready.map_err(|error| failed(Channel::State, &error)).and_then(|()| self.read(streams))
+                }
+                ready = streams.command.writable(), if !streams.command_out.is_empty() => {
+                    ready.and_then(|()| write(&streams.command, &mut streams.command_out)).map_err(|error| failed(Channel::Command, &error))
+                }
+                ready = streams.command.readable(), if reads_command => {
+                    ready.map_err(|error| failed(Channel::Command, &error)).and_then(|()| self.read_acks(&streams.command))
+                }
+                () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
+            };
+            if let Err(why) = step {
+                self.session.disconnected(why);
+            }
+        }
+    }
+
+    fn deadline(&self, heard: Instant) -> Instant {
+        match self.pace {
+            Pace::LockStep if self.session.awaits_answer() => heard + LOCK_STEP_SILENCE,
+            // Nothing is due before the next order; the sleep only has to end at some time.
+            Pace::LockStep => Instant::now() + LOCK_STEP_SILENCE,
+            Pace::Wall => {
+                let due = self.session.deadline().map_or(LAST_PAUSE, Time::since_start);
+                self.started + due
+            }
+        }
+    }
+
+    fn time_passed(&mut self, heard: Instant) -> Result<(), LinkLoss> {
+        self.session.time_passed(self.now());
+        let silence = heard.elapsed();
+        if self.pace == Pace::LockStep && self.session.awaits_answer() && silence >= LOCK_STEP_SILENCE {
+            let silence_ms = silence.as_millis() as u64;
+            return Err(LinkLoss::Silent { channel: Channel::State, silence_ms });
+        }
+        Ok(())
+    }
+
+    /// Reads what the state channel has; in lock step what the command channel has, first.
+    fn read(&mut self, streams: &Streams) -> Result<(), LinkLoss> {
+        let mut bytes = [0; 16 * 1024];
+        let count = take(Channel::State, &streams.state, &mut bytes)?;
+        if self.pace == Pace::LockStep {
+            self.read_acks(&streams.command)?;
+        }
+        let now = self.now();
+        self.session.push_state_bytes(&bytes[..count], now);
+        Ok(())
+    }
+
+    fn read_acks(&mut self, stream: &TcpStream) -> Result<(), LinkLoss> {
+        let mut bytes = [0; 16 * 1024];
+        loop {
+            let count = take(Channel::Command, stream, &mut bytes)?;
+            if count == 0 {
+                return Ok(());
+            }
+            self.session.push_command_bytes(&bytes[..count]);
+        }
+    }
+
+    fn obey(&mut self, order: Order) {
+        // Whoever asked and does not wait for the answer does not want it.
+        match order {
+            Order::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
+            Order::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
+            Order::OpenEpoch(reply) => drop(reply.send(self.session.open_epoch())),
+            Order::Abort(reply) => drop(reply.send(self.session.abort())),
+            // With an answer under way, or a report that the asker has not seen, no more time may pass.
+            Order::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {
+                self.session.heartbeat(self.now());
+            }
+            Order::Grant { .. } => {}
+        }
+    }
+
+    /// Hands over what the session tells. In lock step all of one answer at once: whoever reacts to the first report
+    /// of it does so before any more time passes.
+    fn publish(&mut self) {
+        if self.pace == Pace::LockStep && self.session.awaits_answer() {
+            return;
+        }
+        while let Some(report) = self.session.poll_report() {
+            match &report {
+                Report::LinkLost { why } if self.told_loss.as_ref().is_some_and(|told| is_same(told, why)) => {
+                    continue;
+                }
+                Report::LinkLost { why } => self.told_loss = Some(why.clone()),
+                Report::Connected { state } => {
+                    self.told_loss = None;
+                    self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+                }
+                Report::State(state) => self.virtual_now = Time::at_ms(u64::from(state.time_ms)),
+                _ => {}
+            }
+            self.reports.add(report, self.pace == Pace::Wall);
+        }
+    }
+
+    fn now(&self) -> Time {
+        match self.pace {
+            Pace::Wall => Time::after_start(self.started.elapsed()),
+            Pace::LockStep => self.virtual_now,
+        }
+    }
+
+    /// Lets an abort leave before the connections close.
+    async fn farewell(&mut self, streams: &mut Streams) {
+        while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
+            if channel == Channel::State {
+                streams.state_out.extend_from_slice(&bytes);
+            }
+        }
+        let leave = async {
+            while !streams.state_out.is_empty() {
+                streams.state.writable().await?;
+                write(&streams.state, &mut streams.state_out)?;
+            }
+            Ok::<(), IoError>(())
+        };
+        // Where it cannot leave, the controller's own watchdog stops the robot.
+        let _ = tokio::time::timeout(FAREWELL, leave).await;
+    }
+}
+
+/// Bytes that are there; 0 where none are.
+fn take(channel: Channel, stream: &TcpStream, bytes: &mut [u8]) -> Result<usize, LinkLoss> {
+    match stream.try_read(bytes) {
+        Ok(0) => Err(LinkLoss::Closed { channel }),
+        Ok(count) => Ok(count),
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(0),
+        Err(error) => Err(failed(channel, &error)),
+    }
+}
+
+fn write(stream: &TcpStream, bytes: &mut Vec<u8>) -> Result<(), IoError> {
+    match stream.try_write(bytes) {
+        Ok(count) => {
+            bytes.drain(..count);
+            Ok(())
+        }
+        Err(error) if error.kind() == ErrorKind::WouldBlock => Ok(()),
+        Err(error) => Err(error),
+    }
+}

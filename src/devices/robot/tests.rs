@@ -1,0 +1,196 @@
+//! The link over loopback: what it says about a controller that is not there, and a path against the mock.
+
+use super::*;
+use crate::devices::mock::{self, MockServer};
+use crate::eki::{Channel, MoveJ, SetAccSpeed, SetTcp, TcpKind};
+use crate::geometry::{Base, Flange, Joints, KukaPose, Tool};
+use std::net::TcpListener;
+
+fn address(command: &TcpListener, state: &TcpListener) -> Address {
+    let port = |listener: &TcpListener| listener.local_addr().expect("bound").port();
+    Address { host: "127.0.0.1".to_owned(), command_port: port(command), state_port: port(state) }
+}
+
+fn listener() -> TcpListener {
+    TcpListener::bind("127.0.0.1:0").expect("a free port")
+}
+
+fn first_loss(address: Address) -> LinkLoss {
+    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let report = link.next(Duration::from_secs(5));
+    assert_eq!(link.open_epoch(), Err(QueueError::NotConnected));
+    let Some(Report::LinkLost { why }) = report else { panic!("{report:?}") };
+    assert_eq!(link.next(Duration::from_millis(500)), None, "the same trouble is told once");
+    why
+}
+
+#[test]
+fn nothing_that_listens_is_told_as_refused() {
+    let address = address(&listener(), &listener());
+    let why = first_loss(address);
+    assert!(matches!(why, LinkLoss::Refused { channel: Channel::Command, .. }), "{why}");
+}
+
+#[test]
+fn a_controller_that_says_nothing_is_told_as_silent() {
+    let (command, state) = (listener(), listener());
+    let why = first_loss(address(&command, &state));
+    assert!(matches!(why, LinkLoss::Silent { channel: Channel::State, silence_ms: 1_000..1_500 }), "{why}");
+}
+
+#[test]
+fn a_controller_that_hangs_up_is_told_as_closed() {
+    let (command, state) = (listener(), listener());
+    let address = address(&command, &state);
+    let server = std::thread::spawn(move || {
+        let connection = state.accept().map(|(stream, _)| stream);
+        std::thread::sleep(Duration::from_millis(50));
+        drop((connection, state, command));
+    });
+    let why = first_loss_of_any(address);
+    server.join().expect("ends");
+    let channel = LinkLoss::Closed { channel: Channel::State };
+    assert!(why == channel || matches!(why, LinkLoss::System { .. }), "{why}");
+}
+
+fn first_loss_of_any(address: Address) -> LinkLoss {
+    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let report = link.next(Duration::from_secs(5));
+    let Some(Report::LinkLost { why }) = report else { panic!("{report:?}") };
+    why
+}
+
+/// A controller at this pace, and the link to it.
+fn cell(pace: Pace) -> (MockServer, BlockingLink) {
+    let [commands, states] =
+        [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
+    let clock = if pace == Pace::Wall { mock::Clock::Free } else { mock::Clock::LockStep };
+    let setup = mock::Setup { clock, ..mock::Setup::new(commands, states) };
+    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
+    let server = MockServer::start(controller, mock::Ports::free()).expect("starts");
+    let address = Address {
+        host: "127.0.0.1".to_owned(),
+        command_port: server.command_address().port(),
+        state_port: server.state_address().port(),
+    };
+    let link = BlockingLink::start(address, LinkLimits::default(), pace).expect("starts");
+    (server, link)
+}
+
+/// Waits for the first report of which this is something; states and progress before it are let go.
+fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
+    for _ in 0..2_000 {
+        let report = link.next(Duration::from_secs(20)).expect("the controller goes on");
+        if let Some(found) = found(&report) {
+            return found;
+        }
+        let passes = matches!(report, Report::State(_) | Report::Progress { .. });
+        assert!(passes, "unexpected: {report:?}");
+    }
+    panic!("two thousand reports and not the one");
+}
+
+/// Sets base and tool where the arm stands and sends it once round a circle of 40 mm.
+fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i32, Vec<CommandId>) {
+    let (server, mut link) = cell(pace);
+    let state = wait(&mut link, |report| match report {
+        Report::Connected { state } => Some(**state),
+        _ => None,
+    });
+    link.open_epoch().expect("connected");
+    wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
+    let flange_from_tool = KukaPose { z_mm: 100.0, ..KukaPose::default() };
+    let tip = state.base_from_tcp.to_rigid::<Base, Flange>() * flange_from_tool.to_rigid::<Flange, Tool>();
+    let tip = KukaPose::from_rigid(&tip);
+    let base = KukaPose { a_deg: 0.0, b_deg: 0.0, c_deg: 0.0, ..tip };
+    let speed =
+        SetAccSpeed { speed_m_s, acceleration_m_s2: 1.0, axis_speed_percent: 30, axis_acceleration_percent: 30 };
+    link.send(Command::SetBase(base)).expect("good");
+    link.send(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other })).expect("good");
+    link.send(Command::SetAccSpeed(speed)).expect("good");
+    let point = |index: usize| {
+        let turn = std::f64::consts::TAU * (index + 1) as f64 / points as f64;
+        let (y_mm, z_mm) = (40.0 * turn.sin(), 40.0 * (1.0 - turn.cos()));
+        MoveLin { pose: KukaPose { x_mm: 0.0, y_mm, z_mm, ..tip }, blend_mm: 0.2, contact: false }
+    };
+    let last = link.send_path((0..points).map(point).collect()).expect("a good path");
+    let mut progress = Vec::new();
+    loop {
+        let report = link.next(Duration::from_secs(20)).expect("the controller goes on");
+        match report {
+            Report::State(_) => {}
+            Report::Progress { done } => progress.push(done),
+            Report::PathDone { last: done } => break assert_eq!(done, last),
+            other => panic!("unexpected: {other:?}"),
+        }
+    }
+    server.handle().with(|controller| (controller.executed().to_vec(), controller.underruns(), progress))
+}
+
+/// Base, tool, speed and 500 points: each executed once and in order, none starved, each acknowledged once.
+#[test]
+fn five_hundred_points_are_executed_once_in_lock_step() {
+    let (executed, underruns, progress) = circle(Pace::LockStep, 500, 0.04);
+    let ids: Vec<i32> = executed.iter().map(|step| step.id).collect();
+    assert_eq!(ids, (4..=503).collect::<Vec<i32>>());
+    assert_eq!(underruns, 0);
+    assert!(progress.is_sorted_by(|one, next| one < next) && progress.last() == Some(&CommandId(503)));
+    // By hand: 2π·40 mm = 251.3 mm at 40 mm/s are 6.28 s, less the first point, plus the ends.
+    let took_ms = executed[499].time_ms - executed[0].time_ms;
+    assert!((6_200..6_500).contains(&took_ms), "{took_ms} ms");
+    // Virtual time: the same to the bit, whatever the machine does.
+    assert_eq!(circle(Pace::LockStep, 500, 0.04).0, executed);
+}
+
+/// The same on the wall clock: 63 points of 4 mm at 200 mm/s are 1.3 s, with heartbeats and watchdog by deadline.
+#[test]
+fn a_path_runs_on_the_wall_clock() {
+    let (executed, underruns, progress) = circle(Pace::Wall, 63, 0.2);
+    assert_eq!(executed.iter().map(|step| step.id).collect::<Vec<i32>>(), (4..=66).collect::<Vec<i32>>());
+    assert_eq!((underruns, progress.last()), (0, Some(&CommandId(66))));
+}
+
+#[test]
+fn an_abort_on_the_way_ends_in_standstill() {
+    let (server, mut link) = cell(Pace::LockStep);
+    wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
+    link.open_epoch().expect("connected");
+    wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
+    let joints = Joints { a1_deg: 60.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+    link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 })).expect("good");
+    wait(&mut link, |report| match report {
+        Report::State(state) => state.moving.then_some(()),
+        _ => None,
+    });
+    link.abort().expect("connected");
+    let done = wait(&mut link, |report| match report {
+        Report::Standstill { done } => Some(*done),
+        _ => None,
+    });
+    assert_eq!(done, CommandId(0));
+    server.handle().with(|controller| {
+        assert!(controller.executed().is_empty() && !controller.is_moving());
+        assert!(controller.joints().a1_deg.abs() > 0.1, "it had begun");
+    });
+}
+
+/// The controller's programs start again with a path queued: the link comes back by itself and nothing moves.
+#[test]
+fn a_link_that_comes_back_moves_nothing() {
+    let (server, mut link) = cell(Pace::LockStep);
+    wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
+    link.open_epoch().expect("connected");
+    wait(&mut link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
+    let joints = Joints { a1_deg: 60.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+    for _ in 0..3 {
+        link.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 })).expect("good");
+    }
+    server.handle().with(|controller| controller.disconnect(mock::Channel::Command));
+    wait(&mut link, |report| matches!(report, Report::LinkLost { .. }).then_some(()));
+    wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
+    for _ in 0..20 {
+        wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
+    }
+    server.handle().with(|controller| assert!(controller.executed().is_empty() && !controller.is_moving()));
+    assert_eq!(link.send(Command::CallSubroutine { index: 0 }), Err(QueueError::NoEpoch));
+}

@@ -1,0 +1,93 @@
+//! What the controller says about commands: how far they have come, and the first that it refused.
+
+use super::schema::{Field, int};
+use super::wire::{CommandId, Epoch};
+
+/// An acknowledgement. Counts are of its epoch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Ack {
+    /// The last command received; all before it were, too.
+    pub received: CommandId,
+    /// The last command executed.
+    pub done: CommandId,
+    /// Free places in the controller's ring.
+    pub free: u32,
+    /// The first command refused, and why.
+    pub refused: Option<(CommandId, Refusal)>,
+    /// The epoch it speaks of.
+    pub epoch: Epoch,
+}
+
+/// Why the controller refused a command.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum Refusal {
+    /// `Err` 1.
+    #[error("an id is missing before it")]
+    IdGap,
+    /// `Err` 2.
+    #[error("it belongs to another epoch")]
+    WrongEpoch,
+    /// `Err` 3.
+    #[error("the controller's ring is full")]
+    RingFull,
+    /// `Err` 4.
+    #[error("the controller does not know this operation")]
+    UnknownOperation,
+    /// `Err` 5.
+    #[error("a value is out of range")]
+    OutOfRange,
+    /// `Err` 6.
+    #[error("base or tool were not set in this epoch")]
+    FramesNotSet,
+    /// `Err` 7.
+    #[error("inputs are read-only")]
+    InputReadOnly,
+    /// `Err` 8.
+    #[error("the pose cannot be reached, or an axis would leave its range")]
+    NotReachable,
+    /// `Err` 9.
+    #[error("the robot is not in a mode that moves")]
+    NoMotionMode,
+    /// `Err` 10.
+    #[error("the controller has stopped this epoch")]
+    Stopped,
+}
+
+impl Refusal {
+    const IN_ORDER: [Refusal; 10] = [
+        Refusal::IdGap,
+        Refusal::WrongEpoch,
+        Refusal::RingFull,
+        Refusal::UnknownOperation,
+        Refusal::OutOfRange,
+        Refusal::FramesNotSet,
+        Refusal::InputReadOnly,
+        Refusal::NotReachable,
+        Refusal::NoMotionMode,
+        Refusal::Stopped,
+    ];
+}
+
+pub(super) const ACK: [Field; 6] = [
+    int("Ack/@Rx", 0, i32::MAX),
+    int("Ack/@Done", 0, i32::MAX),
+    int("Ack/@Free", 0, i32::MAX),
+    int("Ack/@Err", 0, 10),
+    int("Ack/@ErrId", 0, i32::MAX),
+    int("Ack/@Ep", 0, i32::MAX),
+];
+
+impl Ack {
+    /// From the values of [`ACK`], which are whole and in range.
+    pub(super) fn from_values(values: &[f64]) -> Option<Self> {
+        let [received, done, free, error, error_id, epoch] = *<&[f64; 6]>::try_from(values).ok()?;
+        let refusal = (error as usize).checked_sub(1).and_then(|index| Refusal::IN_ORDER.get(index));
+        Some(Ack {
+            received: CommandId(received as u32),
+            done: CommandId(done as u32),
+            free: free as u32,
+            refused: refusal.map(|&refusal| (CommandId(error_id as u32), refusal)),
+            epoch: Epoch(epoch as u32),
+        })
+    }
+}

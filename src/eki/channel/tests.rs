@@ -1,0 +1,95 @@
+use super::*;
+use crate::eki::{CELLCMD, CELLSTAT};
+
+/// The smallest file with these lines inside `INTERNAL` and `RECEIVE/XML`, from lines 3 and 4.
+fn file(internal: &str, received: &str) -> String {
+    format!(
+        "<ETHERNETKRL><CONFIGURATION>\n<EXTERNAL><TYPE>Client</TYPE></EXTERNAL>\n<INTERNAL>{internal}</INTERNAL>\n\
+         </CONFIGURATION><RECEIVE><XML>{received}</XML></RECEIVE><SEND/></ETHERNETKRL>"
+    )
+}
+
+#[test]
+fn the_shipped_files_say_who_listens_where_and_what_travels() {
+    let command = ChannelFile::parse(CELLCMD).expect("reads");
+    assert_eq!((command.peer, command.port, command.environment), (Peer::Client, 54_600, Environment::Submit));
+    assert_eq!(command.memory, Memory { order: Order::Fifo, entries: 512, bytes: 65_534 });
+    assert_eq!(command.alive_flag, Some(850));
+    let received: Vec<&str> = command.received.iter().map(|element| element.tag.as_str()).collect();
+    assert_eq!(received[..3], ["Cmd/@Id", "Cmd/@Ep", "Cmd/@Op"]);
+    assert_eq!(received[7..], ["Cmd/P", "Cmd"]);
+    assert_eq!((command.received[7].kind, command.received[8].kind), (Some(Kind::Frame), None));
+    assert_eq!((command.received[8].set_flag, command.received[8].line), (Some(851), 29));
+    assert_eq!(command.sent.len(), 6);
+    let state = ChannelFile::parse(CELLSTAT).expect("reads");
+    assert_eq!((state.port, state.received.len(), state.sent.len()), (54_601, 5, 36));
+    assert_eq!((command.unknown, state.unknown), (vec![], vec![]));
+}
+
+/// The manual's defaults hold where a file is silent, and a controller that dials has the other machine's port.
+#[test]
+fn what_a_file_does_not_say_is_the_manuals_default() {
+    let silent = ChannelFile::parse(&file("", "")).expect("reads");
+    assert_eq!(silent.memory, Memory { order: Order::Fifo, entries: 16, bytes: 16_384 });
+    assert_eq!((silent.port, silent.environment, silent.protocol), (54_600, Environment::Program, Protocol::Tcp));
+    let dials = "<ETHERNETKRL><CONFIGURATION><EXTERNAL><IP>192.168.1.2</IP><PORT>18735</PORT></EXTERNAL>\
+                 <INTERNAL><IP>address.of.controller</IP><PORT>54605</PORT></INTERNAL></CONFIGURATION>\
+                 <RECEIVE></RECEIVE></ETHERNETKRL>";
+    let dials = ChannelFile::parse(dials).expect("reads");
+    assert_eq!((dials.peer, dials.port, dials.address.as_deref()), (Peer::Server, 18_735, Some("192.168.1.2")));
+}
+
+#[test]
+fn any_case_is_read_and_what_no_manual_names_is_kept() {
+    let text = file("<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>", "");
+    let read = ChannelFile::parse(&text).expect("reads");
+    assert_eq!((read.memory.order, read.memory.entries), (Order::Lifo, 15));
+    let unknown: Vec<(usize, &str)> =
+        read.unknown.iter().map(|unknown| (unknown.line, unknown.name.as_str())).collect();
+    assert_eq!(
+        unknown,
+        [
+            (3, "CONFIGURATION/INTERNAL/SENDFLAG"),
+            (3, "CONFIGURATION/INTERNAL/SENDFLAG: \"1\""),
+            (3, "CONFIGURATION/INTERNAL/ALIVE/@ELEMENTNAME"),
+        ]
+    );
+}
+
+#[test]
+fn what_the_controller_would_refuse_is_named_with_its_line() {
+    let cases = [
+        (file("<BUFFERING Limit=\"513\"/>", ""), "line 3: LIMIT is \"513\", allowed are whole numbers 1 to 512"),
+        (file("<PORT>abc</PORT>", ""), "line 3: PORT is \"abc\", allowed are whole numbers 1 to 65534"),
+        (
+            file("<ENVIRONMENT>Robot</ENVIRONMENT>", ""),
+            "line 3: ENVIRONMENT is \"Robot\", allowed are Program, Submit, System",
+        ),
+        (
+            file("", "<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
+            "line 4: TYPE is \"AXIS\", allowed are STRING, REAL, INT, BOOL, FRAME",
+        ),
+        (file("", "<ELEMENT Type=\"INT\"/>"), "line 4: an ELEMENT without Tag carries nothing"),
+        (
+            file("", "<ELEMENT Tag=\"/A\"/>"),
+            "line 4: Tag \"/A\" is no path such as Root/Child or Root/Child/@Attribute",
+        ),
+        (file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"), "line 4: TAG stands twice"),
+        (
+            "\n<EthernetKRL2></EthernetKRL2>".to_owned(),
+            "line 2: the outermost element is EthernetKRL2, an EthernetKRL file has ETHERNETKRL",
+        ),
+        ("<ETHERNETKRL>\n<SEND>".to_owned(), "line 2: not XML: ETHERNETKRL/SEND is never closed"),
+        (
+            "<ETHERNETKRL><RECEIVE>\n<RAW><ELEMENT/></RAW></RECEIVE></ETHERNETKRL>".to_owned(),
+            "line 2: RAW channels carry bytes; this program speaks XML channels only",
+        ),
+    ];
+    for (text, verdict) in cases {
+        let error = ChannelFile::parse(&text).expect_err(&text);
+        assert_eq!(error.to_string(), verdict);
+    }
+    for text in ["", "<A", "<ETHERNETKRL></B>", "<!DOCTYPE a><ETHERNETKRL/>"] {
+        assert!(ChannelFile::parse(text).is_err(), "{text}");
+    }
+}

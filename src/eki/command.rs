@@ -1,0 +1,250 @@
+//! What the robot can be asked: the nine functions of thesis Table 3.1, as values of one type.
+//!
+//! Numbers carry their unit and are checked where a command is queued, against what any controller of this kind
+//! can do; the cell's own limits are the gate's business. Nothing is clamped.
+
+use super::wire::Epoch;
+use crate::geometry::{Joints, KukaPose};
+
+/// One function of thesis Table 3.1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// `move_lin(pose)`: a straight line of the tool's tip.
+    MoveLin(MoveLin),
+    /// `move_j(joints_pose)`: each axis to its angle, all arriving together.
+    MoveJ(MoveJ),
+    /// `get_current_state()`: joints, flange and tip; asked on the state channel.
+    GetCurrentState,
+    /// `set_base(base_frame)`: where poses are measured from, in the robot's base; the panel's place.
+    SetBase(KukaPose),
+    /// `set_tcp(tcp_frame)`: where the tool's tip is, in the flange.
+    SetTcp(SetTcp),
+    /// `set_acc_speed(acceleration, speed)`.
+    SetAccSpeed(SetAccSpeed),
+    /// `set_digin(number, value)`: refused here, since inputs of a KRC are read-only.
+    SetDigin(Signal),
+    /// `set_digout(number, value)`.
+    SetDigout(Signal),
+    /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
+    CallSubroutine {
+        /// Its index in the controller's own list.
+        index: u16,
+    },
+}
+
+/// A straight line to a pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MoveLin {
+    /// Where the tip goes, in the active base.
+    pub pose: KukaPose,
+    /// How far before the pose the path may be rounded, mm; 0 stops exactly.
+    pub blend_mm: f64,
+    /// True where the tool touches the panel on the way.
+    pub contact: bool,
+}
+
+/// All axes to their angles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MoveJ {
+    /// Where the axes go.
+    pub joints: Joints,
+    /// Share of the axes' full speed, %.
+    pub axis_speed_percent: f64,
+}
+
+/// The tool's frame, and whether a retract is along it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetTcp {
+    /// The tip in the flange.
+    pub flange_from_tool: KukaPose,
+    /// What the tool is.
+    pub kind: TcpKind,
+}
+
+/// What a tool frame belongs to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TcpKind {
+    /// The flange camera, or any tool that never touches.
+    Other,
+    /// The sanding tool: the controller retracts along its −Z.
+    Sanding,
+}
+
+/// Speeds and accelerations of what follows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SetAccSpeed {
+    /// Speed of the tip, m/s.
+    pub speed_m_s: f64,
+    /// Acceleration of the tip, m/s².
+    pub acceleration_m_s2: f64,
+    /// Share of the axes' full speed, %.
+    pub axis_speed_percent: u8,
+    /// Share of the axes' full acceleration, %.
+    pub axis_acceleration_percent: u8,
+}
+
+/// A digital signal and its value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Signal {
+    /// Its number on the controller, from 1.
+    pub number: u16,
+    /// On or off.
+    pub on: bool,
+}
+
+/// What is asked on the state channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Request {
+    /// The state, now.
+    State,
+    /// We are here, and have sent commands up to this one.
+    Heartbeat {
+        /// The last command sent in this epoch, 0 where none was.
+        last_sent: u32,
+    },
+    /// Tool off, brake, discard, retract if in contact; then this epoch.
+    Abort {
+        /// The epoch after it.
+        next: Epoch,
+    },
+    /// Begin this epoch; nothing moves.
+    Reset {
+        /// The epoch to begin.
+        next: Epoch,
+    },
+}
+
+/// Why a command cannot be sent. Names what was given and what is allowed.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CommandError {
+    /// Not a number, too small or too large.
+    #[error("{function}: {field} is {found}, allowed is {low} to {high}")]
+    OutOfRange {
+        /// The function of Table 3.1.
+        function: &'static str,
+        /// The value, with its unit.
+        field: &'static str,
+        /// What was given.
+        found: f64,
+        /// Smallest allowed.
+        low: f64,
+        /// Largest allowed.
+        high: f64,
+    },
+    /// Inputs are read-only.
+    #[error(
+        "set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead"
+    )]
+    InputReadOnly {
+        /// The input.
+        number: u16,
+    },
+    /// Asked on the wrong channel.
+    #[error("get_current_state is asked on the state channel, it has no place in the ring")]
+    NotACommand,
+}
+
+/// What a command says on the wire, after its head: operation, N1, N2, R1, R2 and the six numbers of P.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Fields {
+    pub operation: i32,
+    pub n: [i32; 2],
+    pub r: [f64; 2],
+    pub p: [f64; 6],
+}
+
+/// Farthest place that a pose may name, mm.
+pub(super) const FARTHEST_MM: f64 = 100_000.0;
+/// Largest angle that a pose or an axis may name, degrees: ten turns.
+pub(super) const LARGEST_DEG: f64 = 3_600.0;
+
+impl Command {
+    /// The function's name in thesis Table 3.1.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Command::MoveLin(_) => "move_lin",
+            Command::MoveJ(_) => "move_j",
+            Command::GetCurrentState => "get_current_state",
+            Command::SetBase(_) => "set_base",
+            Command::SetTcp(_) => "set_tcp",
+            Command::SetAccSpeed(_) => "set_acc_speed",
+            Command::SetDigin(_) => "set_digin",
+            Command::SetDigout(_) => "set_digout",
+            Command::CallSubroutine { .. } => "call_subroutine",
+        }
+    }
+
+    /// The wire's fields; `to_come` is how many points of the same path follow this one.
+    pub(super) fn fields(&self, to_come: u32) -> Result<Fields, CommandError> {
+        let check = Check { function: self.name() };
+        let none = Fields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
+        Ok(match *self {
+            Command::MoveJ(MoveJ { joints: j, axis_speed_percent }) => {
+                let p = [j.a1_deg, j.a2_deg, j.a3_deg, j.a4_deg, j.a5_deg, j.a6_deg];
+                for (field, angle) in ["A1 (°)", "A2 (°)", "A3 (°)", "A4 (°)", "A5 (°)", "A6 (°)"].iter().zip(p)
+                {
+                    check.range(field, angle, -LARGEST_DEG, LARGEST_DEG)?;
+                }
+                let percent = check.range("axis speed (%)", axis_speed_percent, 1.0, 100.0)?;
+                Fields { operation: 1, r: [percent, 0.0], p, ..none }
+            }
+            Command::MoveLin(MoveLin { pose, blend_mm, contact }) => {
+                let p = check.pose(pose)?;
+                let blend_mm = check.range("blend (mm)", blend_mm, 0.0, 1_000.0)?;
+                check.range("points to come", f64::from(to_come), 0.0, f64::from(i32::MAX))?;
+                Fields { operation: 2, n: [to_come.cast_signed(), i32::from(contact)], r: [blend_mm, 0.0], p }
+            }
+            Command::SetBase(base) => Fields { operation: 3, p: check.pose(base)?, ..none },
+            Command::SetTcp(SetTcp { flange_from_tool, kind }) => {
+                let sanding = i32::from(kind == TcpKind::Sanding);
+                Fields { operation: 4, n: [sanding, 0], p: check.pose(flange_from_tool)?, ..none }
+            }
+            Command::SetAccSpeed(speed) => {
+                let percent = |field, share: u8| check.range(field, f64::from(share), 1.0, 100.0);
+                percent("axis speed (%)", speed.axis_speed_percent)?;
+                percent("axis acceleration (%)", speed.axis_acceleration_percent)?;
+                let n = [speed.axis_speed_percent, speed.axis_acceleration_percent].map(i32::from);
+                let tip_m_s = check.range("speed (m/s)", speed.speed_m_s, 0.001, 3.0)?;
+                let tip_m_s2 = check.range("acceleration (m/s²)", speed.acceleration_m_s2, 0.001, 20.0)?;
+                Fields { operation: 5, n, r: [tip_m_s, tip_m_s2], ..none }
+            }
+            Command::SetDigout(Signal { number, on }) => {
+                check.range("output", f64::from(number), 1.0, 4096.0)?;
+                Fields { operation: 6, n: [i32::from(number), i32::from(on)], ..none }
+            }
+            Command::SetDigin(Signal { number, .. }) => return Err(CommandError::InputReadOnly { number }),
+            Command::CallSubroutine { index } => {
+                check.range("index", f64::from(index), 0.0, 1_000.0)?;
+                Fields { operation: 8, n: [i32::from(index), 0], ..none }
+            }
+            Command::GetCurrentState => return Err(CommandError::NotACommand),
+        })
+    }
+}
+
+/// Checks the numbers of one function.
+struct Check {
+    function: &'static str,
+}
+
+impl Check {
+    /// The number itself; NaN fails.
+    fn range(&self, field: &'static str, found: f64, low: f64, high: f64) -> Result<f64, CommandError> {
+        let function = self.function;
+        if found >= low && found <= high {
+            Ok(found)
+        } else {
+            Err(CommandError::OutOfRange { function, field, found, low, high })
+        }
+    }
+
+    fn pose(&self, pose: KukaPose) -> Result<[f64; 6], CommandError> {
+        for (field, mm) in [("X (mm)", pose.x_mm), ("Y (mm)", pose.y_mm), ("Z (mm)", pose.z_mm)] {
+            self.range(field, mm, -FARTHEST_MM, FARTHEST_MM)?;
+        }
+        for (field, deg) in [("A (°)", pose.a_deg), ("B (°)", pose.b_deg), ("C (°)", pose.c_deg)] {
+            self.range(field, deg, -LARGEST_DEG, LARGEST_DEG)?;
+        }
+        Ok([pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg])
+    }
+}

@@ -1,0 +1,19 @@
+//! Documents as a controller writes them, for the tests of this module.
+
+use super::{CELLCMD, CELLSTAT, ChannelFile, Wire};
+
+pub(super) fn wire() -> Wire {
+    let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
+    Wire::new(&command, &state).expect("the shipped files fit")
+}
+
+/// A state written by hand, number by number, as a KRC writes it.
+pub(super) const STATE: &str = "<St T=\"1200\" Seq=\"7\" Re=\"3\" Ep=\"2\" Boot=\"77\" Sum=\"-12345\" Mode=\"4\" Flags=\"119\" \
+    In=\"5\" Out=\"2\" Done=\"17\" Under=\"0\"><J A1=\"4.999516\" A2=\"-90.000031\" A3=\"90.000000\" A4=\"0.000000\" \
+    A5=\"45.500000\" A6=\"-185.250000\"></J><Tcp X=\"100.250000\" Y=\"-20.500000\" Z=\"300.125000\" A=\"90.000000\" \
+    B=\"0.000000\" C=\"-179.959747\"></Tcp><Base X=\"400.000000\" Y=\"0.000000\" Z=\"12.500000\" A=\"0.500000\" \
+    B=\"0.000000\" C=\"0.000000\"></Base><Tool X=\"0.000000\" Y=\"0.000000\" Z=\"120.000000\" A=\"0.000000\" \
+    B=\"0.000000\" C=\"0.000000\"></Tool></St>";
+
+/// An acknowledgement written by hand.
+pub(super) const ACK: &str = "<Ack Rx=\"20\" Done=\"17\" Free=\"97\" Err=\"0\" ErrId=\"0\" Ep=\"2\"></Ack>";

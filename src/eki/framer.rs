@@ -1,0 +1,247 @@
+//! Finds the documents in a stream of bytes, at any cut of the stream.
+//!
+//! EthernetKRL sends documents back to back, without length or delimiter; one read may hold half of one or three.
+//! A document ends where the depth of its tags comes back to zero, counted outside quotes, byte by byte: what the
+//! stream was cut into cannot matter. Between documents white space, NUL, byte order marks and XML prologs are
+//! skipped. Whatever a controller never sends (a document type, comments, entities, instructions, anything but
+//! printable ASCII, more than [`MAX_DOCUMENT_BYTES`]) breaks the framer for good: the stream has no mark by which
+//! to find the next document, so the only way on is a new connection.
+//!
+//! Does not look at names or values, not even whether tags match: see `schema`.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+
+/// Longest document with its prolog.
+pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
+/// Deepest nesting; ours have two levels.
+const MAX_DEPTH: usize = 8;
+
+/// Why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// Text or rubbish between documents.
+    #[error("byte {at}: {byte:#04x} stands between documents, where only < may")]
+    Stray {
+        /// Where.
+        at: u64,
+        /// What.
+        byte: u8,
+    },
+    /// A control character, or what is not ASCII.
+    #[error("byte {at}: {byte:#04x} is no printable ASCII character")]
+    Byte {
+        /// Where.
+        at: u64,
+        /// What.
+        byte: u8,
+    },
+    /// A document type, a comment or CDATA.
+    #[error("byte {at}: a document type, comment or CDATA, which no controller sends")]
+    Declaration {
+        /// Where.
+        at: u64,
+    },
+    /// A processing instruction other than a prolog before a document.
+    #[error("byte {at}: a processing instruction, which no controller sends")]
+    Instruction {
+        /// Where.
+        at: u64,
+    },
+    /// An entity, or a bare ampersand.
+    #[error("byte {at}: an entity, which no controller sends")]
+    Entity {
+        /// Where.
+        at: u64,
+    },
+    /// A tag that is none.
+    #[error("byte {at}: {byte:#04x} has no place in a tag")]
+    Tag {
+        /// Where.
+        at: u64,
+        /// What.
+        byte: u8,
+    },
+    /// An end without a start.
+    #[error("byte {at}: an end tag without its start")]
+    Unopened {
+        /// Where.
+        at: u64,
+    },
+    /// Nested too deep.
+    #[error("byte {at}: nested deeper than {limit} tags")]
+    TooDeep {
+        /// Where.
+        at: u64,
+        /// The deepest allowed.
+        limit: usize,
+    },
+    /// Longer than any message.
+    #[error("byte {at}: a document of more than {limit} bytes")]
+    TooLong {
+        /// Where.
+        at: u64,
+        /// The longest allowed.
+        limit: usize,
+    },
+}
+
+/// Where the scan stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Outside of tags: between documents or between the tags of one.
+    Outside,
+    /// In a byte order mark, this many bytes of it seen.
+    Mark(usize),
+    /// Behind `<`.
+    Opened,
+    /// In the name or the attributes of a start tag; whether the last byte was `/`.
+    Start { slash: bool },
+    /// In an attribute's value, until this quote.
+    Quoted(u8),
+    /// In an end tag; whether a byte of its name was seen.
+    End { named: bool },
+    /// In `<?…`; whether the last byte was `?`.
+    Prolog { question: bool },
+}
+
+const MARK: [u8; 3] = [0xEF, 0xBB, 0xBF];
+const PROLOG: &[u8] = b"<?xml";
+
+/// Cuts one stream into documents.
+#[derive(Debug, Clone)]
+pub struct Framer {
+    place: Place,
+    depth: usize,
+    document: Vec<u8>,
+    at: u64,
+    ready: VecDeque<String>,
+    broken: Option<FrameError>,
+}
+
+impl Default for Framer {
+    fn default() -> Self {
+        Framer {
+            place: Place::Outside,
+            depth: 0,
+            document: Vec::new(),
+            at: 0,
+            ready: VecDeque::new(),
+            broken: None,
+        }
+    }
+}
+
+impl Framer {
+    /// Takes the stream's next bytes. What stands behind an error is not looked at.
+    pub fn push(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            if self.broken.is_some() {
+                return;
+            }
+            match self.step(byte) {
+                Ok(()) => self.at += 1,
+                Err(error) => self.broken = Some(error),
+            }
+        }
+    }
+
+    /// The next whole document; `None` while more bytes are needed. Documents before an error come first.
+    ///
+    /// # Errors
+    /// Where the stream cannot be cut any further; for ever after.
+    pub fn next_document(&mut self) -> Result<Option<String>, FrameError> {
+        match (self.ready.pop_front(), self.broken) {
+            (Some(document), _) => Ok(Some(document)),
+            (None, Some(error)) => Err(error),
+            (None, None) => Ok(None),
+        }
+    }
+
+    fn step(&mut self, byte: u8) -> Result<(), FrameError> {
+        let at = self.at;
+        let between = self.depth == 0 && self.document.is_empty();
+        match self.place {
+            Place::Outside if between && matches!(byte, b' ' | b'\t' | b'\r' | b'\n' | 0) => return Ok(()),
+            Place::Outside if between && byte == MARK[0] => self.place = Place::Mark(1),
+            Place::Mark(seen) if byte == MARK[seen] => {
+                self.place = if seen + 1 == MARK.len() { Place::Outside } else { Place::Mark(seen + 1) };
+            }
+            Place::Mark(_) => return Err(FrameError::Stray { at, byte }),
+            Place::Outside if between && byte != b'<' => return Err(FrameError::Stray { at, byte }),
+            _ => return self.inside(byte),
+        }
+        Ok(())
+    }
+
+    /// A byte of a document or a prolog.
+    fn inside(&mut self, byte: u8) -> Result<(), FrameError> {
+        let at = self.at;
+        if !matches!(byte, b' '..=b'~' | b'\t' | b'\r' | b'\n') {
+            return Err(FrameError::Byte { at, byte });
+        }
+        if self.document.len() == MAX_DOCUMENT_BYTES {
+            return Err(FrameError::TooLong { at, limit: MAX_DOCUMENT_BYTES });
+        }
+        if byte == b'&' {
+            return Err(FrameError::Entity { at });
+        }
+        self.document.push(byte);
+        let starts_name = byte.is_ascii_alphabetic() || byte == b'_';
+        self.place = match (self.place, byte) {
+            (Place::Outside, b'<') => Place::Opened,
+            (Place::Opened, b'!') => return Err(FrameError::Declaration { at }),
+            (Place::Opened, b'?') if self.depth == 0 => Place::Prolog { question: false },
+            (Place::Opened, b'?') => return Err(FrameError::Instruction { at }),
+            (Place::Opened, b'/') if self.depth == 0 => return Err(FrameError::Unopened { at }),
+            (Place::Opened, b'/') => Place::End { named: false },
+            (Place::Opened, _) if starts_name => Place::Start { slash: false },
+            (Place::Start { slash: true }, b'>') => self.closed(self.depth),
+            (Place::Start { .. }, b'>') if self.depth == MAX_DEPTH => {
+                return Err(FrameError::TooDeep { at, limit: MAX_DEPTH });
+            }
+            (Place::Start { .. }, b'>') => {
+                self.depth += 1;
+                Place::Outside
+            }
+            (Place::Start { slash: false }, b'/') => Place::Start { slash: true },
+            (Place::Start { slash: false }, quote @ (b'"' | b'\'')) => Place::Quoted(quote),
+            (Place::Start { slash: true }, _) | (Place::Opened | Place::Start { .. } | Place::Quoted(_), b'<') => {
+                return Err(FrameError::Tag { at, byte });
+            }
+            (Place::Opened, _) => return Err(FrameError::Tag { at, byte }),
+            (Place::Quoted(quote), _) if byte == quote => Place::Start { slash: false },
+            (Place::End { named: true }, b'>') => self.closed(self.depth - 1),
+            (Place::End { named: false }, _) if !starts_name => return Err(FrameError::Tag { at, byte }),
+            (Place::End { .. }, b'<' | b'/' | b'"' | b'\'') => return Err(FrameError::Tag { at, byte }),
+            (Place::End { .. }, _) => Place::End { named: true },
+            (Place::Prolog { question: true }, b'>') => return self.prolog_ended(),
+            (Place::Prolog { .. }, _) => Place::Prolog { question: byte == b'?' },
+            (place, _) => place,
+        };
+        Ok(())
+    }
+
+    /// An element has ended and left this depth; at zero the document is whole.
+    fn closed(&mut self, depth: usize) -> Place {
+        self.depth = depth;
+        if depth == 0 {
+            // Every byte was checked to be ASCII.
+            self.ready.push_back(String::from_utf8_lossy(&self.document).into_owned());
+            self.document.clear();
+        }
+        Place::Outside
+    }
+
+    fn prolog_ended(&mut self) -> Result<(), FrameError> {
+        let named = self.document.strip_prefix(PROLOG).and_then(|rest| rest.first());
+        if !named.is_some_and(|&next| next == b'?' || next.is_ascii_whitespace()) {
+            return Err(FrameError::Instruction { at: self.at });
+        }
+        self.document.clear();
+        self.place = Place::Outside;
+        Ok(())
+    }
+}

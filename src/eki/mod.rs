@@ -1,0 +1,42 @@
+//! The robot's protocol without sockets: the client's half of EthernetKRL (EKI).
+//!
+//! Bytes and commands in, bytes and reports out; `now` comes from outside, so one session runs on the wall clock
+//! or in virtual time. Two channels: commands with their acknowledgements, and the controller's state with
+//! heartbeat and abort, which no motion can hold up. Tags and their order come from the EthernetKRL files of the
+//! controller itself, `config/kuka/`.
+//!
+//! Read in this order: [`channel`](ChannelFile) (what a file says) · [`command`](Command) (what the robot can be
+//! asked) · [`framer`](Framer) and [`wire`](Wire) (bytes to documents to values) · [`session`](Session) (epochs,
+//! ids, credits, the watchdog).
+//!
+//! Does not open sockets and reads no clock: see `devices::robot`.
+
+mod ack;
+mod channel;
+mod command;
+mod framer;
+mod report;
+mod schema;
+mod session;
+mod state;
+mod time;
+mod wire;
+
+#[cfg(test)]
+mod fixture;
+
+pub use ack::{Ack, Refusal};
+pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol, Unknown};
+pub use command::{Command, CommandError, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind};
+pub use framer::{FrameError, Framer, MAX_DOCUMENT_BYTES};
+pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
+pub use schema::{DecodeError, SchemaError};
+pub use session::{LinkLimits, Pace, QueueError, Session};
+pub use state::{Mode, State};
+pub use time::Time;
+pub use wire::{CommandId, Epoch, Wire};
+
+/// The command channel's file as it is loaded on the controller.
+pub const CELLCMD: &str = include_str!("../../config/kuka/CELLCMD.xml");
+/// The state channel's file as it is loaded on the controller.
+pub const CELLSTAT: &str = include_str!("../../config/kuka/CELLSTAT.xml");

@@ -1,0 +1,261 @@
+//! What a session tells: the whole of what the rest of the program learns of the robot.
+
+use super::ack::Refusal;
+use super::framer::FrameError;
+use super::schema::DecodeError;
+use super::state::State;
+use super::wire::{CommandId, Epoch};
+use crate::geometry::KukaPose;
+use std::time::Duration;
+
+/// One of the two connections.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Channel {
+    /// Commands and acknowledgements.
+    Command,
+    /// Requests and state.
+    State,
+}
+
+impl std::fmt::Display for Channel {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Channel::Command => "command channel",
+            Channel::State => "state channel",
+        })
+    }
+}
+
+/// What a session tells. Ids and `done` are of the epoch at hand.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Report {
+    /// The controller has answered for the first time on this connection. Nothing moves by it.
+    Connected {
+        /// Its state.
+        state: Box<State>,
+    },
+    /// The controller is in the new epoch; commands may be queued.
+    EpochOpened {
+        /// The epoch.
+        epoch: Epoch,
+    },
+    /// The controller did not enter the new epoch.
+    EpochNotOpened {
+        /// The epoch asked for.
+        asked: Epoch,
+        /// The epoch that it is in.
+        found: Epoch,
+    },
+    /// The state, about ten times a second.
+    State(Box<State>),
+    /// All commands up to this one have been executed.
+    Progress {
+        /// The last of them.
+        done: CommandId,
+    },
+    /// A path has been executed to its end.
+    PathDone {
+        /// Its last command.
+        last: CommandId,
+    },
+    /// The controller refused a command; the epoch is being ended.
+    Refused {
+        /// The command.
+        id: CommandId,
+        /// Why.
+        refusal: Refusal,
+    },
+    /// Base or tool on the controller are not what was set; the epoch is being ended.
+    EchoMismatch(Box<EchoMismatch>),
+    /// The robot cannot go on with what is queued; the epoch is being ended.
+    Interrupted {
+        /// Why.
+        cause: StopCause,
+    },
+    /// The controller counts otherwise than we do; the epoch is being ended.
+    SequenceError(SequenceError),
+    /// Silence while commands were queued; the epoch is being ended.
+    WatchdogExpired {
+        /// Where nothing came.
+        channel: Channel,
+        /// For how long.
+        silence: Duration,
+    },
+    /// After an abort the robot stands.
+    Standstill {
+        /// The last command of the ended epoch that was executed, as far as the controller has told.
+        done: CommandId,
+    },
+    /// The controller was started again, or its programs were changed; the epoch is gone.
+    Rebooted {
+        /// Its state.
+        state: Box<State>,
+    },
+    /// The connection is gone, or could not be made. What was queued is forgotten.
+    LinkLost {
+        /// Why.
+        why: LinkLoss,
+    },
+}
+
+/// Why a robot cannot go on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
+pub enum StopCause {
+    /// An emergency stop is pressed.
+    #[error("emergency stop")]
+    EmergencyStop,
+    /// The guard is open.
+    #[error("the guard is open")]
+    GuardOpen,
+    /// The drives are off.
+    #[error("the drives are off")]
+    DrivesOff,
+    /// The controller's program has stopped the epoch.
+    #[error("the controller's program has stopped by itself")]
+    ByProgram,
+}
+
+/// Base or tool that did not arrive as set.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum EchoMismatch {
+    /// The controller does not know that it was set.
+    #[error("the {frame} set by command {id} was executed, but the controller says that none is set in this epoch")]
+    NotSet {
+        /// Base or tool.
+        frame: &'static str,
+        /// The command.
+        id: CommandId,
+    },
+    /// Another frame is active.
+    #[error(
+        "the {frame} set by command {id} is {sent}, the controller has {found}: {distance_mm:.4} mm and \
+         {turn_deg:.5}° apart, allowed is 0.001 of each"
+    )]
+    Differs {
+        /// Base or tool.
+        frame: &'static str,
+        /// The command.
+        id: CommandId,
+        /// What was set.
+        sent: KukaPose,
+        /// What is active.
+        found: KukaPose,
+        /// Largest difference along an axis, mm.
+        distance_mm: f64,
+        /// Angle between the rotations, degrees.
+        turn_deg: f64,
+    },
+}
+
+/// Numbers of the controller that cannot be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum SequenceError {
+    /// A state is missing, repeated or out of order.
+    #[error("state {found} came after state {last}")]
+    State {
+        /// The one before.
+        last: u32,
+        /// The one that came.
+        found: u32,
+    },
+    /// An answer to what was not asked.
+    #[error("the controller answers request {found}; {first} to {last} may be answered")]
+    Answer {
+        /// What it answers.
+        found: u32,
+        /// The last one answered.
+        first: u32,
+        /// The last one sent.
+        last: u32,
+    },
+    /// Received or executed what was not sent, or less than before.
+    #[error("the controller says that command {found} was {what}; {first} to {last} may be")]
+    Command {
+        /// Received or executed.
+        what: &'static str,
+        /// What it says.
+        found: CommandId,
+        /// The least that it may say.
+        first: CommandId,
+        /// The most that it may say.
+        last: CommandId,
+    },
+    /// An epoch that we did not open.
+    #[error("the controller is in epoch {found}, ours is {ours}: has another client connected?")]
+    Epoch {
+        /// Its epoch.
+        found: Epoch,
+        /// Ours.
+        ours: Epoch,
+    },
+}
+
+/// Why there is no connection.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LinkLoss {
+    /// Nothing listens.
+    #[error(
+        "{address} refuses the {channel}: the controller is there, but its EthernetKRL server is not; is the program \
+         running, and the port the one in its file?"
+    )]
+    Refused {
+        /// Which connection.
+        channel: Channel,
+        /// Host and port.
+        address: String,
+    },
+    /// Nobody is there.
+    #[error(
+        "{address} does not answer within {waited_ms} ms ({channel}): is the controller on, the cable in, the subnet the \
+         controller's, the port open in its firewall?"
+    )]
+    NoAnswer {
+        /// Which connection.
+        channel: Channel,
+        /// Host and port.
+        address: String,
+        /// How long was waited, ms.
+        waited_ms: u64,
+    },
+    /// Connected, but no word.
+    #[error(
+        "connected, but the {channel} was silent for {silence_ms} ms: is the program on the controller running, or another \
+         client connected?"
+    )]
+    Silent {
+        /// Which connection.
+        channel: Channel,
+        /// How long, ms.
+        silence_ms: u64,
+    },
+    /// Closed by the controller.
+    #[error("the controller closed the {channel}")]
+    Closed {
+        /// Which connection.
+        channel: Channel,
+    },
+    /// The system says no.
+    #[error("the {channel} failed: {problem}")]
+    System {
+        /// Which connection.
+        channel: Channel,
+        /// What the system says.
+        problem: String,
+    },
+    /// Bytes that are no documents.
+    #[error("the {channel} carries what no controller sends: {error}")]
+    Frame {
+        /// Which connection.
+        channel: Channel,
+        /// What and where.
+        error: FrameError,
+    },
+    /// A document that is no message.
+    #[error("the {channel} carries a wrong message: {error}")]
+    Message {
+        /// Which connection.
+        channel: Channel,
+        /// What is wrong.
+        error: DecodeError,
+    },
+}

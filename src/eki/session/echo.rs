@@ -1,0 +1,121 @@
+//! Base and tool: what was set, and whether the controller has it.
+//!
+//! A lost `set_base` is a crash that looks plausible, so no straight line is sent before the state shows the frame
+//! that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles are noise. The controller
+//! keeps single-precision numbers: below 8 m that is half the tolerance at most, and angles are far finer.
+
+use crate::eki::report::EchoMismatch;
+use crate::eki::wire::CommandId;
+use crate::geometry::{Base, KukaPose, Tool};
+use std::collections::VecDeque;
+
+/// Largest difference between what was set and what is active, mm and degrees.
+const TOLERANCE: f64 = 0.001;
+
+/// One of the two frames.
+#[derive(Debug)]
+pub(super) struct FrameEcho {
+    frame: &'static str,
+    /// The one that is or should be active, and those queued behind it.
+    set: VecDeque<(CommandId, KukaPose)>,
+    confirmed: CommandId,
+}
+
+impl FrameEcho {
+    pub(super) fn new(frame: &'static str) -> Self {
+        FrameEcho { frame, set: VecDeque::new(), confirmed: CommandId(0) }
+    }
+
+    pub(super) fn queued(&mut self, id: CommandId, pose: KukaPose) {
+        self.set.push_back((id, pose));
+    }
+
+    /// The last one queued; straight lines behind it wait for its echo.
+    pub(super) fn last(&self) -> Option<CommandId> {
+        self.set.back().map(|&(id, _)| id)
+    }
+
+    /// True where this one, or one after it, was seen on the controller.
+    pub(super) fn is_confirmed(&self, id: CommandId) -> bool {
+        self.confirmed >= id
+    }
+
+    /// Compares with a state that knows of all commands up to `done`, where `sent` were sent.
+    pub(super) fn follow(
+        &mut self,
+        done: CommandId,
+        sent: CommandId,
+        is_set: bool,
+        found: KukaPose,
+    ) -> Result<(), Box<EchoMismatch>> {
+        while self.set.get(1).is_some_and(|&(next, _)| next <= done) {
+            self.set.pop_front();
+        }
+        // While the next one may be in the making, either can be seen.
+        let changing = self.set.iter().any(|&(id, _)| id > done && id <= sent);
+        let Some(&(id, sent)) = self.set.front().filter(|&&(id, _)| id <= done && !changing) else { return Ok(()) };
+        let frame = self.frame;
+        if !is_set {
+            return Err(Box::new(EchoMismatch::NotSet { frame, id }));
+        }
+        let (distance_mm, turn_deg) = apart(sent, found);
+        if distance_mm <= TOLERANCE && turn_deg <= TOLERANCE {
+            self.confirmed = id;
+            Ok(())
+        } else {
+            Err(Box::new(EchoMismatch::Differs { frame, id, sent, found, distance_mm, turn_deg }))
+        }
+    }
+}
+
+/// Largest difference along an axis, mm, and the angle between the rotations, degrees.
+fn apart(one: KukaPose, other: KukaPose) -> (f64, f64) {
+    let [one, other] = [one, other].map(|pose| pose.to_rigid::<Base, Tool>());
+    let distance_mm = (one.origin() - other.origin()).mm.amax();
+    (distance_mm, one.isometry().rotation.angle_to(&other.isometry().rotation).to_degrees())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn echo(sent: KukaPose, found: KukaPose) -> bool {
+        let mut echo = FrameEcho::new("base");
+        echo.queued(CommandId(1), sent);
+        echo.follow(CommandId(1), CommandId(1), true, found).is_ok() && echo.is_confirmed(CommandId(1))
+    }
+
+    /// At B = 90° only C − A counts: (40, 90, 10) and (0, 90, −30) are one rotation, (0, 90, −30.01) is another.
+    #[test]
+    fn rotations_are_compared_and_not_angles() {
+        let turned = |a_deg, b_deg, c_deg| KukaPose { a_deg, b_deg, c_deg, ..KukaPose::default() };
+        assert!(echo(turned(40.0, 90.0, 10.0), turned(0.0, 90.0, -30.0)));
+        assert!(echo(turned(180.0, 0.0, 0.0), turned(-180.0, 0.0, 0.0)));
+        assert!(!echo(turned(40.0, 90.0, 10.0), turned(0.0, 90.0, -30.01)));
+        assert!(!echo(turned(0.0, 0.0, 0.002), turned(0.0, 0.0, 0.0)));
+    }
+
+    /// 5678.123456 mm is 5678.12353515625 in single precision; one and a half micrometres are not the same place.
+    #[test]
+    fn single_precision_is_the_controllers_and_no_difference() {
+        let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
+        assert!(echo(at(5_678.123_456), at(5_678.123_535)));
+        assert!(!echo(at(5_678.123_456), at(5_678.125)));
+    }
+
+    /// Base 1 is active, base 2 was sent: the state may show either, and neither counts as an echo of 2.
+    #[test]
+    fn while_a_frame_changes_nothing_is_concluded() {
+        let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
+        let mut echo = FrameEcho::new("base");
+        echo.queued(CommandId(1), at(1.0));
+        echo.queued(CommandId(2), at(2.0));
+        let (one, two) = (CommandId(1), CommandId(2));
+        assert_eq!(echo.follow(one, two, true, at(1.0)), Ok(()));
+        assert_eq!(echo.follow(one, two, true, at(2.0)), Ok(()));
+        assert!(!echo.is_confirmed(one) && !echo.is_confirmed(two));
+        assert!(echo.follow(two, two, true, at(1.0)).is_err());
+        assert_eq!(echo.follow(two, two, true, at(2.0)), Ok(()));
+        assert!(echo.is_confirmed(two));
+    }
+}

@@ -1,0 +1,312 @@
+//! The commands of one epoch: queued, sent, received, executed.
+//!
+//! What is sent and not executed stays inside a window: so many commands, and so much motion by time, since that is
+//! what the arm still does when the link drops. A path's motion is counted as distance over speed. Points of a path
+//! go out at least a few at a time, whatever they last, so that the controller can blend. Bytes not yet received stay
+//! below what its buffer holds, commands below the free places that it last told.
+
+use super::echo::FrameEcho;
+use super::{LinkLimits, QueueError};
+use crate::eki::ack::Ack;
+use crate::eki::command::{Command, MoveLin, SetTcp};
+use crate::eki::report::{Report, SequenceError};
+use crate::eki::state::State;
+use crate::eki::time::Time;
+use crate::eki::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
+use crate::geometry::{Base, KukaPose, Tool};
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// Bytes sent and not yet received, at most: half of what a channel buffers by default (`eki.md` 6, 30).
+const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
+/// Turning speed by which a line that turns more than it goes is counted, degrees a second: slower than the
+/// controller's own (`$VEL.ORI`, 200), so that the count is not too small.
+const TURN_DEG_S: f64 = 90.0;
+
+/// A command on its way.
+#[derive(Debug)]
+struct Order {
+    id: CommandId,
+    bytes: Vec<u8>,
+    /// How long its motion lasts by our count; zero where nothing moves.
+    motion: Duration,
+    /// The path that it is a point of.
+    path: Option<Part>,
+    /// Where its line goes and how fast, while nobody knows where it starts.
+    from_anywhere: Option<(KukaPose, Option<f64>)>,
+    sent_at: Time,
+}
+
+/// A point's place in its path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Part {
+    first: CommandId,
+    last: CommandId,
+    /// The echoes that it waits for.
+    base: CommandId,
+    tool: CommandId,
+}
+
+/// One open epoch.
+#[derive(Debug)]
+pub(super) struct Flow {
+    epoch: Epoch,
+    queue: VecDeque<Order>,
+    in_flight: VecDeque<Order>,
+    next_id: CommandId,
+    sent: CommandId,
+    received: CommandId,
+    /// What each channel last said, since the one may be behind the other.
+    acked_received: CommandId,
+    acked_done: CommandId,
+    state_done: CommandId,
+    told: CommandId,
+    /// The most that may be sent, by the ring's free places.
+    credit: Option<u64>,
+    base: FrameEcho,
+    tool: FrameEcho,
+    speed_mm_s: Option<f64>,
+    /// Where the last line queued ends, where that is known.
+    end: Option<KukaPose>,
+    path_ends: VecDeque<CommandId>,
+}
+
+impl Flow {
+    pub(super) fn new(epoch: Epoch) -> Self {
+        Flow {
+            epoch,
+            queue: VecDeque::new(),
+            in_flight: VecDeque::new(),
+            next_id: CommandId(1),
+            sent: CommandId(0),
+            received: CommandId(0),
+            acked_received: CommandId(0),
+            acked_done: CommandId(0),
+            state_done: CommandId(0),
+            told: CommandId(0),
+            credit: None,
+            base: FrameEcho::new("base"),
+            tool: FrameEcho::new("tool"),
+            speed_mm_s: None,
+            end: None,
+            path_ends: VecDeque::new(),
+        }
+    }
+
+    pub(super) fn epoch(&self) -> Epoch {
+        self.epoch
+    }
+
+    pub(super) fn sent(&self) -> CommandId {
+        self.sent
+    }
+
+    pub(super) fn done(&self) -> CommandId {
+        self.acked_done.max(self.state_done)
+    }
+
+    /// True while a command waits, or was sent and not executed.
+    pub(super) fn is_busy(&self) -> bool {
+        !self.queue.is_empty() || !self.in_flight.is_empty()
+    }
+
+    /// When the oldest command was sent that the controller has not received.
+    pub(super) fn oldest_unreceived(&self) -> Option<Time> {
+        self.in_flight.iter().find(|order| order.id > self.received).map(|order| order.sent_at)
+    }
+
+    pub(super) fn queue(
+        &mut self,
+        command: Command,
+        wire: &Wire,
+        limits: &LinkLimits,
+    ) -> Result<CommandId, QueueError> {
+        let id = self.next_ids(1)?;
+        let bytes = wire.encode_command(id, self.epoch, &command, 0)?;
+        let mut motion = Duration::ZERO;
+        match command {
+            Command::SetBase(base) => self.base.queued(id, base),
+            Command::SetTcp(SetTcp { flange_from_tool, .. }) => self.tool.queued(id, flange_from_tool),
+            Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
+            // How long these last only the controller knows: alone in the window.
+            Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
+            _ => {}
+        }
+        if !matches!(command, Command::SetAccSpeed(_) | Command::SetDigout(_)) {
+            self.end = None;
+        }
+        self.queue.push_back(Order {
+            id,
+            bytes,
+            motion,
+            path: None,
+            from_anywhere: None,
+            sent_at: Time::default(),
+        });
+        self.next_id = CommandId(id.0 + 1);
+        Ok(id)
+    }
+
+    pub(super) fn queue_path(
+        &mut self,
+        points: &[MoveLin],
+        wire: &Wire,
+        limits: &LinkLimits,
+    ) -> Result<CommandId, QueueError> {
+        let base = self.base.last().ok_or(QueueError::FramesNotSet { missing: "the base" })?;
+        let tool = self.tool.last().ok_or(QueueError::FramesNotSet { missing: "the tool" })?;
+        let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
+        if count == 0 {
+            return Err(QueueError::EmptyPath);
+        }
+        let first = self.next_ids(count)?;
+        let last = CommandId(first.0 + (count - 1));
+        let path = Some(Part { first, last, base, tool });
+        let mut end = self.end;
+        let mut orders = Vec::with_capacity(points.len());
+        for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
+            let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
+            let motion = line_time(end, point.pose, self.speed_mm_s).unwrap_or(limits.window);
+            let from_anywhere = end.is_none().then_some((point.pose, self.speed_mm_s));
+            end = Some(point.pose);
+            orders.push(Order { id, bytes, motion, path, from_anywhere, sent_at: Time::default() });
+        }
+        self.queue.extend(orders);
+        (self.end, self.next_id) = (end, CommandId(last.0 + 1));
+        self.path_ends.push_back(last);
+        Ok(last)
+    }
+
+    /// The first of so many new ids.
+    fn next_ids(&self, count: u32) -> Result<CommandId, QueueError> {
+        match self.next_id.0.checked_add(count) {
+            Some(after) if after <= LAST_NUMBER => Ok(self.next_id),
+            _ => Err(QueueError::IdsExhausted { most: LAST_NUMBER }),
+        }
+    }
+
+    /// The bytes of the next command, where it may go now.
+    pub(super) fn send_next(&mut self, now: Time, limits: &LinkLimits) -> Option<Vec<u8>> {
+        if !self.queue.front().is_some_and(|next| self.may_go(next, limits)) {
+            return None;
+        }
+        let mut order = self.queue.pop_front()?;
+        let bytes = order.bytes.clone();
+        (self.sent, order.sent_at) = (order.id, now);
+        self.in_flight.push_back(order);
+        Some(bytes)
+    }
+
+    fn may_go(&self, next: &Order, limits: &LinkLimits) -> bool {
+        let unreceived = self.in_flight.iter().filter(|order| order.id > self.received);
+        let bytes: usize = unreceived.map(|order| order.bytes.len()).sum();
+        let has_place = self.credit.is_none_or(|credit| u64::from(next.id.0) <= credit)
+            && bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
+        let commands = self.in_flight.len();
+        let Some(part) = next.path else {
+            let fits = next.motion.is_zero() || self.motion_in_flight() + next.motion <= limits.window;
+            return has_place && fits && commands < limits.window_commands;
+        };
+        if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
+            return false;
+        }
+        // A path starts with enough points to blend, or whole.
+        let points = (part.last.0 - part.first.0 + 1) as usize;
+        let together = if next.id == part.first { points.min(limits.min_points) } else { 1 };
+        has_place && commands + together <= limits.window_commands && self.motion_fits(part, together, limits)
+    }
+
+    fn motion_in_flight(&self) -> Duration {
+        self.in_flight.iter().map(|order| order.motion).sum()
+    }
+
+    /// Whether the next points of a path fit into the window by time, or are too few to wait for it.
+    fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
+        let is_ours = |order: &Order| order.path == Some(part);
+        let ahead = self.in_flight.iter().filter(|order| is_ours(order)).count();
+        let few = ahead < limits.min_points
+            && self.in_flight.iter().all(|order| is_ours(order) || order.motion.is_zero());
+        let motion: Duration = self.queue.iter().take(together).map(|order| order.motion).sum();
+        few || self.motion_in_flight() + motion <= limits.window
+    }
+
+    /// Takes an acknowledgement of this epoch.
+    pub(super) fn acknowledge(&mut self, ack: &Ack) -> Result<(), SequenceError> {
+        within("received", ack.received, self.acked_received, self.sent)?;
+        within("executed", ack.done, self.acked_done, ack.received)?;
+        (self.acked_received, self.acked_done) = (ack.received, ack.done);
+        self.received_up_to(ack.received);
+        self.credit = Some(u64::from(ack.received.0) + u64::from(ack.free));
+        self.forget_done();
+        Ok(())
+    }
+
+    /// Takes a state of this epoch.
+    pub(super) fn follow(&mut self, state: &State) -> Result<(), Report> {
+        within("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
+        self.state_done = state.done;
+        self.received_up_to(state.done);
+        self.forget_done();
+        let echo = [
+            (&mut self.base, state.base_set, state.active_base),
+            (&mut self.tool, state.tool_set, state.flange_from_tool),
+        ];
+        for (frame, is_set, found) in echo {
+            frame.follow(state.done, self.sent, is_set, found).map_err(Report::EchoMismatch)?;
+        }
+        self.measure_start(state);
+        Ok(())
+    }
+
+    /// A line that starts where the arm stands lasts as long as it is from there.
+    fn measure_start(&mut self, state: &State) {
+        let is_seen = |frame: &FrameEcho| frame.last().is_some_and(|last| frame.is_confirmed(last));
+        if !self.is_busy() && is_seen(&self.base) && is_seen(&self.tool) {
+            self.end = Some(state.base_from_tcp);
+        }
+        let stands = self.in_flight.iter().all(|order| order.motion.is_zero());
+        if let Some(next) = self.queue.front_mut().filter(|_| stands)
+            && let (Some(part), Some((end, speed_mm_s))) = (next.path, next.from_anywhere)
+            && self.base.is_confirmed(part.base)
+            && self.tool.is_confirmed(part.tool)
+            && let Some(motion) = line_time(Some(state.base_from_tcp), end, speed_mm_s)
+        {
+            next.motion = motion;
+        }
+    }
+
+    pub(super) fn received_up_to(&mut self, id: CommandId) {
+        self.received = self.received.max(id).min(self.sent);
+    }
+
+    fn forget_done(&mut self) {
+        let done = self.done();
+        while self.in_flight.pop_front_if(|order| order.id <= done).is_some() {}
+    }
+
+    /// What has come to its end since the last call.
+    pub(super) fn news(&mut self) -> Vec<Report> {
+        let done = self.done();
+        let mut news = Vec::new();
+        if done > self.told {
+            self.told = done;
+            news.push(Report::Progress { done });
+        }
+        while let Some(last) = self.path_ends.pop_front_if(|last| *last <= done) {
+            news.push(Report::PathDone { last });
+        }
+        news
+    }
+}
+
+fn within(what: &'static str, found: CommandId, first: CommandId, last: CommandId) -> Result<(), SequenceError> {
+    if found >= first && found <= last { Ok(()) } else { Err(SequenceError::Command { what, found, first, last }) }
+}
+
+/// How long a line lasts; `None` where start or speed are not known.
+fn line_time(start: Option<KukaPose>, end: KukaPose, speed_mm_s: Option<f64>) -> Option<Duration> {
+    let [start, end] = [start?, end].map(|pose| pose.to_rigid::<Base, Tool>());
+    let along_s = start.origin().distance_mm(end.origin()) / speed_mm_s?;
+    let turning_s = start.isometry().rotation.angle_to(&end.isometry().rotation).to_degrees() / TURN_DEG_S;
+    Duration::try_from_secs_f64(along_s.max(turning_s)).ok()
+}

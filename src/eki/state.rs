@@ -1,0 +1,165 @@
+//! What the controller says about itself, all in one message and of one moment.
+
+use super::command::{FARTHEST_MM, LARGEST_DEG};
+use super::schema::{Field, int, real};
+use super::wire::{CommandId, Epoch};
+use crate::geometry::{Joints, KukaPose};
+
+/// The operating mode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Mode {
+    /// T1: by hand, at most 250 mm/s.
+    T1,
+    /// T2: by hand, full speed.
+    T2,
+    /// AUT: by itself.
+    Automatic,
+    /// EXT: by itself, started from outside.
+    External,
+}
+
+impl Mode {
+    /// The name on the controller.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mode::T1 => "T1",
+            Mode::T2 => "T2",
+            Mode::Automatic => "AUT",
+            Mode::External => "EXT",
+        }
+    }
+}
+
+/// The controller's state at one moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct State {
+    /// Since the controller's start, ms.
+    pub time_ms: u32,
+    /// Counts the states sent.
+    pub sequence: u32,
+    /// The last request that was answered.
+    pub answered: u32,
+    /// The epoch it is in.
+    pub epoch: Epoch,
+    /// Another number after each start of the controller.
+    pub boot: i32,
+    /// Checksum of the programs on the controller.
+    pub programs_checksum: i32,
+    /// Operating mode.
+    pub mode: Mode,
+    /// The drives are on.
+    pub drives_on: bool,
+    /// An emergency stop is pressed.
+    pub emergency_stop: bool,
+    /// The guard is closed.
+    pub guard_closed: bool,
+    /// The arm moves.
+    pub moving: bool,
+    /// A motion could start.
+    pub motion_possible: bool,
+    /// The base was set in this epoch.
+    pub base_set: bool,
+    /// The tool was set in this epoch.
+    pub tool_set: bool,
+    /// The controller's program has stopped this epoch by itself.
+    pub stopped: bool,
+    /// Mapped inputs, one a bit.
+    pub inputs: u32,
+    /// Mapped outputs, one a bit.
+    pub outputs: u32,
+    /// The last command executed in this epoch.
+    pub done: CommandId,
+    /// How often a path ran dry before its end.
+    pub underruns: u32,
+    /// Where the axes stand.
+    pub joints: Joints,
+    /// The tool's tip in the active base.
+    pub base_from_tcp: KukaPose,
+    /// The active base, in the robot's own.
+    pub active_base: KukaPose,
+    /// The active tool, in the flange.
+    pub flange_from_tool: KukaPose,
+}
+
+const WHOLE: usize = 12;
+
+pub(super) const STATE: [Field; 36] = [
+    int("St/@T", 0, i32::MAX),
+    int("St/@Seq", 0, i32::MAX),
+    int("St/@Re", 0, i32::MAX),
+    int("St/@Ep", 0, i32::MAX),
+    int("St/@Boot", i32::MIN, i32::MAX),
+    int("St/@Sum", i32::MIN, i32::MAX),
+    int("St/@Mode", 1, 4),
+    int("St/@Flags", 0, 255),
+    int("St/@In", 0, i32::MAX),
+    int("St/@Out", 0, i32::MAX),
+    int("St/@Done", 0, i32::MAX),
+    int("St/@Under", 0, i32::MAX),
+    real("St/J/@A1", LARGEST_DEG),
+    real("St/J/@A2", LARGEST_DEG),
+    real("St/J/@A3", LARGEST_DEG),
+    real("St/J/@A4", LARGEST_DEG),
+    real("St/J/@A5", LARGEST_DEG),
+    real("St/J/@A6", LARGEST_DEG),
+    real("St/Tcp/@X", FARTHEST_MM),
+    real("St/Tcp/@Y", FARTHEST_MM),
+    real("St/Tcp/@Z", FARTHEST_MM),
+    real("St/Tcp/@A", LARGEST_DEG),
+    real("St/Tcp/@B", LARGEST_DEG),
+    real("St/Tcp/@C", LARGEST_DEG),
+    real("St/Base/@X", FARTHEST_MM),
+    real("St/Base/@Y", FARTHEST_MM),
+    real("St/Base/@Z", FARTHEST_MM),
+    real("St/Base/@A", LARGEST_DEG),
+    real("St/Base/@B", LARGEST_DEG),
+    real("St/Base/@C", LARGEST_DEG),
+    real("St/Tool/@X", FARTHEST_MM),
+    real("St/Tool/@Y", FARTHEST_MM),
+    real("St/Tool/@Z", FARTHEST_MM),
+    real("St/Tool/@A", LARGEST_DEG),
+    real("St/Tool/@B", LARGEST_DEG),
+    real("St/Tool/@C", LARGEST_DEG),
+];
+
+impl State {
+    /// From the values of [`STATE`], which are in range and whole where they must be.
+    pub(super) fn from_values(values: &[f64]) -> Option<Self> {
+        let (whole, poses) = values.split_at_checked(WHOLE)?;
+        let [time, sequence, answered, epoch, boot, sum, mode, flags, inputs, outputs, done, underruns] =
+            *<&[f64; WHOLE]>::try_from(whole).ok()?;
+        let [joints, tcp, base, tool] = poses.as_chunks::<6>().0 else { return None };
+        let flag = |bit: u32| (flags as u32) >> bit & 1 == 1;
+        let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = *joints;
+        let modes = [Mode::T1, Mode::T2, Mode::Automatic, Mode::External];
+        Some(State {
+            time_ms: time as u32,
+            sequence: sequence as u32,
+            answered: answered as u32,
+            epoch: Epoch(epoch as u32),
+            boot: boot as i32,
+            programs_checksum: sum as i32,
+            mode: *modes.get((mode as usize).checked_sub(1)?)?,
+            drives_on: flag(0),
+            emergency_stop: !flag(1),
+            guard_closed: flag(2),
+            moving: flag(3),
+            motion_possible: flag(4),
+            base_set: flag(5),
+            tool_set: flag(6),
+            stopped: flag(7),
+            inputs: inputs as u32,
+            outputs: outputs as u32,
+            done: CommandId(done as u32),
+            underruns: underruns as u32,
+            joints: Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg },
+            base_from_tcp: pose(tcp),
+            active_base: pose(base),
+            flange_from_tool: pose(tool),
+        })
+    }
+}
+
+fn pose(&[x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]: &[f64; 6]) -> KukaPose {
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
+}

@@ -1,0 +1,36 @@
+//! The session's clock reading.
+
+use std::time::Duration;
+
+/// A moment, counted from any fixed start: the link's on a real robot, the controller's own in lock step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
+pub struct Time(Duration);
+
+impl Time {
+    /// The moment that lies this long after the start.
+    pub fn after_start(since: Duration) -> Self {
+        Time(since)
+    }
+
+    /// The moment at this count of milliseconds.
+    pub fn at_ms(ms: u64) -> Self {
+        Time(Duration::from_millis(ms))
+    }
+
+    /// How long after the start.
+    pub fn since_start(self) -> Duration {
+        self.0
+    }
+
+    /// How long `earlier` is ago; zero where it is not.
+    pub fn since(self, earlier: Time) -> Duration {
+        self.0.saturating_sub(earlier.0)
+    }
+}
+
+impl std::ops::Add<Duration> for Time {
+    type Output = Time;
+    fn add(self, span: Duration) -> Time {
+        Time(self.0.saturating_add(span))
+    }
+}

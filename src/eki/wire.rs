@@ -1,0 +1,132 @@
+//! Values to documents and back: the four kinds of message, with tags and order from the EthernetKRL files.
+//!
+//! `Cmd` and `Req` go out, `Ack` and `St` come in. Numbers are written as the controller writes them, `%d` and
+//! `%f`: six decimals, no exponent. A number that cannot be written so is refused where the command is queued.
+
+use super::ack::{ACK, Ack};
+use super::channel::ChannelFile;
+use super::command::{Command, CommandError, Fields, Request};
+use super::schema::{DecodeError, Field, Schema, SchemaError, int, real};
+use super::state::{STATE, State};
+
+#[cfg(test)]
+mod tests;
+
+/// A command's number, contiguous from 1 in each epoch; 0 is none.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
+)]
+#[serde(transparent)]
+pub struct CommandId(pub u32);
+
+/// A span of commands that begins with a reset and ends with an abort, a stop or the link. An ended epoch never
+/// moves the robot.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash, serde::Serialize, serde::Deserialize,
+)]
+#[serde(transparent)]
+pub struct Epoch(pub u32);
+
+impl std::fmt::Display for CommandId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+impl std::fmt::Display for Epoch {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}", self.0)
+    }
+}
+
+/// Numbers on the wire are 32 bits with a sign.
+pub(super) const LAST_NUMBER: u32 = i32::MAX.cast_unsigned();
+
+/// Nothing here is checked again: a command was checked when it was queued, a request has only numbers.
+const COMMAND: [Field; 13] = [
+    int("Cmd/@Id", 1, i32::MAX),
+    int("Cmd/@Ep", 1, i32::MAX),
+    int("Cmd/@Op", 1, 8),
+    int("Cmd/@N1", 0, i32::MAX),
+    int("Cmd/@N2", 0, i32::MAX),
+    real("Cmd/@R1", f64::MAX),
+    real("Cmd/@R2", f64::MAX),
+    real("Cmd/P/@X", f64::MAX),
+    real("Cmd/P/@Y", f64::MAX),
+    real("Cmd/P/@Z", f64::MAX),
+    real("Cmd/P/@A", f64::MAX),
+    real("Cmd/P/@B", f64::MAX),
+    real("Cmd/P/@C", f64::MAX),
+];
+
+const REQUEST: [Field; 4] =
+    [int("Req/@Id", 1, i32::MAX), int("Req/@Ep", 0, i32::MAX), int("Req/@Op", 9, 12), int("Req/@N1", 0, i32::MAX)];
+
+/// The messages of both channels.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Wire {
+    command: Schema,
+    ack: Schema,
+    request: Schema,
+    state: Schema,
+}
+
+impl Wire {
+    /// The messages as these two files name them.
+    ///
+    /// # Errors
+    /// Where a file lacks a tag, or has one that this program does not know.
+    pub fn new(command_channel: &ChannelFile, state_channel: &ChannelFile) -> Result<Self, SchemaError> {
+        Ok(Wire {
+            command: Schema::new(&command_channel.received, &COMMAND)?,
+            ack: Schema::new(&command_channel.sent, &ACK)?,
+            request: Schema::new(&state_channel.received, &REQUEST)?,
+            state: Schema::new(&state_channel.sent, &STATE)?,
+        })
+    }
+
+    /// A command as bytes; `to_come` is how many points of the same path follow.
+    ///
+    /// # Errors
+    /// Where a number is not finite or out of range, or the function has no place on this channel.
+    pub fn encode_command(
+        &self,
+        id: CommandId,
+        epoch: Epoch,
+        command: &Command,
+        to_come: u32,
+    ) -> Result<Vec<u8>, CommandError> {
+        let Fields { operation, n, r, p } = command.fields(to_come)?;
+        let head = [f64::from(id.0), f64::from(epoch.0)].into_iter();
+        let rest = [operation, n[0], n[1]].map(f64::from);
+        let values: Vec<f64> = head.chain(rest).chain(r).chain(p).collect();
+        Ok(self.command.encode(&values))
+    }
+
+    /// A request as bytes; `id` counts the requests of a connection from 1.
+    pub fn encode_request(&self, id: u32, epoch: Epoch, request: &Request) -> Vec<u8> {
+        let (operation, number) = match *request {
+            Request::State => (9, 0),
+            Request::Heartbeat { last_sent } => (10, last_sent),
+            Request::Abort { next } => (11, next.0),
+            Request::Reset { next } => (12, next.0),
+        };
+        self.request.encode(&[id, epoch.0, operation, number].map(f64::from))
+    }
+
+    /// An acknowledgement from its document.
+    ///
+    /// # Errors
+    /// Where the document is not exactly one `Ack`.
+    pub fn decode_ack(&self, document: &str) -> Result<Ack, DecodeError> {
+        Ack::from_values(&self.ack.decode(document)?).ok_or(DecodeError::Missing { field: "Ack" })
+    }
+
+    /// A state from its document.
+    ///
+    /// # Errors
+    /// Where the document is not exactly one `St`.
+    pub fn decode_state(&self, document: &str) -> Result<State, DecodeError> {
+        State::from_values(&self.state.decode(document)?).ok_or(DecodeError::Missing { field: "St" })
+    }
+}
