@@ -13,6 +13,7 @@ use super::plan::{self, Planned};
 use super::refine::{self, RefinedPlace};
 use super::{disk, render, teach};
 use crate::geometry::{Base, ColorPicture, Panel, Rigid};
+use crate::recipe::Recipe;
 use crate::report::page::{Page, Row, Section};
 use crate::sim::{self, Truth};
 use crate::verdict::{Judgement, Verdict};
@@ -23,6 +24,7 @@ use std::time::Instant;
 
 /// What the stages found, as far as they went.
 struct Found {
+    recipe: Recipe,
     taught: Taught,
     taught_picture: ColorPicture,
     located: Located,
@@ -88,14 +90,15 @@ fn stages(folder: &Path, progress: &dyn Fn(&str)) -> Result<Found, Fault> {
     let (camera, base_from_camera) = (files.scanner()?.value, files.base_from_camera()?.value);
     let scan = load::scan(&file("scan.pcd"), &camera)?;
     let located = locate::stage(&taught, &scan, camera, base_from_camera, &recipe)?;
-    let mut found = Found { taught, taught_picture, located, refined: None, inspected: None, planned: None };
+    let mut found =
+        Found { recipe, taught, taught_picture, located, refined: None, inspected: None, planned: None };
     let Some(base_from_panel) = found.accepted() else { return Ok(found) };
     progress("correcting the place by the corner picture");
     let flange_camera = files.flange_camera()?.value;
     let shots = load::corner_shots(&[file("corner.png")], &[file("flange.json")], &flange_camera)?;
     let flange_from_camera = files.flange_from_camera()?.value;
     let refined =
-        refine::stage(&found.taught, base_from_panel, shots, &flange_camera, flange_from_camera, &recipe)?;
+        refine::stage(&found.taught, base_from_panel, shots, &flange_camera, flange_from_camera, &found.recipe)?;
     let base_from_panel = refined.refined.base_from_panel;
     let goes_on = refined.judgement.verdict == Verdict::Accept;
     found.refined = Some(refined);
@@ -104,15 +107,15 @@ fn stages(folder: &Path, progress: &dyn Fn(&str)) -> Result<Found, Fault> {
     }
     progress("inspecting the clip");
     let placed = Placed { camera, base_from_camera, base_from_panel };
-    let demands = inspect::demands(&files, &recipe);
+    let demands = inspect::demands(&files, &found.recipe);
     let truth = file("truth");
-    let inspected = inspect::stage(&found.taught, &file("clip"), placed, &recipe, demands, Some(&truth))?;
+    let inspected = inspect::stage(&found.taught, &file("clip"), placed, &found.recipe, demands, Some(&truth))?;
     let failed: Vec<_> = inspected.inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
     let goes_on = inspected.inspection.judgement.verdict == Verdict::Fail;
     found.inspected = Some(inspected);
     if goes_on {
         progress("planning the path over the failed grids");
-        found.planned = Some(plan::stage(&found.taught, &failed, base_from_panel, &recipe)?);
+        found.planned = Some(plan::stage(&found.taught, &failed, base_from_panel, &found.recipe)?);
     }
     Ok(found)
 }
@@ -200,7 +203,7 @@ impl Scored<'_> {
         if let (Some(place), Some(corner_mm)) = (&self.found.refined, self.corner_error_mm()) {
             let error = self.truth.placement_error_mm(&place.refined.base_from_panel);
             words.push(format!(
-                "refined: {corner_mm:.2} mm off in the corner's plane, {:.2} mm at most anywhere",
+                "refined: {corner_mm:.3} mm off in the corner's plane, {:.2} mm at most anywhere",
                 error.max_mm
             ));
         }
@@ -257,13 +260,29 @@ impl Scored<'_> {
     }
 
     fn located_section(&self, keep: &dyn Fn(&str, &ColorPicture) -> Result<(), Fault>) -> Result<Section, Fault> {
-        let located = &self.found.located;
+        let (located, limits) = (&self.found.located, self.found.recipe.locate());
         let mut rows = Vec::new();
         let mut figures = Vec::new();
         if let Some(fit) = &located.fit {
             let error = self.truth.placement_error_mm(&fit.base_from_panel);
-            rows.push(Row::new("residual, point to plane", format!("{:.3} mm rms", fit.rms_mm), ""));
-            rows.push(Row::new("overlap", format!("{:.3}", fit.overlap()), ""));
+            rows.push(Row::new(
+                "residual, point to plane",
+                format!("{:.3} mm rms", fit.rms_mm),
+                format!("≤ {:.2} mm", limits.max_rms_mm()),
+            ));
+            rows.push(Row::new(
+                "overlap",
+                format!("{:.3}", fit.overlap()),
+                format!("≥ {:.2}", limits.min_overlap()),
+            ));
+            let moved = format!("{:.1} mm, {:.2}°, {:.2}°", fit.shift_mm, fit.turn.0, fit.tilt.0);
+            let allowed = format!(
+                "≤ {:.0} mm, {:.0}°, {:.0}°",
+                limits.max_shift_mm(),
+                limits.turn_limit_deg(),
+                limits.max_tilt_deg()
+            );
+            rows.push(Row::new("shift, turn and tilt at the panel's centre", moved, allowed));
             rows.push(Row::new("stated error, 95 %", format!("{:.2} mm", fit.uncertainty_mm), ""));
             rows.push(Row::new(
                 "true error, mean and largest",
@@ -300,11 +319,15 @@ impl Scored<'_> {
         let error = self.truth.placement_error_mm(&place.refined.base_from_panel);
         let [x_mm, y_mm] = place.refined.shift_mm;
         let mut rows = vec![
-            Row::new("correction in camera x and y", format!("{x_mm:.3} mm, {y_mm:.3} mm"), ""),
+            Row::new(
+                "correction in camera x and y",
+                format!("{x_mm:.3} mm, {y_mm:.3} mm"),
+                format!("≤ {:.1} mm", self.found.recipe.corner().max_correction_mm()),
+            ),
             Row::new("largest error anywhere on the panel", format!("{:.2} mm", error.max_mm), ""),
         ];
         if let Some(corner_mm) = self.corner_error_mm() {
-            rows.push(Row::new("true error in the corner's plane", format!("{corner_mm:.2} mm"), "0.5 mm"));
+            rows.push(Row::new("true error in the corner's plane", format!("{corner_mm:.3} mm"), "≤ 0.5 mm"));
         }
         let text = "The corner in the flange camera's picture, where it was expected and where it was found.";
         Ok(Section { heading: "The corner".to_owned(), text: text.to_owned(), rows, figures })

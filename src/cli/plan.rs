@@ -153,7 +153,7 @@ impl Planned {
             ),
             Row::new("coverage of the failed grids", format!("{:.1} %", self.plan.coverage * 100.0), "≥ 95 %"),
             Row::new("length, time", format!("{:.0} mm, {:.0} s", self.plan.length_mm, self.plan.duration_s), ""),
-            Row::new("tool axis off the true normal, largest", format!("{:.2}°", worst.normal_deg), "1°"),
+            Row::new("tool axis off the true normal, largest", format!("{:.2}°", worst.normal_deg), "≤ 1°"),
             Row::new("contact off the true surface, largest", format!("{:.2} mm", worst.surface_mm), ""),
         ];
         if let Some(step) = self.plan.step_over_mm {
