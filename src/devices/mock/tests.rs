@@ -42,7 +42,8 @@ impl World for Wires {
     }
 
     fn input(&self, number: u16, _: u64) -> Option<bool> {
-        let tool = self.changes().iter().rev().find(|change| change.0 == TOOL_OUTPUT).is_some_and(|change| change.1);
+        let tool =
+            self.changes().iter().rev().find(|change| change.0 == TOOL_OUTPUT).is_some_and(|change| change.1);
         (number == 4).then_some(tool)
     }
 }
@@ -139,6 +140,7 @@ impl Rig {
         for _ in 0..200 {
             self.beat();
             if !self.controller.is_moving() && self.ack("Free") == 100 {
+                self.beat(); // in free time the state is told before the time passes
                 return;
             }
         }

@@ -11,7 +11,8 @@ fn the_first_state_is_as_agreed() {
                     Done=\"0\" Under=\"0\"><J A1=\"0.000000\" A2=\"-90.000000\" A3=\"90.000000\" A4=\"0.000000\" \
                     A5=\"90.000000\" A6=\"0.000000\"></J><Tcp X=\"390.000000\"";
     assert!(rig.states.starts_with(expected), "{}", rig.states);
-    let base = "<Base X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\" A=\"0.000000\" B=\"0.000000\" C=\"0.000000\"></Base>";
+    let base =
+        "<Base X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\" A=\"0.000000\" B=\"0.000000\" C=\"0.000000\"></Base>";
     assert!(rig.states.contains(base) && rig.states.ends_with("</Tool></St>"), "{}", rig.states);
 }
 
@@ -103,7 +104,7 @@ fn each_wrong_command_is_refused_with_its_number() {
         (Refusal::OutOfRange, 6, [0, 1], [0.0; 2], [0.0; 6]),
         (Refusal::OutOfRange, 8, [1, 0], [0.0; 2], [0.0; 6]),
         (Refusal::Unreachable, 1, [0, 0], [10.0, 0.0], [0.0, 45.5, 0.0, 0.0, 0.0, 0.0]),
-        (Refusal::Unreachable, 2, [0, 0], [0.0; 2], [900.0, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        (Refusal::Unreachable, 2, [0, 0], [0.0; 2], [0.0, 900.0, 0.0, 0.0, 0.0, 0.0]),
         (Refusal::NoBaseOrTool, 2, [0, 0], [0.0; 2], [0.0; 6]),
         (Refusal::NoMotion, 1, [0, 0], [10.0, 0.0], home),
     ];
@@ -140,18 +141,19 @@ fn only_the_present_epoch_is_executed() {
     rig.beat();
     assert_eq!((rig.ack("Err"), rig.ack("ErrId"), rig.ack("Rx")), (1, gap, 1));
     assert_eq!((gap, after), (3, 4));
-    assert!(rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3));
+    assert!(
+        rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3)
+    );
     // In flight while the epoch ends: dropped, and no mark on the new one. One from the future: refused.
     rig.open();
-    rig.controller.command_bytes(command(1, 2, 6, [1, 0], [0.0; 2], [0.0; 6]).as_bytes());
+    rig.controller.command_bytes(command(1, 2, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
     rig.beat();
-    assert_eq!((rig.controller.stale_commands(), rig.ack("Err"), rig.state("Out")), (1, 0, 1));
-    // Lock step reads nothing beyond the heartbeat's epoch.
-    rig.controller.command_bytes(command(9, 1, 6, [1, 0], [0.0; 2], [0.0; 6]).as_bytes());
+    assert_eq!((rig.controller.stale_commands(), rig.ack("Err"), rig.state("Out")), (1, 0, 0));
+    rig.controller.command_bytes(command(9, 1, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
     rig.epoch = 9;
     rig.id = 1;
     rig.beat();
-    assert_eq!((rig.ack("Err"), rig.state("Out"), rig.state("Ep")), (2, 1, 2));
+    assert_eq!((rig.ack("Err"), rig.state("Out"), rig.state("Ep")), (2, 0, 2));
     // An epoch is never opened twice, nor a lower one.
     rig.ask(12, 2);
     rig.ask(12, 1);
@@ -163,7 +165,8 @@ fn only_the_present_epoch_is_executed() {
 fn a_new_epoch_has_neither_base_nor_tool() {
     let mut rig = Rig::ready(Clock::LockStep);
     assert!(rig.flag(5) && rig.flag(6));
-    let base = "<Base X=\"390.000000\" Y=\"0.000000\" Z=\"570.000000\" A=\"180.000000\" B=\"0.000000\" C=\"180.000000\">";
+    let base =
+        "<Base X=\"390.000000\" Y=\"0.000000\" Z=\"570.000000\" A=\"180.000000\" B=\"0.000000\" C=\"180.000000\">";
     assert!(rig.states.rfind(base) > rig.states.rfind("<St "), "{}", rig.states);
     rig.open();
     assert!(!rig.flag(5) && !rig.flag(6) && !rig.flag(7));

@@ -69,7 +69,10 @@ fn a_path_over_tcp_is_the_path_without_it() {
     assert_eq!((last(&state, "Done"), last(&state, "T")), ("22", "1500"));
     let mut acks = [0; 4096];
     let count = client.command.read(&mut acks).expect("acknowledged");
-    assert!(std::str::from_utf8(&acks[..count]).expect("text").starts_with("<Ack Rx=\"8\""), "the first tick reads 8");
+    assert!(
+        std::str::from_utf8(&acks[..count]).expect("text").starts_with("<Ack Rx=\"8\""),
+        "the first tick reads 8"
+    );
 
     let mut alone = Rig::new(Clock::LockStep);
     alone.controller.command_bytes(path().concat().as_bytes());
@@ -91,9 +94,9 @@ fn a_second_client_is_turned_away_and_the_next_one_is_not() {
     drop(first);
     let until = Instant::now() + Duration::from_secs(10);
     let any = |server: &MockServer| {
-        server.handle().with(|controller| {
-            controller.is_connected(Channel::Command) || controller.is_connected(Channel::State)
-        })
+        server
+            .handle()
+            .with(|controller| controller.is_connected(Channel::Command) || controller.is_connected(Channel::State))
     };
     while any(&server) {
         assert!(Instant::now() < until, "still there");

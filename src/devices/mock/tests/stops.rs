@@ -22,7 +22,10 @@ fn assert_retracted(rig: &mut Rig) {
     let (executed, there) = (rig.ids().len(), rig.tool_tip());
     rig.line(60, 10, true);
     rig.beats(5);
-    assert!(rig.ids().len() == executed && rig.tool_tip().distance_mm(there) < 1e-12, "an ended epoch moved the arm");
+    assert!(
+        rig.ids().len() == executed && rig.tool_tip().distance_mm(there) < 1e-12,
+        "an ended epoch moved the arm"
+    );
 }
 
 #[test]
@@ -36,7 +39,7 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
     // By hand: 100 mm/s at 5000 mm/s² are braked away in 20 ms and 1 mm.
     let braked_mm = at.mm.x - rig.tool_tip().mm.x;
     assert!((braked_mm - 1.0).abs() < 1e-6, "{braked_mm}");
-    rig.epoch = 2;
+    (rig.epoch, rig.id) = (2, 0);
     assert_retracted(&mut rig);
     assert!(rig.ids().len() <= done + 1 && rig.causes() == [StopCause::Abort]);
     // The refusals of the ended epoch say that it was stopped; a new one begins clean.
@@ -50,7 +53,7 @@ fn abort_in_contact_switches_the_tool_off_and_retracts() {
 fn a_new_epoch_waits_for_the_retract() {
     let mut rig = sanding(Clock::LockStep);
     rig.ask(11, 2);
-    rig.epoch = 2;
+    (rig.epoch, rig.id) = (2, 0);
     rig.open();
     rig.prepare();
     assert_eq!((rig.ack("Rx"), rig.flag(3)), (3, true), "it retracts");
@@ -96,7 +99,10 @@ fn silence_stops_what_is_queued() {
     rig.controller.advance_ms(2000);
     rig.listen();
     let stop = rig.controller.stops()[0].clone();
-    assert_eq!((stop.cause, stop.contact, stop.epoch, stop.time_ms), (StopCause::Watchdog, true, 1, heard_ms + 408));
+    assert_eq!(
+        (stop.cause, stop.contact, stop.epoch, stop.time_ms),
+        (StopCause::Watchdog, true, 1, heard_ms + 408)
+    );
     // Off the surface within 500 ms of the last frame: the first sample behind the stop is none.
     let last = rig.controller.trace().last().expect("some").time_ms;
     assert!(last <= heard_ms + 500, "{last} {heard_ms}");
@@ -165,7 +171,7 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     rig.ask(11, 2);
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
-    rig.epoch = 2;
+    (rig.epoch, rig.id) = (2, 0);
     rig.open();
     rig.prepare();
     rig.command(2, [0, 0], [0.0; 2], [50.0, 0.0, -30.0, 0.0, 0.0, 0.0]);
