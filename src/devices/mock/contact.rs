@@ -68,6 +68,13 @@ impl Contact {
         self.retract = if may_retract && self.behind { Retract::Due } else { Retract::No };
     }
 
+    /// A new epoch: a tool that an e-stop left on the panel is jogged off by hand. A retract goes on.
+    pub(super) fn forget(&mut self) {
+        if !self.wants_retract() {
+            *self = Contact::default();
+        }
+    }
+
     /// The retract cannot be made.
     pub(super) fn give_up(&mut self) {
         self.retract = Retract::No;

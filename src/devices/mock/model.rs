@@ -160,8 +160,9 @@ impl Controller {
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         if self.receive(Channel::Command, bytes) {
             let newest = self.commands.memory.records().next_back().map(|record| self.command_places.order(record));
-            if let Some(Ok(newest)) = newest {
-                self.arrived = self.arrived.max(newest);
+            // After one that has no number nothing is waited for.
+            if let Some(newest) = newest {
+                self.arrived = self.arrived.max(newest.unwrap_or((i32::MAX, i32::MAX)));
             }
             self.last_frame_ms = self.now_ms;
             self.serve_in_lock_step();

@@ -1,0 +1,209 @@
+//! What is on the wire: documents, epochs, refusals, the ring, lock step.
+
+use super::*;
+
+/// By hand: boot 1, sum 1, EXT, flags 1 + 2 + 4 + 16 = drives, no e-stop, guard, motion possible.
+#[test]
+fn the_first_state_is_as_agreed() {
+    let mut rig = Rig::before_reset(Clock::LockStep);
+    rig.ask(9, 0);
+    let expected = "<St T=\"0\" Seq=\"1\" Re=\"1\" Ep=\"0\" Boot=\"1\" Sum=\"1\" Mode=\"4\" Flags=\"23\" In=\"0\" Out=\"0\" \
+                    Done=\"0\" Under=\"0\"><J A1=\"0.000000\" A2=\"-90.000000\" A3=\"90.000000\" A4=\"0.000000\" \
+                    A5=\"90.000000\" A6=\"0.000000\"></J><Tcp X=\"390.000000\"";
+    assert!(rig.states.starts_with(expected), "{}", rig.states);
+    let base =
+        "<Base X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\" A=\"0.000000\" B=\"0.000000\" C=\"0.000000\"></Base>";
+    assert!(rig.states.contains(base) && rig.states.ends_with("</Tool></St>"), "{}", rig.states);
+}
+
+/// By hand: 100 ms are 8 ticks of 12 and 4 ms more; the second 100 make 104, 8 ticks and 8; the third 9 ticks.
+#[test]
+fn a_heartbeat_grants_a_tenth_of_a_second_and_keeps_the_rest() {
+    let mut rig = Rig::new(Clock::LockStep);
+    let times = [96, 192, 300].map(|_: i32| {
+        rig.beat();
+        rig.state("T")
+    });
+    assert_eq!(times, [96, 192, 300]);
+    assert!(rig.acks.starts_with("<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"1\"></Ack>"));
+    assert_eq!(rig.acks.matches("<Ack").count(), 1, "nothing changed: {}", rig.acks);
+    rig.beats(5);
+    assert_eq!(rig.acks.matches("<Ack").count(), 2, "half a second passed: {}", rig.acks);
+}
+
+#[test]
+fn a_heartbeat_waits_for_the_commands_that_it_names() {
+    let mut rig = Rig::new(Clock::LockStep);
+    let documents: Vec<String> = (0..2).map(|_| rig.document(6, [1, 1], [0.0; 2], [0.0; 6])).collect();
+    rig.beat();
+    assert_eq!(rig.controller.time_ms(), 0);
+    rig.controller.command_bytes(documents[0].as_bytes());
+    assert_eq!(rig.controller.time_ms(), 0);
+    rig.controller.command_bytes(documents[1].as_bytes());
+    assert_eq!(rig.controller.time_ms(), 96);
+    // One command more than the heartbeat names stays unread.
+    let (early, id) = (rig.document(6, [1, 0], [0.0; 2], [0.0; 6]), rig.id);
+    rig.controller.command_bytes(early.as_bytes());
+    rig.ask(10, id - 1);
+    assert_eq!((rig.ack("Rx"), rig.ack("Done")), (2, 2));
+    rig.beat();
+    assert_eq!((rig.ack("Rx"), rig.ack("Done")), (3, 3));
+}
+
+/// In free time a state comes at least every 100 ms unasked, with the last request in Re.
+#[test]
+fn states_come_unasked_on_the_wall_clock() {
+    let mut rig = Rig::new(Clock::Free);
+    rig.controller.advance_ms(1000);
+    rig.listen();
+    let times: Vec<&str> = rig.states.split(" T=\"").skip(1).map(|rest| &rest[..rest.find('"').unwrap()]).collect();
+    assert_eq!(times, ["12", "108", "204", "300", "396", "492", "588", "684", "780", "876", "972"]);
+    assert_eq!(rig.state("Re"), 1);
+}
+
+/// Eight commands a tick; 100 that cannot be executed fill the ring, and the next one is refused.
+#[test]
+fn the_ring_refuses_when_it_is_full() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.command(8, [0, 0], [0.0; 2], [0.0; 6]);
+    for _ in 0..7 {
+        rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    }
+    rig.controller.advance_ms(12);
+    rig.listen();
+    assert_eq!((rig.ack("Rx"), rig.ack("Done"), rig.ack("Free")), (11, 3, 92));
+    for _ in 0..93 {
+        rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    }
+    rig.controller.advance_ms(84); // seven ticks: 56 of the 93, and the subroutine runs for 100 ms
+    rig.listen();
+    assert_eq!((rig.ack("Rx"), rig.ack("Free")), (67, 36));
+    let mut full = Rig::ready(Clock::LockStep);
+    full.controller.setup.subroutines_ms = vec![10_000];
+    full.command(8, [0, 0], [0.0; 2], [0.0; 6]);
+    for _ in 0..100 {
+        full.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    }
+    full.beats(3);
+    assert_eq!((full.ack("Err"), full.ack("ErrId"), full.ack("Rx")), (3, 104, 103));
+    assert_eq!(full.causes(), [StopCause::Refused(Refusal::RingFull)]);
+}
+
+#[test]
+fn each_wrong_command_is_refused_with_its_number() {
+    let home = START_DEG;
+    let cases: [(Refusal, i32, [i32; 2], [f64; 2], [f64; 6]); 14] = [
+        (Refusal::UnknownOperation, 9, [0, 0], [0.0; 2], [0.0; 6]),
+        (Refusal::ReadOnly, 7, [1, 1], [0.0; 2], [0.0; 6]),
+        (Refusal::OutOfRange, 1, [0, 0], [0.0, 0.0], home),
+        (Refusal::OutOfRange, 1, [0, 0], [10.0, 5.0], home),
+        (Refusal::OutOfRange, 2, [0, 2], [0.0; 2], [0.0; 6]),
+        (Refusal::OutOfRange, 4, [2, 0], [0.0; 2], [0.0; 6]),
+        (Refusal::OutOfRange, 5, [100, 100], [2.1, 1.0], [0.0; 6]),
+        (Refusal::OutOfRange, 5, [0, 100], [0.1, 1.0], [0.0; 6]),
+        (Refusal::OutOfRange, 6, [0, 1], [0.0; 2], [0.0; 6]),
+        (Refusal::OutOfRange, 8, [1, 0], [0.0; 2], [0.0; 6]),
+        (Refusal::Unreachable, 1, [0, 0], [10.0, 0.0], [0.0, 45.5, 0.0, 0.0, 0.0, 0.0]),
+        (Refusal::Unreachable, 2, [0, 0], [0.0; 2], [0.0, 900.0, 0.0, 0.0, 0.0, 0.0]),
+        (Refusal::NoBaseOrTool, 2, [0, 0], [0.0; 2], [0.0; 6]),
+        (Refusal::NoMotion, 1, [0, 0], [10.0, 0.0], home),
+    ];
+    for (refusal, operation, n, r, p) in cases {
+        let bare = refusal == Refusal::NoBaseOrTool;
+        let mut rig = if bare { Rig::new(Clock::LockStep) } else { Rig::ready(Clock::LockStep) };
+        if refusal == Refusal::NoMotion {
+            rig.controller.set_guard(false);
+            rig.open();
+        }
+        let id = rig.command(operation, n, r, p);
+        rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+        rig.beat();
+        assert_eq!((rig.ack("Err"), rig.ack("ErrId")), (refusal as i32, id), "operation {operation}");
+        assert!(rig.flag(7) && !rig.controller.outputs().contains_key(&1), "nothing behind it is executed");
+        assert!(rig.ids().is_empty());
+    }
+}
+
+#[test]
+fn only_the_present_epoch_is_executed() {
+    let mut rig = Rig::before_reset(Clock::LockStep);
+    rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert_eq!((rig.ack("Err"), rig.ack("ErrId")), (2, 1), "no epoch was opened");
+    rig.open();
+    rig.beat();
+    assert_eq!((rig.ack("Err"), rig.ack("Ep")), (0, 1), "a new epoch forgets");
+    // A gap ends the epoch.
+    rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    rig.id += 1;
+    let gap = rig.command(6, [2, 1], [0.0; 2], [0.0; 6]);
+    let after = rig.command(6, [3, 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert_eq!((rig.ack("Err"), rig.ack("ErrId"), rig.ack("Rx")), (1, gap, 1));
+    assert_eq!((gap, after), (3, 4));
+    assert!(
+        rig.flag(7) && !rig.controller.outputs().contains_key(&2) && !rig.controller.outputs().contains_key(&3)
+    );
+    // In flight while the epoch ends: dropped, and no mark on the new one. One from the future: refused.
+    rig.open();
+    rig.controller.command_bytes(command(1, 2, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
+    rig.beat();
+    assert_eq!((rig.controller.stale_commands(), rig.ack("Err"), rig.state("Out")), (1, 0, 0));
+    rig.controller.command_bytes(command(9, 1, 6, [1, 1], [0.0; 2], [0.0; 6]).as_bytes());
+    rig.epoch = 9;
+    rig.id = 1;
+    rig.beat();
+    assert_eq!((rig.ack("Err"), rig.state("Out"), rig.state("Ep")), (2, 0, 2));
+    // An epoch is never opened twice, nor a lower one.
+    rig.ask(12, 2);
+    rig.ask(12, 1);
+    assert_eq!((rig.state("Ep"), rig.ack("Err")), (2, 2));
+}
+
+/// Base and tool are gone with the epoch, echoed as they were given while it lasts.
+#[test]
+fn a_new_epoch_has_neither_base_nor_tool() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    assert!(rig.flag(5) && rig.flag(6));
+    let base =
+        "<Base X=\"390.000000\" Y=\"0.000000\" Z=\"570.000000\" A=\"180.000000\" B=\"0.000000\" C=\"180.000000\">";
+    assert!(rig.states.rfind(base) > rig.states.rfind("<St "), "{}", rig.states);
+    rig.open();
+    assert!(!rig.flag(5) && !rig.flag(6) && !rig.flag(7));
+    rig.line(1, 1, false);
+    rig.beat();
+    assert_eq!(rig.ack("Err"), Refusal::NoBaseOrTool as i32);
+}
+
+/// Outputs act on the world and come back as its inputs: bit 4 of Out is output 5, bit 3 of In input 4.
+#[test]
+fn outputs_reach_the_world_and_inputs_come_back() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.command(6, [5, 1], [0.0; 2], [0.0; 6]);
+    rig.controller.set_input(1, true);
+    rig.beat();
+    assert_eq!((rig.state("Out"), rig.state("In")), (1 << 4, 1 << 3 | 1));
+    assert_eq!(rig.wires.changes(), [(5, true, 108)]);
+}
+
+#[test]
+fn what_cannot_be_read_closes_the_channel() {
+    let mut rig = Rig::new(Clock::LockStep);
+    rig.controller.command_bytes(b"<Cmd Id=\"1\"></Cmd>"); // lacks the rest
+    rig.id = 1;
+    rig.beat();
+    assert_eq!(rig.controller.fault(Channel::Command), Some(EkiFault::Malformed));
+    assert!(!rig.controller.is_connected(Channel::Command));
+    rig.controller.state_bytes(b"<Req Id=\"x\"></Req>");
+    assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::Malformed));
+}
+
+#[test]
+fn a_file_without_what_the_program_reads_is_refused() {
+    let states = ChannelFile::parse(include_str!("../../../../config/kuka/CELLSTAT.xml")).expect("read");
+    let swapped = Setup { commands: states, ..setup(Clock::Free) };
+    let Err(MockError::File { channel, problem }) = Controller::new(swapped, Box::new(Unwired)) else {
+        panic!("started");
+    };
+    assert_eq!((channel, problem), ("CELLCMD", FileProblem::NotReceived("Cmd/@R1")));
+}

@@ -1,0 +1,208 @@
+//! How it stops: abort, starving in contact, watchdog, lost link, e-stop. What has ended never moves the arm.
+
+use super::*;
+
+/// In contact, 60 of 200 points sent, the tool on and moving.
+fn sanding(clock: Clock) -> Rig {
+    let mut rig = Rig::ready(clock);
+    rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
+    rig.line(200, 60, true);
+    rig.beats(5);
+    assert!(rig.tool_on() && rig.flag(3), "it sands");
+    rig
+}
+
+/// The tool is off, the arm stands 50 mm away from the panel above its line, the epoch has ended.
+fn assert_retracted(rig: &mut Rig) {
+    rig.settle();
+    let tip = rig.tool_tip().mm;
+    // The base's and the tool's Z point down; −Z is up.
+    assert!((tip.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && tip.y.abs() < 1e-6, "{tip}");
+    assert!(tip.x < BASE_MM[0] && !rig.tool_on() && rig.flag(7) && !rig.flag(3));
+    let (executed, there) = (rig.ids().len(), rig.tool_tip());
+    rig.line(60, 10, true);
+    rig.beats(5);
+    assert!(
+        rig.ids().len() == executed && rig.tool_tip().distance_mm(there) < 1e-12,
+        "an ended epoch moved the arm"
+    );
+}
+
+#[test]
+fn abort_in_contact_switches_the_tool_off_and_retracts() {
+    let mut rig = sanding(Clock::LockStep);
+    let (at, done) = (rig.tool_tip(), rig.ids().len());
+    rig.ask(11, 2);
+    assert_eq!((rig.state("Ep"), rig.flag(7), rig.tool_on()), (2, true, false));
+    assert_eq!(rig.wires.changes().last(), Some(&(TOOL_OUTPUT, false, rig.controller.time_ms())));
+    rig.beat();
+    // By hand: 100 mm/s at 5000 mm/s² are braked away in 20 ms and 1 mm.
+    let braked_mm = at.mm.x - rig.tool_tip().mm.x;
+    assert!((braked_mm - 1.0).abs() < 1e-6, "{braked_mm}");
+    (rig.epoch, rig.id) = (2, 0);
+    assert_retracted(&mut rig);
+    assert!(rig.ids().len() <= done + 1 && rig.causes() == [StopCause::Abort]);
+    // The refusals of the ended epoch say that it was stopped; a new one begins clean.
+    assert_eq!(rig.ack("Err"), Refusal::Stopped as i32);
+    rig.open();
+    assert_eq!((rig.state("Ep"), rig.flag(7), rig.state("Done")), (3, false, 0));
+}
+
+/// The client may open the next epoch while the arm still retracts: what it sends waits.
+#[test]
+fn a_new_epoch_waits_for_the_retract() {
+    let mut rig = sanding(Clock::LockStep);
+    rig.ask(11, 2);
+    (rig.epoch, rig.id) = (2, 0);
+    rig.open();
+    rig.prepare();
+    assert_eq!((rig.ack("Rx"), rig.flag(3)), (3, true), "it retracts");
+    rig.settle();
+    assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 50.0)).abs() < 1e-6);
+    assert_eq!(rig.state("Done"), 3);
+}
+
+/// In the air nothing retracts; the arm brakes and stands.
+#[test]
+fn abort_in_the_air_only_stops() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.line(60, 60, false);
+    rig.beats(5);
+    rig.ask(11, 2);
+    rig.settle();
+    assert!((rig.tool_tip().mm.z - BASE_MM[2]).abs() < 1e-6 && rig.ids().len() < 60);
+    // An abort with a number that is not higher stops all the same.
+    let mut rig = sanding(Clock::LockStep);
+    rig.ask(11, 0);
+    assert_eq!((rig.state("Ep"), rig.flag(7)), (1, true));
+}
+
+#[test]
+fn starving_in_contact_retracts() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
+    rig.line(40, 10, true);
+    assert_retracted(&mut rig);
+    assert_eq!((rig.state("Under"), rig.causes(), rig.ids().len()), (1, vec![StopCause::Underrun], 10));
+    assert!((rig.tool_tip().mm.x - (BASE_MM[0] - 50.0)).abs() < 1e-6, "stood exactly on the tenth point");
+    // A path that ends in contact does not stay there either.
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.line(10, 10, true);
+    assert_retracted(&mut rig);
+}
+
+/// By hand: the last frame comes at a beat's end; 408 ms, 34 ticks, later nothing was heard for 400.
+#[test]
+fn silence_stops_what_is_queued() {
+    let mut rig = sanding(Clock::Free);
+    let heard_ms = rig.controller.last_frame_ms;
+    rig.controller.advance_ms(2000);
+    rig.listen();
+    let stop = rig.controller.stops()[0].clone();
+    assert_eq!(
+        (stop.cause, stop.contact, stop.epoch, stop.time_ms),
+        (StopCause::Watchdog, true, 1, heard_ms + 408)
+    );
+    // Off the surface within 500 ms of the last frame: the first sample behind the stop is none.
+    let last = rig.controller.trace().last().expect("some").time_ms;
+    assert!(last <= heard_ms + 500, "{last} {heard_ms}");
+    assert_retracted(&mut rig);
+    // With nothing queued nobody needs to speak.
+    let mut quiet = Rig::ready(Clock::Free);
+    quiet.controller.advance_ms(5000);
+    assert_eq!(quiet.causes(), []);
+}
+
+#[test]
+fn a_lost_link_stops_what_is_queued() {
+    for channel in [Channel::Command, Channel::State] {
+        let mut rig = sanding(Clock::Free);
+        rig.controller.disconnect(channel);
+        rig.controller.connect(channel);
+        assert_retracted(&mut rig);
+        assert_eq!(rig.causes(), [StopCause::LinkLost]);
+    }
+}
+
+#[test]
+fn a_gap_in_contact_retracts() {
+    let mut rig = sanding(Clock::LockStep);
+    rig.id += 1;
+    rig.line(1, 1, true);
+    rig.beat();
+    assert_eq!(rig.ack("Err"), Refusal::IdGap as i32);
+    assert_retracted(&mut rig);
+}
+
+/// A point out of reach far down the path: what lies before it is not driven to its end, and the point is named.
+#[test]
+fn an_unreachable_point_stops_the_path() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.line(12, 10, false);
+    let id = rig.command(2, [1, 0], [0.0; 2], [0.0, 900.0, 0.0, 0.0, 0.0, 0.0]);
+    rig.settle();
+    assert_eq!((rig.ack("Err"), rig.ack("ErrId")), (Refusal::Unreachable as i32, id));
+    assert!(rig.ids().len() < 10, "{:?}", rig.ids());
+    assert!(rig.controller.stops()[0].detail.contains("mm from axis 2"), "{:?}", rig.controller.stops());
+}
+
+/// Contact is the sanding tool's alone: only along its Z is the way back known.
+#[test]
+fn contact_without_the_sanding_tool_is_refused() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.command(4, [0, 0], [0.0; 2], [0.0, 0.0, TOOL_MM, 0.0, 0.0, 0.0]);
+    rig.line(1, 1, true);
+    rig.beat();
+    assert_eq!(rig.ack("Err"), Refusal::OutOfRange as i32);
+}
+
+#[test]
+fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
+    let mut rig = sanding(Clock::LockStep);
+    let at = rig.tool_tip();
+    rig.controller.press_e_stop();
+    assert!(!rig.tool_on());
+    rig.beats(3);
+    assert!(rig.tool_tip().distance_mm(at) < 1e-12 && rig.causes() == [StopCause::EStop]);
+    // Flags: guard closed and stopped are left of it.
+    assert_eq!(rig.state("Flags") & !(1 << 5 | 1 << 6), 1 << 2 | 1 << 7);
+    rig.controller.release_e_stop();
+    rig.controller.switch_drives(true);
+    rig.ask(11, 2);
+    rig.beats(3);
+    assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
+    (rig.epoch, rig.id) = (2, 0);
+    rig.open();
+    rig.prepare();
+    rig.command(2, [0, 0], [0.0; 2], [50.0, 0.0, -30.0, 0.0, 0.0, 0.0]);
+    rig.settle();
+    assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 30.0)).abs() < 1e-6);
+}
+
+#[test]
+fn drives_guard_and_mode_end_the_epoch_at_once() {
+    let acts: [(fn(&mut Controller), StopCause); 3] = [
+        (|controller| controller.switch_drives(false), StopCause::Drives),
+        (|controller| controller.set_guard(false), StopCause::Guard),
+        (|controller| controller.select_mode(Mode::T2), StopCause::Mode),
+    ];
+    for (act, cause) in acts {
+        let mut rig = sanding(Clock::LockStep);
+        let at = rig.tool_tip();
+        act(&mut rig.controller);
+        rig.beats(2);
+        assert!(rig.tool_tip().distance_mm(at) < 1e-12 && !rig.tool_on() && rig.flag(7));
+        assert_eq!((rig.causes(), rig.flag(4)), (vec![cause], false));
+    }
+}
+
+/// What was executed is told once each, in order, up to the stop and in braking, and Done says the same.
+#[test]
+fn done_is_what_was_executed() {
+    let mut rig = sanding(Clock::Free);
+    rig.controller.advance_ms(2000);
+    rig.beat();
+    let ids = rig.ids();
+    assert!(ids.windows(2).all(|pair| pair[1] == pair[0] + 1));
+    assert_eq!(rig.state("Done"), *ids.last().expect("some"));
+}
