@@ -20,8 +20,6 @@ use std::time::Instant;
 
 /// Pictures decoded at once; bounds the memory of a long clip.
 const DECODED_AT_ONCE: usize = 8;
-/// Pictures in the film strip.
-const STRIP_PICTURES: usize = 6;
 
 /// An inspected clip.
 pub struct Inspected {
@@ -175,7 +173,10 @@ impl Inspected {
         let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == Phase::Wet).collect();
         let Some(first) = wet.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
         let bounds = self.bounds();
-        let chosen = (0..STRIP_PICTURES).map(|i| wet[i * (wet.len() - 1) / (STRIP_PICTURES - 1)]);
+        let chosen = self.strip_times_s().map(|time_s| {
+            let later = wet.iter().find(|shot| shot.time_s - first.time_s >= time_s - 1e-6);
+            later.or(wet.last()).copied().unwrap_or(first)
+        });
         let pictures = chosen
             .map(|shot| {
                 let since_wet_s = shot.time_s - first.time_s;
@@ -185,6 +186,17 @@ impl Inspected {
             })
             .collect::<Result<Vec<_>, Fault>>()?;
         film_strip(&pictures).map_err(Fault::stage)
+    }
+
+    /// When the strip's pictures are taken after the first fully wet one: close together while the film opens.
+    fn strip_times_s(&self) -> impl Iterator<Item = f64> + use<> {
+        let end_s = self.inspection.observation.observed_s;
+        let opens_s = self.inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
+        let steps_s = match opens_s {
+            Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
+            None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
+        };
+        steps_s.into_iter().map(move |time_s| time_s.min(end_s))
     }
 
     /// The box around the region in the picture.

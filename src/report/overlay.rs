@@ -61,7 +61,7 @@ impl View<'_> {
                     continue;
                 };
                 let corner = Pixel::at(first.u + height_px * 0.5, first.v + height_px * 1.6);
-                canvas.label(corner, &grid.id.to_string(), height_px, pen.ink)?;
+                canvas.label(corner, &grid.id.to_string(), height_px, Ink::WHITE)?;
             }
         }
         Ok(())
