@@ -79,6 +79,8 @@ pub struct Controller {
     pub(super) last_frame_ms: u64,
     /// Epoch and id of the newest command that arrived.
     pub(super) arrived: (i32, i32),
+    /// Commands that a heartbeat names may still arrive: none was unreadable and their channel was not lost.
+    pub(super) awaits_commands: bool,
     /// In a granted time, the last command to be read.
     pub(super) read_up_to: Option<(i32, i32)>,
     pub(super) executed: Vec<Executed>,
@@ -120,6 +122,7 @@ impl Controller {
             stale: 0,
             last_frame_ms: 0,
             arrived: (0, 0),
+            awaits_commands: true,
             read_up_to: None,
             executed: Vec::new(),
             trace: Vec::new(),
@@ -134,13 +137,10 @@ impl Controller {
         link.memory.clear();
         link.out.clear();
         (link.connected, link.fault) = (true, None);
-        match channel {
-            Channel::Command => {
-                self.arrived = (0, 0);
-                self.answers.forget_ack();
-            }
-            Channel::State => {}
+        if channel == Channel::Command {
+            self.answers.forget_ack();
         }
+        self.awaits_commands = true;
     }
 
     /// The client is gone, or the controller closed the channel. What is queued is not executed.
@@ -152,6 +152,7 @@ impl Controller {
         link.connected = false;
         link.memory.clear();
         link.out.clear();
+        self.awaits_commands &= channel != Channel::Command;
         self.link_lost();
         self.serve_in_lock_step();
     }
@@ -160,9 +161,10 @@ impl Controller {
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         if self.receive(Channel::Command, bytes) {
             let newest = self.commands.memory.records().next_back().map(|record| self.command_places.order(record));
-            // After one that has no number nothing is waited for.
-            if let Some(newest) = newest {
-                self.arrived = self.arrived.max(newest.unwrap_or((i32::MAX, i32::MAX)));
+            match newest {
+                Some(Ok(newest)) => self.arrived = self.arrived.max(newest),
+                Some(Err(_)) => self.awaits_commands = false,
+                None => {}
             }
             self.last_frame_ms = self.now_ms;
             self.serve_in_lock_step();

@@ -246,22 +246,20 @@ fn two_runs_are_equal_to_the_bit() {
                 rig.document(2, [40 - point, i32::from(point > 2 && point < 40)], [1.5, 0.0], p)
             })
             .collect();
-        let mut ids = 4;
-        for chunk in documents.chunks(10) {
-            let bytes = chunk.concat();
-            let feed =
-                |rig: &mut Rig| bytes.as_bytes().chunks(piece).for_each(|part| rig.controller.command_bytes(part));
-            if early {
-                feed(&mut rig);
-            }
-            ids += 10;
-            rig.ask(10, ids - 1);
+        let feed = |rig: &mut Rig, documents: &[String]| {
+            documents.concat().as_bytes().chunks(piece).for_each(|part| rig.controller.command_bytes(part));
+        };
+        let first = rig.id - 40;
+        if early {
+            feed(&mut rig, &documents);
+        }
+        for (part, documents) in (1..).zip(documents.chunks(10)) {
+            rig.ask(10, first + 10 * part);
             if !early {
-                feed(&mut rig);
+                feed(&mut rig, documents);
             }
             rig.listen();
         }
-        rig.id = ids - 1;
         rig.settle();
         (rig.controller.trace().to_vec(), rig.controller.executed().to_vec(), rig.acks, rig.states)
     };

@@ -41,6 +41,12 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!(rig.controller.time_ms(), 0);
     rig.controller.command_bytes(documents[1].as_bytes());
     assert_eq!(rig.controller.time_ms(), 96);
+    // Nor does it wait for ever: the channel may go first.
+    let mut lost = Rig::new(Clock::LockStep);
+    lost.id = 7;
+    lost.beat();
+    lost.controller.disconnect(Channel::Command);
+    assert_eq!(lost.controller.time_ms(), 96);
     // One command more than the heartbeat names stays unread.
     let (early, id) = (rig.document(6, [1, 0], [0.0; 2], [0.0; 6]), rig.id);
     rig.controller.command_bytes(early.as_bytes());
@@ -48,6 +54,22 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
     assert_eq!((rig.ack("Rx"), rig.ack("Done")), (2, 2));
     rig.beat();
     assert_eq!((rig.ack("Rx"), rig.ack("Done")), (3, 3));
+}
+
+/// The state channel may be open before the command channel: a heartbeat waits for it all the same.
+#[test]
+fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
+    let mut rig = Rig::before_reset(Clock::LockStep);
+    rig.controller.disconnect(Channel::Command);
+    rig.controller.connect(Channel::State);
+    rig.open();
+    let document = rig.document(6, [1, 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert_eq!(rig.controller.time_ms(), 0);
+    rig.controller.connect(Channel::Command);
+    rig.controller.command_bytes(document.as_bytes());
+    rig.listen();
+    assert_eq!((rig.controller.time_ms(), rig.ack("Done")), (96, 1));
 }
 
 /// In free time a state comes at least every 100 ms unasked, with the last request in Re.
@@ -194,6 +216,7 @@ fn what_cannot_be_read_closes_the_channel() {
     rig.beat();
     assert_eq!(rig.controller.fault(Channel::Command), Some(EkiFault::Malformed));
     assert!(!rig.controller.is_connected(Channel::Command));
+    assert_eq!(rig.controller.time_ms(), 96, "and nothing waits for it");
     rig.controller.state_bytes(b"<Req Id=\"x\"></Req>");
     assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::Malformed));
 }
