@@ -145,7 +145,7 @@ impl Arm {
     }
 
     fn out_of_reach(&self, base_from_flange: &Rigid<Base, Flange>) -> Unreachable {
-        let (across_mm, up_mm) = self.from_axis_2(&self.wrist_mm(base_from_flange), 1.0);
+        let (across_mm, up_mm) = self.seen_from_axis_2(&self.wrist_mm(base_from_flange), 1.0);
         let k_mm = self.a2_mm.hypot(self.c3_mm);
         Unreachable::Distance {
             distance_mm: across_mm.hypot(up_mm),
@@ -158,7 +158,7 @@ impl Arm {
     }
 
     /// The wrist's centre seen from axis 2, across and up; `side` is 1 in front of axis 1 and −1 behind it.
-    fn from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
+    fn seen_from_axis_2(&self, wrist_mm: &Vector3<f64>, side: f64) -> (f64, f64) {
         (side * wrist_mm.x.hypot(wrist_mm.y) - self.a1_mm, wrist_mm.z - self.c1_mm)
     }
 
@@ -172,7 +172,7 @@ impl Arm {
         let k_mm = self.a2_mm.hypot(self.c3_mm);
         let mut ways = Vec::with_capacity(8);
         for (side, q1) in [(1.0, forward_rad), (-1.0, forward_rad + std::f64::consts::PI)] {
-            let (across_mm, up_mm) = self.from_axis_2(&wrist_mm, side);
+            let (across_mm, up_mm) = self.seen_from_axis_2(&wrist_mm, side);
             let square_mm2 = across_mm * across_mm + up_mm * up_mm;
             let cosine = (square_mm2 - self.c2_mm * self.c2_mm - k_mm * k_mm) / (2.0 * self.c2_mm * k_mm);
             if cosine.abs() > 1.0 {
