@@ -241,3 +241,20 @@ fn scans_written_by_pcl_are_taught_located_and_planned() {
     let (exit, plan) = run("plan");
     assert_eq!((exit, plan["paths"].as_array().map(Vec::len)), (0, Some(4)), "{plan}");
 }
+
+/// One seed at full size through all stages; ten in `make bench-seeds`.
+#[test]
+fn one_seed_at_full_size_reaches_every_floor() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (exit, result) = json(folder.path(), "demo --seed 2 --out demo");
+    assert_eq!((exit, result["verdict"].as_str()), (0, Some("accept")), "{result}");
+    let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    assert!(number("/locate/error_max_mm") < 0.5, "{result}");
+    assert!(number("/refine/corner_error_mm") < 0.05, "{result}");
+    assert!(number("/inspect/0/grids_true") > 0.0 && number("/inspect/0/grids_wrong") == 0.0, "{result}");
+    assert!(number("/inspect/0/iou") > 0.95, "{result}");
+    assert!(number("/plan/coverage") >= 0.95 && number("/plan/normal_error_max_deg") <= 1.0, "{result}");
+    assert!(number("/plan/surface_error_max_mm") < 0.5, "{result}");
+    let page = std::fs::read_to_string(folder.path().join("demo/index.html")).expect("the page");
+    assert!(page.matches("<img").count() >= 6 && !page.contains("src=\"http"), "the page holds its pictures");
+}
