@@ -37,4 +37,6 @@ pub mod store;
 
 pub mod devices;
 
+pub mod daemon;
+
 pub mod cli;
