@@ -52,7 +52,8 @@ impl Controller {
     /// At the end of a tick: what has changed, or is due.
     pub(super) fn tell(&mut self) {
         let ack = self.ack();
-        let due = self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_EVERY_MS);
+        let due =
+            self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_EVERY_MS);
         if due && self.commands.connected {
             self.answers.last_ack = Some((ack, self.now_ms));
             self.answers.ack.write(&mut self.commands.out, |tag| match tag {

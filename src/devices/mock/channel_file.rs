@@ -133,7 +133,9 @@ fn attribute(node: &BytesStart<'_>, name: &str) -> Result<Option<String>, FilePr
         let attribute = attribute.map_err(|error| FileProblem::Xml(error.to_string()))?;
         if attribute.key.into_inner() == name {
             let value = attribute.normalized_value(XmlVersion::Implicit1_0);
-            return value.map(|value| Some(value.into_owned())).map_err(|error| FileProblem::Xml(error.to_string()));
+            return value
+                .map(|value| Some(value.into_owned()))
+                .map_err(|error| FileProblem::Xml(error.to_string()));
         }
     }
     Ok(None)

@@ -217,7 +217,8 @@ mod tests {
 
     #[test]
     fn other_order_unknown_tags_and_self_closing_are_taken() {
-        let document = "<Cmd Op=\"1\" New=\"x\" Id=\"2\"><Other/><P C=\"6\" B=\"5\" A=\"4\" Z=\"3\" Y=\"2\" X=\"1\"/></Cmd>";
+        let document =
+            "<Cmd Op=\"1\" New=\"x\" Id=\"2\"><Other/><P C=\"6\" B=\"5\" A=\"4\" Z=\"3\" Y=\"2\" X=\"1\"/></Cmd>";
         let record = decode(&commands().received, document.as_bytes()).expect("decoded");
         assert_eq!((record[0], record[1], record[2]), (Some(Value::Int(2)), None, Some(Value::Int(1))));
         assert_eq!(record[7], Some(Value::Frame([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));

@@ -152,7 +152,8 @@ mod tests {
     #[test]
     fn the_corner_is_run_at_even_pace() {
         let corner = Corner::new(&right_angle(2.0)).expect("blended");
-        let poses: Vec<Pose> = (0..=20).map(|part| corner.pose_at(corner.length_mm * f64::from(part) / 20.0)).collect();
+        let poses: Vec<Pose> =
+            (0..=20).map(|part| corner.pose_at(corner.length_mm * f64::from(part) / 20.0)).collect();
         let steps: Vec<f64> = poses.windows(2).map(|pair| distance_mm(&pair[0], &pair[1])).collect();
         let mean = steps.iter().sum::<f64>() / 20.0;
         assert!(steps.iter().all(|step| (step / mean - 1.0).abs() < 0.02), "{steps:?}");

@@ -202,10 +202,12 @@ impl Arm {
             // An angle that rounding carries over its limit still stands on it.
             let inside = |angle: &f64| (lowest - 1e-9..=highest + 1e-9).contains(angle);
             let allowed_deg = self.limits_deg[index];
-            let found = turns.into_iter().filter(inside).min_by(|one, other| {
-                (one - near_deg[index]).abs().total_cmp(&(other - near_deg[index]).abs())
-            });
-            *angle_deg = found.ok_or(Unreachable::AxisLimit { axis: index + 1, angle_deg: turns[0], allowed_deg })?;
+            let found = turns
+                .into_iter()
+                .filter(inside)
+                .min_by(|one, other| (one - near_deg[index]).abs().total_cmp(&(other - near_deg[index]).abs()));
+            *angle_deg =
+                found.ok_or(Unreachable::AxisLimit { axis: index + 1, angle_deg: turns[0], allowed_deg })?;
         }
         Ok(wound_deg)
     }
@@ -301,8 +303,16 @@ mod tests {
     /// to −y. A6 = 90 turns the flange clockwise about its Z.
     #[test]
     fn signs_are_the_controllers() {
-        assert_flange([0.0, -90.0, 90.0, 0.0, 90.0, 0.0], [390.0, 0.0, 670.0], [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
-        assert_flange([90.0, -90.0, 90.0, 0.0, 0.0, 0.0], [0.0, -480.0, 760.0], [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0]]);
+        assert_flange(
+            [0.0, -90.0, 90.0, 0.0, 90.0, 0.0],
+            [390.0, 0.0, 670.0],
+            [[-1.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        );
+        assert_flange(
+            [90.0, -90.0, 90.0, 0.0, 0.0, 0.0],
+            [0.0, -480.0, 760.0],
+            [[0.0, 0.0, -1.0], [0.0, -1.0, 0.0]],
+        );
         // Rz(−90) of the flange: its X is where −Y was, −Y of the base.
         assert_flange([0.0, -90.0, 90.0, 0.0, 0.0, 90.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);
         assert_flange([0.0, -90.0, 90.0, 90.0, 0.0, 0.0], [480.0, 0.0, 760.0], [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]);

@@ -126,8 +126,17 @@ enum Place {
 #[derive(Debug, Clone)]
 enum Leg {
     /// `stops` where it ends on its corner.
-    Line { from: Pose, to: Pose, length_mm: f64, lin: Lin, stops: bool },
-    Corner { corner: Box<Corner>, lin: Lin },
+    Line {
+        from: Pose,
+        to: Pose,
+        length_mm: f64,
+        lin: Lin,
+        stops: bool,
+    },
+    Corner {
+        corner: Box<Corner>,
+        lin: Lin,
+    },
 }
 
 impl Leg {

@@ -20,7 +20,9 @@ impl Controller {
     pub(super) fn interpret(&mut self) {
         if self.mover.stands() && self.contact.wants_retract() {
             let mover = &self.mover;
-            if let Some(away) = self.contact.begin_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool) {
+            if let Some(away) =
+                self.contact.begin_retract(|flange_from_tool| mover.base_from_flange() * *flange_from_tool)
+            {
                 self.mover.plan(away);
             }
         }

@@ -57,8 +57,7 @@ impl Setup {
     /// A KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the tool on output 5, one
     /// subroutine of 100 ms.
     pub fn new(commands: ChannelFile, states: ChannelFile) -> Self {
-        let start =
-            Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
+        let start = Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         Setup {
             arm: Arm::kr6_r700_2(),
             start,

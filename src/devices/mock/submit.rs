@@ -46,7 +46,10 @@ impl Controller {
     /// Nothing more is to be waited for where the channel is closed or the epoch has ended.
     fn is_delivered(&self, heartbeat: &Request) -> bool {
         let named = (heartbeat.epoch, heartbeat.n1);
-        heartbeat.n1 <= 0 || !self.commands.connected || heartbeat.epoch < self.epoch.number || self.arrived >= named
+        heartbeat.n1 <= 0
+            || !self.commands.connected
+            || heartbeat.epoch < self.epoch.number
+            || self.arrived >= named
     }
 
     /// The client's abort. It stops in any case; a number that is not higher opens no gap in the count.
@@ -196,7 +199,6 @@ impl Controller {
             self.mover.brake();
         }
     }
-
 }
 
 /// What people and the safety controller do.

@@ -107,8 +107,7 @@ pub(super) struct RequestPlaces([usize; 4]);
 
 impl RequestPlaces {
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
-        let [id, epoch, operation, n1] =
-            ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"].map(|tag| memory.place(tag));
+        let [id, epoch, operation, n1] = ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"].map(|tag| memory.place(tag));
         Ok(RequestPlaces([id?, epoch?, operation?, n1?]))
     }
 
