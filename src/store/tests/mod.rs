@@ -1,3 +1,8 @@
+mod cycles;
+mod journal;
+mod killed;
+mod opening;
+
 use super::*;
 use crate::geometry::KukaPose;
 use std::fs;
