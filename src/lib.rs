@@ -30,6 +30,7 @@ pub mod cycle;
 pub mod eki;
 
 pub mod files;
+pub mod record;
 
 pub mod report;
 

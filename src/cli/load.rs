@@ -45,12 +45,20 @@ impl CellFiles {
         Ok(CellFiles { file: common.cell.clone(), cell, store })
     }
 
-    /// Opens the store.
+    /// Opens the store for reading.
     ///
     /// # Errors
-    /// Where its folder cannot be made or its database is not ours.
+    /// Where there is none, it is damaged or not ours.
     pub fn store(&self) -> Result<Store, Fault> {
-        Store::open(&self.store).map_err(|error| Fault::file(&self.store, error))
+        Store::open(&self.store).map_err(Fault::stage)
+    }
+
+    /// Opens the store for writing, and makes it where there is none.
+    ///
+    /// # Errors
+    /// Where its folder cannot be made, another process writes to it, or its database is damaged or not ours.
+    pub fn store_for_writing(&self) -> Result<Store, Fault> {
+        Store::create(&self.store).map_err(Fault::stage)
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
