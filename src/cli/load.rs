@@ -3,10 +3,10 @@
 use super::args::Common;
 use super::disk;
 use super::fault::Fault;
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
 use crate::files;
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
 };
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
@@ -106,6 +106,14 @@ impl CellFiles {
     /// As [`CellFiles::scanner`].
     pub fn flange_from_camera(&self) -> Result<Calibrated<Rigid<Flange, FlangeCamera>>, Fault> {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
+    }
+
+    /// Where the sanding tool's contact is.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+        self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 }
 

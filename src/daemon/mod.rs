@@ -14,8 +14,10 @@
 
 mod abrasion;
 mod acts;
+mod cameras;
 mod deadlines;
 mod ports;
+mod recording;
 mod routes;
 mod run;
 mod sight;
@@ -24,7 +26,9 @@ mod wiring;
 #[cfg(test)]
 mod tests;
 
+pub use cameras::Cameras;
 pub use ports::{Ask, Eyes, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
+pub use recording::StoreRecord;
 pub use run::{CycleOutcome, Ports, run_cycle};
 pub use wiring::Wiring;
 

@@ -50,7 +50,8 @@ fn the_park_pose_is_out_of_view() {
     let sides = [(1.0, 0.0, across), (-1.0, 0.0, across), (0.0, 1.0, down), (0.0, -1.0, down)];
     let outside_mm = |point: Point<Base>| {
         let seen: Point<Camera> = camera_from_base * point;
-        let of_side = |(x, y, tangent): (f64, f64, f64)| Vector3::new(x, y, -tangent).normalize().dot(&seen.mm.coords);
+        let of_side =
+            |(x, y, tangent): (f64, f64, f64)| Vector3::new(x, y, -tangent).normalize().dot(&seen.mm.coords);
         sides.map(of_side).into_iter().fold(-seen.mm.z, f64::max)
     };
     ARM.within_limits(&park()).expect("within limits");
@@ -105,7 +106,8 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
         for view in cell.corner_views() {
             let poses = [view.base_from_flange, moved * view.base_from_flange, cell.displaced_corner_pose(&view)];
             for pose in poses {
-                let joints = ARM.nearest(&pose, &park()).unwrap_or_else(|why| panic!("{seed} {}: {why}", view.name));
+                let joints =
+                    ARM.nearest(&pose, &park()).unwrap_or_else(|why| panic!("{seed} {}: {why}", view.name));
                 println!("seed {seed} {}: {:.0?}", view.name, angles_deg(&joints));
                 margins.add(&joints);
             }
