@@ -30,11 +30,14 @@ pub mod cycle;
 pub mod eki;
 
 pub mod files;
+pub mod record;
 
 pub mod report;
 
 pub mod store;
 
 pub mod devices;
+
+pub mod daemon;
 
 pub mod cli;

@@ -1,6 +1,7 @@
 //! Verdicts and their reasons: what a gate says, in words a person can act on.
 
 use serde::{Deserialize, Serialize, Serializer};
+use std::borrow::Cow;
 
 /// What a stage or a cycle ends with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
@@ -53,10 +54,10 @@ impl Serialize for Verdict {
 }
 
 /// One reason for a verdict.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Reason {
-    /// A stable lower-case word, `shift_limit`.
-    pub code: &'static str,
+    /// A stable lower-case word, `shift_limit`; owned where it was read back from a store.
+    pub code: Cow<'static, str>,
     /// What was measured, what is allowed, what to do.
     pub message: String,
 }
@@ -64,12 +65,12 @@ pub struct Reason {
 impl Reason {
     /// A reason from its code and words.
     pub fn new(code: &'static str, message: impl Into<String>) -> Self {
-        Reason { code, message: message.into() }
+        Reason { code: Cow::Borrowed(code), message: message.into() }
     }
 }
 
 /// A verdict with its reasons; an accepted thing needs none.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Judgement {
     /// The verdict.
     pub verdict: Verdict,
@@ -99,6 +100,6 @@ mod tests {
         assert_eq!(Judgement::of(vec![], vec![]).verdict, Verdict::Accept);
         assert_eq!(Judgement::of(vec![], vec![reason("a")]).verdict, Verdict::Review);
         let both = Judgement::of(vec![reason("b")], vec![reason("a")]);
-        assert_eq!((both.verdict, both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
+        assert_eq!((both.verdict, &*both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
     }
 }

@@ -156,7 +156,7 @@ fn no_panel_and_a_wrong_one_are_rejected_in_words() {
             let bench = Bench::new(seed, scene, 4);
             let judgement = verdict(&bench, &bench.cell.scan());
             assert_eq!(judgement.verdict, Verdict::Reject, "{scene:?} {seed}: {judgement:?}");
-            assert!(judgement.reasons.iter().all(|reason| codes.contains(&reason.code)), "{judgement:?}");
+            assert!(judgement.reasons.iter().all(|reason| codes.contains(&&*reason.code)), "{judgement:?}");
         }
     }
 }

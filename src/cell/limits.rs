@@ -34,6 +34,8 @@ settings! {
         max_step_mm: f64, 1.0..=1_000.0, default 100.0;
         /// Largest turn of the tool from one waypoint to the next, degrees.
         max_turn_deg: f64, 0.1..=180.0, default 15.0;
+        /// Largest angle between the tool's axis and the direction in which it was taught, degrees.
+        max_tilt_deg: f64, 1.0..=90.0, default 45.0;
         /// Fastest speed of the tool's tip, mm/s.
         max_speed_mm_s: f64, 1.0..=2_000.0, default 250.0;
     }
@@ -46,6 +48,13 @@ pub struct Workspace {
     pub min: Point<Base>,
     /// Upper corner, mm; it exceeds the lower one in every axis.
     pub max: Point<Base>,
+}
+
+impl Workspace {
+    /// Whether a point lies inside.
+    pub fn holds(&self, point: Point<Base>) -> bool {
+        (0..3).all(|axis| (self.min.mm[axis]..=self.max.mm[axis]).contains(&point.mm[axis]))
+    }
 }
 
 impl Limits {

@@ -15,7 +15,7 @@ mod tests;
 pub use calibration::{Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
 pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
-pub use names::InputsOutputs;
+pub use names::{Feedback, InputsOutputs, Output};
 
 use crate::config::{self, Problems, Section};
 use crate::geometry::Joints;

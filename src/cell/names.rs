@@ -30,6 +30,77 @@ fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
     })
 }
 
+/// The outputs that the process uses, by the names they have in `[io.outputs]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Output {
+    /// `light`: on for film, off for 3D.
+    Light,
+    /// `spray`: water.
+    Spray,
+    /// `lens_shutter`: shuts or purges the lens.
+    LensShutter,
+    /// `extraction`: dust extraction.
+    Extraction,
+    /// `tool`: the sander.
+    Tool,
+}
+
+impl Output {
+    /// All of them.
+    pub const ALL: [Output; 5] =
+        [Output::Light, Output::Spray, Output::LensShutter, Output::Extraction, Output::Tool];
+
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Output::Light => "light",
+            Output::Spray => "spray",
+            Output::LensShutter => "lens_shutter",
+            Output::Extraction => "extraction",
+            Output::Tool => "tool",
+        }
+    }
+
+    /// The feedback that says whether it did what it should; that of the spray says that it is off.
+    pub fn feedback(self) -> Feedback {
+        match self {
+            Output::Light => Feedback::LightOn,
+            Output::Spray => Feedback::WaterOff,
+            Output::LensShutter => Feedback::LensShut,
+            Output::Extraction => Feedback::ExtractionFlow,
+            Output::Tool => Feedback::ToolRunning,
+        }
+    }
+}
+
+/// The feedbacks that the process uses, by the names they have in `[io.feedbacks]`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Feedback {
+    /// `light_on`: on, and as bright as it gets.
+    LightOn,
+    /// `water_off`: the valve is closed.
+    WaterOff,
+    /// `lens_shut`: no drop reaches the lens.
+    LensShut,
+    /// `extraction_flow`: the extraction draws air.
+    ExtractionFlow,
+    /// `tool_running`: the sander turns.
+    ToolRunning,
+}
+
+impl Feedback {
+    /// The name in the cell's file.
+    pub fn name(self) -> &'static str {
+        match self {
+            Feedback::LightOn => "light_on",
+            Feedback::WaterOff => "water_off",
+            Feedback::LensShut => "lens_shut",
+            Feedback::ExtractionFlow => "extraction_flow",
+            Feedback::ToolRunning => "tool_running",
+        }
+    }
+}
+
 /// `[io.outputs]` and `[io.feedbacks]`: names for the controller's digital outputs and inputs.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
@@ -46,6 +117,22 @@ impl InputsOutputs {
     /// Number n of `$IN[n]` by name.
     pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
         &self.feedbacks
+    }
+
+    /// The number of an output that the process uses.
+    pub fn output(&self, output: Output) -> Option<u16> {
+        self.outputs.get(output.name()).copied()
+    }
+
+    /// The number of a feedback that the process uses.
+    pub fn feedback(&self, feedback: Feedback) -> Option<u16> {
+        self.feedbacks.get(feedback.name()).copied()
+    }
+
+    /// Which bit of the state message's `In` a feedback is: they stand there in the order of their numbers.
+    pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
+        let number = self.feedback(feedback)?;
+        u32::try_from(self.feedbacks.values().filter(|other| **other < number).count()).ok()
     }
 }
 

@@ -38,6 +38,10 @@ pub enum Command {
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
     #[command(after_help = "Example:\n  panelprep render --seed 1 --out target/cell")]
     Render(Render),
+    /// Run one cycle on a simulated cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
+    Cycle(Cycle),
     /// Check configuration files: cell, recipe, calibrations.
     #[command(after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml")]
     Check(Check),
@@ -117,6 +121,20 @@ pub struct Render {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
+}
+
+/// Options of `cycle`.
+#[derive(Debug, Clone, Args)]
+pub struct Cycle {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// Everything random in the simulated cell comes from this number.
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// What stands in the simulated cell.
+    #[arg(long, value_enum, default_value_t)]
+    pub scene: SceneName,
 }
 
 /// Options of `check`.

@@ -25,6 +25,12 @@ pub enum Fault {
         /// The key.
         key: &'static str,
     },
+    /// A program ended while a motion was under way.
+    #[error(
+        "a motion is open in the store: a program ended while the robot moved, and nothing moves before a person has \
+         looked; start `panelprep run`, then `panelprep ctl clear`"
+    )]
+    MotionOpen,
     /// Options that do not go together.
     #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
     CornerWithoutFlange {

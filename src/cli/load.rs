@@ -3,10 +3,10 @@
 use super::args::Common;
 use super::disk;
 use super::fault::Fault;
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
 use crate::files;
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
 };
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
@@ -45,12 +45,20 @@ impl CellFiles {
         Ok(CellFiles { file: common.cell.clone(), cell, store })
     }
 
-    /// Opens the store.
+    /// Opens the store for reading.
     ///
     /// # Errors
-    /// Where its folder cannot be made or its database is not ours.
+    /// Where there is none, it is damaged or not ours.
     pub fn store(&self) -> Result<Store, Fault> {
-        Store::open(&self.store).map_err(|error| Fault::file(&self.store, error))
+        Store::open(&self.store).map_err(Fault::stage)
+    }
+
+    /// Opens the store for writing, and makes it where there is none.
+    ///
+    /// # Errors
+    /// Where its folder cannot be made, another process writes to it, or its database is damaged or not ours.
+    pub fn store_for_writing(&self) -> Result<Store, Fault> {
+        Store::create(&self.store).map_err(Fault::stage)
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
@@ -98,6 +106,14 @@ impl CellFiles {
     /// As [`CellFiles::scanner`].
     pub fn flange_from_camera(&self) -> Result<Calibrated<Rigid<Flange, FlangeCamera>>, Fault> {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
+    }
+
+    /// Where the sanding tool's contact is.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+        self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
     }
 }
 

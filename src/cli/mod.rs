@@ -6,6 +6,7 @@
 
 pub mod args;
 mod check;
+mod cycle;
 pub mod demo;
 mod disk;
 mod fault;
@@ -32,6 +33,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
+        Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

@@ -131,6 +131,29 @@ kind = "simulated"
 [robot]
 kind = "mock"
 
+[poses]
+park = { a1_deg = -100.0, a2_deg = -90.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 70.0, a6_deg = 90.0 }
+ready = { a1_deg = 0.0, a2_deg = -110.0, a3_deg = 130.0, a4_deg = 0.0, a5_deg = -20.0, a6_deg = 90.0 }
+
+[io.outputs]
+light = 1
+spray = 2
+lens_shutter = 3
+extraction = 4
+tool = 5
+
+[io.feedbacks]
+water_off = 1
+lens_shut = 2
+extraction_flow = 3
+tool_running = 4
+light_on = 5
+
+[limits]
+box_min_mm = [100.0, -450.0, 50.0]
+box_max_mm = [700.0, 450.0, 950.0]
+max_tilt_deg = 60.0
+
 [calibration]
 scanner = "scanner.toml"
 flange_camera = "flange_camera.toml"

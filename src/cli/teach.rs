@@ -43,7 +43,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     if let Some(folder) = &args.pictures {
         pictures::save(folder, "taught", &picture(&taught)?)?;
     }
-    taught.version = files.store()?.teach(&teaching).map_err(Fault::stage)?;
+    taught.version = files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
     Ok(outcome(&taught, recipe.panel()))
 }
 

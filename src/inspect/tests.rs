@@ -104,8 +104,8 @@ fn run(mut watch: Watch, dry_at: impl Fn(usize) -> Vec<[usize; 4]>) -> Inspectio
     watch.finish().expect("wet pictures")
 }
 
-fn codes(inspection: &Inspection) -> Vec<&'static str> {
-    inspection.judgement.reasons.iter().map(|reason| reason.code).collect()
+fn codes(inspection: &Inspection) -> Vec<&str> {
+    inspection.judgement.reasons.iter().map(|reason| &*reason.code).collect()
 }
 
 /// By hand: a block of 20 × 15 px without its corners is 296 px of 4 mm²; it lies in grid r1c2, whose pixels begin at

@@ -141,32 +141,32 @@ mod tests {
         }
     }
 
-    fn judged(fit: &Fit) -> (Verdict, Vec<&'static str>) {
+    fn judged(fit: &Fit) -> (Verdict, Vec<std::borrow::Cow<'static, str>>) {
         let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
                     [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
         let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
         let judgement = judge(fit, recipe.locate());
-        (judgement.verdict, judgement.reasons.iter().map(|reason| reason.code).collect())
+        (judgement.verdict, judgement.reasons.into_iter().map(|reason| reason.code).collect())
     }
 
     /// The recipe's defaults: 60 mm, 15°, 15°, 0.25 mm rms, 0.9 of overlap.
     #[test]
     fn each_limit_has_its_reason() {
         assert_eq!(judged(&good()), (Verdict::Accept, vec![]));
-        assert_eq!(judged(&Fit { shift_mm: 60.1, ..good() }), (Verdict::Reject, vec!["shift_limit"]));
-        assert_eq!(judged(&Fit { turn: Degrees(-15.1), ..good() }), (Verdict::Reject, vec!["turn_limit"]));
-        assert_eq!(judged(&Fit { tilt: Degrees(15.1), ..good() }), (Verdict::Reject, vec!["tilt_limit"]));
-        assert_eq!(judged(&Fit { rms_mm: 0.26, ..good() }), (Verdict::Reject, vec!["poor_fit"]));
-        assert_eq!(judged(&Fit { last_step_mm: 0.01, ..good() }), (Verdict::Reject, vec!["not_converged"]));
-        assert_eq!(judged(&Fit { rms_mm: f64::NAN, ..good() }), (Verdict::Reject, vec!["poor_fit"]));
+        assert_eq!(judged(&Fit { shift_mm: 60.1, ..good() }), (Verdict::Reject, vec!["shift_limit".into()]));
+        assert_eq!(judged(&Fit { turn: Degrees(-15.1), ..good() }), (Verdict::Reject, vec!["turn_limit".into()]));
+        assert_eq!(judged(&Fit { tilt: Degrees(15.1), ..good() }), (Verdict::Reject, vec!["tilt_limit".into()]));
+        assert_eq!(judged(&Fit { rms_mm: 0.26, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
+        assert_eq!(judged(&Fit { last_step_mm: 0.01, ..good() }), (Verdict::Reject, vec!["not_converged".into()]));
+        assert_eq!(judged(&Fit { rms_mm: f64::NAN, ..good() }), (Verdict::Reject, vec!["poor_fit".into()]));
     }
 
     #[test]
     fn a_little_less_overlap_is_for_a_person_and_much_less_is_no_panel() {
-        assert_eq!(judged(&Fit { scan_found: 0.85, ..good() }), (Verdict::Review, vec!["low_overlap"]));
-        assert_eq!(judged(&Fit { taught_found: 0.79, ..good() }), (Verdict::Reject, vec!["low_overlap"]));
-        assert_eq!(judged(&Fit { outline_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap"]));
-        assert_eq!(judged(&Fit { outline_found: 0.6, ..good() }), (Verdict::Reject, vec!["low_overlap"]));
+        assert_eq!(judged(&Fit { scan_found: 0.85, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
+        assert_eq!(judged(&Fit { taught_found: 0.79, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
+        assert_eq!(judged(&Fit { outline_found: 0.7, ..good() }), (Verdict::Review, vec!["low_overlap".into()]));
+        assert_eq!(judged(&Fit { outline_found: 0.6, ..good() }), (Verdict::Reject, vec!["low_overlap".into()]));
     }
 
     /// A wrong panel that ended up far away is a wrong panel, not a shifted one.

@@ -1,8 +1,8 @@
 //! Tool paths over the grids of a surface (thesis 4.6–4.8, Fig. 4.29), in the panel's frame.
 //!
 //! `raster` lays rows, `orientation` stands the tool on them, `plan` joins both into paths, `coverage` and `edge`
-//! measure what a plan reaches, `gate` judges it, `krl` writes it for those who run it by hand. Knows nothing of the
-//! robot's reach or of where the panel stands now.
+//! measure what a plan reaches, `gate` judges it, `krl` writes it for those who run it by hand. None of these knows the
+//! robot's reach or where the panel stands now. `waypoint_gate` is the last look at what is about to move, in the base.
 
 mod coverage;
 mod edge;
@@ -11,6 +11,7 @@ mod krl;
 mod orientation;
 mod plan;
 mod raster;
+mod waypoint_gate;
 
 pub use coverage::GridCoverage;
 pub use edge::{Outline, Overhang};
@@ -19,6 +20,7 @@ pub use krl::{ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, panel_from_tool};
 pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};
 pub use raster::{Raster, RasterError, raster};
+pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 
 #[cfg(test)]
 mod simulated;

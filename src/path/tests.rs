@@ -251,14 +251,14 @@ fn every_planted_defect_has_its_reason() {
         let mut plan = good.clone();
         spoil(&mut plan);
         let judgement = judge(&plan, &settings);
-        (judgement.verdict, judgement.reasons.first().map(|reason| reason.code))
+        (judgement.verdict, judgement.reasons.first().map(|reason| reason.code.clone()))
     };
-    let reject = |code| (Verdict::Reject, Some(code));
+    let reject = |code: &'static str| (Verdict::Reject, Some(code.into()));
     assert_eq!(planted(|plan| plan.paths[1].waypoints[7].pose.b_deg = f64::NAN), reject("not_finite"));
     assert_eq!(planted(|plan| plan.paths[1].waypoints[20].pose.x_mm += 9.0), reject("large_step"));
     assert_eq!(planted(|plan| plan.paths[2].waypoints[30].pose.a_deg += 16.0), reject("large_turn"));
     assert_eq!(planted(|plan| plan.paths[0].waypoints[0].contact = true), reject("no_air"));
-    let review = |code| (Verdict::Review, Some(code));
+    let review = |code: &'static str| (Verdict::Review, Some(code.into()));
     assert_eq!(planted(|plan| plan.grids[1].covered_mm2 *= 0.94), review("coverage"));
     assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.1), review("edge_overhang"));
 }
@@ -283,7 +283,7 @@ fn a_disc_over_the_outline_asks_a_person() {
     let plan =
         plan(&fit.surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
     let judgement = judge(&plan, &settings);
-    assert_eq!((judgement.verdict, judgement.reasons[0].code), (Verdict::Review, "edge_overhang"));
+    assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "edge_overhang"));
     // One point at (−112, −56): 49 mm to y = −105 and 58 mm to x = −170, a pixel apart, of a radius of 60.
     assert!((plan.overhang.largest_mm - 11.0).abs() < 1.5, "{:?}", plan.overhang);
 }

@@ -11,6 +11,14 @@ settings! {
         frames_per_second: f64, 0.5..=30.0, default 5.0;
         /// How often one grid may be abraded in a cycle.
         max_passes_per_grid: usize, 1..=10, default 2;
+        /// How long the dust is washed off, s.
+        rinse_s: f64, 0.5..=120.0, default 10.0;
+        /// How long the panel is sprayed before the film is watched, s.
+        spray_s: f64, 0.5..=120.0, default 5.0;
+        /// From water off to a cell that is drained for the tool, s.
+        drain_s: f64, 0.0..=600.0, default 10.0;
+        /// From light on to steady light, s.
+        light_settle_s: f64, 0.0..=60.0, default 1.0;
     }
 }
 
@@ -85,6 +93,10 @@ settings! {
         edge_mm: f64, 2.0..=200.0, default 25.0;
         /// Largest correction in the camera's plane, mm.
         max_correction_mm: f64, 0.1..=50.0, default 8.0;
+        /// A picture that asks for less than this is the last one, mm.
+        settled_mm: f64, 0.05..=5.0, default 0.3;
+        /// Moves after the first picture, at most.
+        max_moves: usize, 0..=10, default 3;
     }
 }
 

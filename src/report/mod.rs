@@ -2,8 +2,10 @@
 
 pub mod canvas;
 mod closeup;
+mod cycle;
 mod overlay;
 pub mod page;
 
 pub use closeup::{CornerView, StripPicture, cut, film_strip};
+pub use cycle::{FILM_SECONDS, cycle_page};
 pub use overlay::View;

@@ -90,9 +90,12 @@ impl Section {
             String::new()
         } else {
             let rows: String = self.rows.iter().map(row).collect();
-            format!(
-                "<table><thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead><tbody>{rows}</tbody></table>\n"
-            )
+            let head = if self.rows.iter().all(|row| row.allowed.is_empty()) {
+                ""
+            } else {
+                "<thead><tr><th></th><th>measured</th><th>allowed</th></tr></thead>"
+            };
+            format!("<table>{head}<tbody>{rows}</tbody></table>\n")
         };
         let figures: String = self.figures.iter().map(Figure::html).collect();
         format!("<h2>{}</h2>\n<p>{}</p>\n{table}{figures}", escaped(&self.heading), escaped(&self.text))

@@ -12,10 +12,15 @@ pub(super) struct Blobs {
 }
 
 impl Blobs {
-    pub fn open(store: &Path) -> Result<Self, StoreError> {
-        let folder = store.join("blobs");
-        fs::create_dir_all(&folder).map_err(at("create", &folder))?;
-        Ok(Blobs { folder })
+    /// For reading: nothing is made.
+    pub fn at(store: &Path) -> Self {
+        Blobs { folder: store.join("blobs") }
+    }
+
+    pub fn create(store: &Path) -> Result<Self, StoreError> {
+        let blobs = Blobs::at(store);
+        fs::create_dir_all(&blobs.folder).map_err(at("create", &blobs.folder))?;
+        Ok(blobs)
     }
 
     /// Written under another name, flushed, then renamed: under its hash a file is whole or not there.

@@ -25,6 +25,80 @@ pub enum StoreError {
         /// What SQLite says.
         problem: String,
     },
+    /// No store to read from.
+    #[error("there is no store in {}; `panelprep teach` makes one: teach a panel first, or name the folder that holds the store", path.display())]
+    Missing {
+        /// The folder.
+        path: PathBuf,
+    },
+    /// Another writer.
+    #[error("{holder} is writing to the store {}; stop it first, or name another store", path.display())]
+    Leased {
+        /// The folder.
+        path: PathBuf,
+        /// Who writes, "process 1234".
+        holder: String,
+    },
+    /// Opened for reading.
+    #[error("the store {} is open for reading only", path.display())]
+    ReadOnly {
+        /// The database.
+        path: PathBuf,
+    },
+    /// SQLite finds its file damaged.
+    #[error("the store {} is damaged: {problem}; restore it from a copy", path.display())]
+    Damaged {
+        /// The database.
+        path: PathBuf,
+        /// What SQLite found.
+        problem: String,
+    },
+    /// The journal is not what was written.
+    #[error("the journal of {} is damaged at line {sequence}: {problem}; restore the store from a copy", path.display())]
+    DamagedJournal {
+        /// The database.
+        path: PathBuf,
+        /// The line, from 1; 0 for none in particular.
+        sequence: i64,
+        /// What does not fit.
+        problem: String,
+    },
+    /// An append failed before.
+    #[error("the journal of {} could not be written before; nothing more is appended until the program starts again", path.display())]
+    JournalInDoubt {
+        /// The database.
+        path: PathBuf,
+    },
+    /// A motion to close that is not the open one.
+    #[error("the store has no open {motion}")]
+    MotionNotOpen {
+        /// The motion.
+        motion: String,
+    },
+    /// No such cycle, or it is over.
+    #[error("the store {} has no {what} {id}", path.display())]
+    UnknownCycle {
+        /// The database.
+        path: PathBuf,
+        /// "cycle" or "running cycle".
+        what: &'static str,
+        /// The cycle asked for.
+        id: i64,
+    },
+    /// A row does not read back.
+    #[error("a row of the store {} does not read back: {problem}; restore it from a copy", path.display())]
+    Unreadable {
+        /// The database.
+        path: PathBuf,
+        /// What does not fit.
+        problem: String,
+    },
+    /// A number that JSON cannot hold.
+    #[error("the number '{name}' is NaN or infinite; what was not measured is None")]
+    NotFinite {
+        /// The number.
+        name: String,
+    },
     /// Written by a later version of this program.
     #[error(
         "the store {} has schema {found}, this program knows up to {known}: use the newer program, or another folder",

@@ -1,57 +1,89 @@
-//! What is remembered: taught panels, and the files that they were made from.
+//! What is remembered: taught panels, cycles, the journal of every event, and the files that all of it names.
 //!
-//! A folder with `panelprep.sqlite` (WAL, synchronous FULL, one writer at a time) and `blobs/`, where scans and
-//! pictures lie under their SHA-256. Blobs are written first, the row that names them last and in one
-//! transaction: a row never names a file that is not whole. Rows and blobs are never changed. Only raw inputs are
-//! kept; what is derived from them is derived again on loading, by others.
+//! A folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.lock` (one writer) and `blobs/`, where scans,
+//! pictures, recipes and calibrations lie under their SHA-256. Blobs are written first, the row that names them last
+//! and in one transaction: a row never names a file that is not whole. Rows of taught panels, findings and journal are
+//! never changed; a cycle and a motion get their end once. Of a panel only raw inputs are kept; what is derived from
+//! them is derived again on loading, by others.
+//!
+//! The journal stands before effects: [`Store::append`] returns when the event is on the disk. After a failed append
+//! nothing more is appended, since nobody knows whether the line is there; the next process finds out.
 
 mod blobs;
+mod cycles;
 mod error;
+mod journal;
+mod lease;
+mod motions;
+mod schema;
 mod teaching;
 
+pub use cycles::CycleStart;
 pub use error::StoreError;
 pub use teaching::{Taught, TaughtCorner, Teaching};
 
 use blobs::Blobs;
-use rusqlite::{Connection, TransactionBehavior};
+use lease::Lease;
+use rusqlite::{Connection, OpenFlags};
 use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 const DATABASE: &str = "panelprep.sqlite";
-/// Raised with every change of the tables; each older one gets a step in [`Store::open`].
-const SCHEMA: i64 = 1;
 
 /// An open store.
 #[derive(Debug)]
 pub struct Store {
     connection: Connection,
     blobs: Blobs,
+    lease: Option<Lease>,
+    /// An append failed; the journal may or may not hold its line.
+    journal_in_doubt: bool,
 }
 
 impl Store {
-    /// Opens the store in this folder; an empty or absent folder becomes a new one.
+    /// Opens the store in this folder for reading, beside a writer too. Nothing is made or changed.
     ///
     /// # Errors
-    /// Where the folder cannot be written, or holds the database of a newer program or of another one.
+    /// Where there is no store, it is damaged, or it is that of a newer program or of another one.
     pub fn open(folder: &Path) -> Result<Self, StoreError> {
-        let blobs = Blobs::open(folder)?;
+        let path = folder.join(DATABASE);
+        if !path.is_file() {
+            return Err(StoreError::Missing { path: folder.to_owned() });
+        }
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(&path, flags)
+            .map_err(|error| StoreError::database("open", &path, &error))?;
+        if schema::version(&connection, &path)? == 0 {
+            return Err(StoreError::Missing { path: folder.to_owned() });
+        }
+        schema::check(&connection, &path)?;
+        Ok(Store { connection, blobs: Blobs::at(folder), lease: None, journal_in_doubt: false })
+    }
+
+    /// Opens the store in this folder for writing, as the only writer; an empty or absent folder becomes a new one, and
+    /// an earlier program's store is brought up to date.
+    ///
+    /// # Errors
+    /// Where another process writes to it, the folder cannot be written, or the store is damaged, that of a newer
+    /// program or of another one.
+    pub fn create(folder: &Path) -> Result<Self, StoreError> {
+        let blobs = Blobs::create(folder)?;
+        let lease = Lease::take(folder)?;
         let path = folder.join(DATABASE);
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         let mut connection = Connection::open(&path).map_err(failed)?;
-        // Looked at before anything is set: a database that is not ours stays as it is.
-        match schema(&connection).map_err(failed)? {
-            (SCHEMA, _) | (0, 0) => {}
-            (found, _) if found > SCHEMA => return Err(StoreError::Newer { path, found, known: SCHEMA }),
-            _ => return Err(StoreError::Foreign { path }),
-        }
-        prepare(&mut connection).map_err(failed)?;
-        Ok(Store { connection, blobs })
+        schema::version(&connection, &path)?;
+        schema::check(&connection, &path)?;
+        schema::prepare(&mut connection).map_err(failed)?;
+        Ok(Store { connection, blobs, lease: Some(lease), journal_in_doubt: false })
     }
 
     /// Keeps these bytes; the hash is what [`Store::blob`] finds them by. Bytes that are there already are kept once.
     ///
     /// # Errors
-    /// Where the file cannot be written, or is there already and damaged.
+    /// Where the store is open for reading, or the file cannot be written, or is there already and damaged.
     pub fn put_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
+        self.writable()?;
         self.blobs.put(bytes)
     }
 
@@ -63,29 +95,25 @@ impl Store {
         self.blobs.get(hash)
     }
 
+    fn writable(&self) -> Result<(), StoreError> {
+        match self.lease {
+            Some(_) => Ok(()),
+            None => Err(StoreError::ReadOnly { path: self.path().to_owned() }),
+        }
+    }
+
+    fn path(&self) -> &Path {
+        Path::new(self.connection.path().unwrap_or(DATABASE))
+    }
+
     fn failed(&self, doing: &'static str, error: &rusqlite::Error) -> StoreError {
-        StoreError::database(doing, Path::new(self.connection.path().unwrap_or(DATABASE)), error)
+        StoreError::database(doing, self.path(), error)
     }
 }
 
-/// The schema's version and the number of tables and indices.
-fn schema(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
-    let version = connection.pragma_query_value(None, "user_version", |row| row.get(0))?;
-    let entries = connection.query_row("SELECT count(*) FROM sqlite_master", [], |row| row.get(0))?;
-    Ok((version, entries))
-}
-
-fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error> {
-    connection.pragma_update(None, "journal_mode", "WAL")?;
-    connection.pragma_update(None, "synchronous", "FULL")?;
-    connection.pragma_update(None, "foreign_keys", "ON")?;
-    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    // Asked again under the lock: another program may have made the tables meanwhile.
-    if schema(&transaction)? == (0, 0) {
-        transaction.execute_batch(teaching::TABLES)?;
-        transaction.pragma_update(None, "user_version", SCHEMA)?;
-    }
-    transaction.commit()
+/// Time since 1970, a label on rows; nothing is decided by it.
+fn now() -> Result<std::time::Duration, StoreError> {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_err(|_| StoreError::Clock)
 }
 
 #[cfg(test)]

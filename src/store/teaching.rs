@@ -6,7 +6,6 @@ use crate::config::nearest;
 use crate::files::{content_hash, read_flange, write_pose};
 use crate::geometry::KukaPose;
 use rusqlite::{Row, TransactionBehavior, params};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 pub(super) const TABLES: &str = "
     CREATE TABLE taught_panels (
@@ -94,12 +93,12 @@ impl Store {
     /// Keeps a teaching as the panel's latest and answers its version. The same content has the same version.
     ///
     /// # Errors
-    /// Where a flange pose is not finite, or files or database cannot be written; then no panel was changed.
+    /// Where the store is open for reading, a flange pose is not finite, or files or database cannot be written; then no panel was changed.
     pub fn teach(&mut self, teaching: &Teaching) -> Result<String, StoreError> {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
         }
-        let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(|_| StoreError::Clock)?;
+        let now = super::now()?;
         let corner =
             |corner: &TaughtCorner| Ok((self.put_blob(&corner.picture)?, write_pose(&corner.base_from_flange)));
         let record = Record {

@@ -48,6 +48,14 @@ impl BlockingLink {
         self.runtime.block_on(self.link.open_epoch())
     }
 
+    /// As [`RobotLink::open_epoch_above`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.runtime.block_on(self.link.open_epoch_above(above))
+    }
+
     /// As [`RobotLink::abort`].
     ///
     /// # Errors

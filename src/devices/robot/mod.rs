@@ -136,7 +136,15 @@ impl RobotLink {
     /// # Errors
     /// Where no controller has answered yet.
     pub async fn open_epoch(&self) -> Result<Epoch, QueueError> {
-        self.ask(Order::OpenEpoch).await
+        self.open_epoch_above(Epoch(0)).await
+    }
+
+    /// The same with a number above this one.
+    ///
+    /// # Errors
+    /// As [`RobotLink::open_epoch`].
+    pub async fn open_epoch_above(&self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.ask(|reply| Order::OpenEpoch(above, reply)).await
     }
 
     /// Ends the epoch; [`Report::Standstill`] follows.

@@ -9,7 +9,7 @@ type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
 pub(super) enum Order {
     Queue(Command, Reply<CommandId>),
     QueuePath(Vec<MoveLin>, Reply<CommandId>),
-    OpenEpoch(Reply<Epoch>),
+    OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
     /// Let virtual time pass, where nothing was told since this count of reports.
     Grant {

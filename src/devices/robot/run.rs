@@ -213,7 +213,7 @@ impl Link {
         match order {
             Order::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
             Order::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
-            Order::OpenEpoch(reply) => drop(reply.send(self.session.open_epoch())),
+            Order::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
             Order::Abort(reply) => drop(reply.send(self.session.abort())),
             // With an answer under way, or a report that the asker has not seen, no more time may pass.
             Order::Grant { told } if told == self.reports.told() && !self.session.awaits_answer() => {

@@ -245,6 +245,14 @@ impl Session {
     /// # Errors
     /// Where no controller has answered yet, or the robot moves or has commands left.
     pub fn open_epoch(&mut self) -> Result<Epoch, QueueError> {
+        self.open_epoch_above(Epoch(0))
+    }
+
+    /// As [`Session::open_epoch`], with a number above this one too: what an earlier program opened never comes again.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn open_epoch_above(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         self.greeted()?;
         let is_busy = match &self.phase {
             Phase::Open(flow) => flow.is_busy(),
@@ -253,6 +261,7 @@ impl Session {
         if is_busy || self.moving {
             return Err(QueueError::NotStanding);
         }
+        self.last_epoch = self.last_epoch.max(above);
         let epoch = self.next_epoch()?;
         let request = self.ask(Request::Reset { next: epoch });
         self.phase = Phase::Opening { epoch, request };

@@ -1,3 +1,8 @@
+mod cycles;
+mod journal;
+mod killed;
+mod opening;
+
 use super::*;
 use crate::geometry::KukaPose;
 use std::fs;
@@ -5,7 +10,7 @@ use tempfile::TempDir;
 
 fn new_store() -> (TempDir, Store) {
     let folder = tempfile::tempdir().expect("a folder");
-    let store = Store::open(&folder.path().join("store")).expect("a new store");
+    let store = Store::create(&folder.path().join("store")).expect("a new store");
     (folder, store)
 }
 
@@ -145,7 +150,7 @@ fn a_newer_store_and_a_foreign_database_are_refused() {
     store.connection.pragma_update(None, "user_version", 7).expect("set");
     drop(store);
     let error = Store::open(&folder.path().join("store")).expect_err("newer").to_string();
-    assert!(error.contains("has schema 7, this program knows up to 1: use the newer program"), "{error}");
+    assert!(error.contains("has schema 7, this program knows up to 2: use the newer program"), "{error}");
 
     let other = folder.path().join("other");
     fs::create_dir(&other).expect("made");

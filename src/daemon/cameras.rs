@@ -1,0 +1,32 @@
+//! The cell's cameras as the loop's eyes.
+
+use super::ports::{Eyes, SightError};
+use crate::devices::cameras::{CameraError, FlangeCamera, Scanner};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+
+/// A scanner and a flange camera.
+#[derive(Debug)]
+pub struct Cameras<S, F> {
+    /// The 3D camera.
+    pub scanner: S,
+    /// The camera on the flange.
+    pub flange: F,
+}
+
+impl<S: Scanner, F: FlangeCamera> Eyes for Cameras<S, F> {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        self.scanner.capture_3d().map(|shot| shot.cloud).map_err(|error| blind("the scanner", &error))
+    }
+
+    fn picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.scanner.capture_2d().map(|shot| shot.picture).map_err(|error| blind("the scanner", &error))
+    }
+
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.flange.capture().map(|shot| shot.picture).map_err(|error| blind("the flange camera", &error))
+    }
+}
+
+fn blind(camera: &'static str, error: &CameraError) -> SightError {
+    SightError { camera, why: error.to_string() }
+}

@@ -1,0 +1,65 @@
+//! Armed deadlines. Arming one replaces an armed one of the same kind.
+
+use crate::cycle::{Deadline, Id, Report};
+use crate::eki::Time;
+use std::time::Duration;
+
+#[derive(Debug, Clone, Copy)]
+struct Armed {
+    id: Id,
+    which: Deadline,
+    at: Time,
+}
+
+/// What is armed.
+#[derive(Debug, Default)]
+pub(super) struct Deadlines {
+    armed: Vec<Armed>,
+}
+
+impl Deadlines {
+    pub fn arm(&mut self, id: Id, which: Deadline, at: Time) {
+        self.armed.retain(|armed| armed.which != which);
+        self.armed.push(Armed { id, which, at });
+    }
+
+    /// The answer came.
+    pub fn disarm(&mut self, id: Id) {
+        self.armed.retain(|armed| !(armed.id == id && armed.which == Deadline::Answer));
+    }
+
+    /// The earliest that is over, which then is no longer armed.
+    pub fn over(&mut self, now: Time) -> Option<Report> {
+        let first =
+            self.armed.iter().enumerate().filter(|(_, armed)| armed.at <= now).min_by_key(|(_, armed)| armed.at);
+        let Armed { id, which, .. } = self.armed.remove(first?.0);
+        Some(Report::Deadline { id, which })
+    }
+}
+
+/// This many seconds; none where that is no time.
+pub(super) fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_earliest_comes_first_and_a_new_one_replaces_the_old() {
+        let mut deadlines = Deadlines::default();
+        deadlines.arm(Id(1), Deadline::Spray, Time::at_ms(300));
+        deadlines.arm(Id(2), Deadline::Answer, Time::at_ms(200));
+        deadlines.arm(Id(3), Deadline::Spray, Time::at_ms(250));
+        deadlines.arm(Id(4), Deadline::Token, Time::at_ms(400));
+        deadlines.disarm(Id(4));
+        assert_eq!(deadlines.over(Time::at_ms(199)), None);
+        let over = |deadlines: &mut Deadlines| deadlines.over(Time::at_ms(400));
+        let report = |id, which| Some(Report::Deadline { id: Id(id), which });
+        assert_eq!(over(&mut deadlines), report(2, Deadline::Answer));
+        assert_eq!(over(&mut deadlines), report(3, Deadline::Spray));
+        assert_eq!(over(&mut deadlines), report(4, Deadline::Token), "an answer disarms its own deadline alone");
+        assert_eq!(over(&mut deadlines), None);
+    }
+}

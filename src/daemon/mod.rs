@@ -1,0 +1,138 @@
+//! The one loop: an event, the table's step, its effects; then the next event.
+//!
+//! ```text
+//! requests ─┐                    ┌─ record: journal first, then everything else
+//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `routes`, `wiring`)
+//! robot ────┘                    └─ cameras and computing               (`sight`, `abrasion`)
+//! ```
+//!
+//! The table decides (see `cycle`), this performs. What an act works with — the scan's fit, the refined place, the
+//! film, the plan — stays here and never enters the table: it hears ids, counts and grades. Acts that compute block
+//! the loop; the robot's link runs on its own thread and its controller stops by itself where nobody feeds it.
+//!
+//! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time.
+
+mod abrasion;
+mod acts;
+mod cameras;
+mod deadlines;
+mod ports;
+mod recording;
+mod routes;
+mod run;
+mod sight;
+mod wiring;
+
+#[cfg(test)]
+mod tests;
+
+pub use cameras::Cameras;
+pub use ports::{Ask, Eyes, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
+pub use recording::StoreRecord;
+pub use run::{CycleOutcome, Ports, run_cycle};
+pub use wiring::Wiring;
+
+use crate::cell::{Cell, Limits};
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
+use crate::inspect::Demands;
+use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::recipe::Recipe;
+
+/// Where cameras and tool are, as calibrated.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Calibrations {
+    /// The 3D camera.
+    pub scanner: PinholeCamera,
+    /// Where it stands.
+    pub base_from_camera: Rigid<Base, Camera>,
+    /// The flange camera.
+    pub flange_camera: PinholeCamera,
+    /// How it is mounted.
+    pub flange_from_camera: Rigid<Flange, FlangeCamera>,
+    /// Where the sanding tool's contact is.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+}
+
+/// What a cycle works by; nothing of it changes while it runs.
+#[derive(Debug, Clone)]
+pub struct Job<'a> {
+    /// The recipe.
+    pub recipe: &'a Recipe,
+    /// What was taught.
+    pub panel: &'a TaughtPanel,
+    /// Its corners; the first is the one that the corner loop looks at.
+    pub corners: &'a [TaughtCorner],
+    /// The calibrations.
+    pub calibrations: Calibrations,
+    /// The cell's limits.
+    pub limits: &'a Limits,
+    /// Outputs and feedbacks.
+    pub wiring: Wiring,
+    /// Where the arm parks.
+    pub park: Joints,
+    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    pub ready: Option<Joints>,
+}
+
+impl<'a> Job<'a> {
+    /// Joins what the files say.
+    ///
+    /// # Errors
+    /// Where the cell does not name what a cycle needs, or no corner was taught.
+    pub fn new(
+        cell: &'a Cell,
+        recipe: &'a Recipe,
+        (panel, corners): (&'a TaughtPanel, &'a [TaughtCorner]),
+        calibrations: Calibrations,
+    ) -> Result<Self, DaemonError> {
+        if corners.is_empty() {
+            return Err(DaemonError::NoCorner);
+        }
+        let limits = cell.limits();
+        limits.workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
+        Ok(Job {
+            recipe,
+            panel,
+            corners,
+            calibrations,
+            limits,
+            wiring: Wiring::of(cell.io())?,
+            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
+            ready: cell.pose("ready"),
+        })
+    }
+
+    /// What is asked of a film: the recipe's values, or the cell's where it has none.
+    pub fn demands(&self) -> Demands {
+        Demands {
+            observation_s: self.recipe.process().observation_s().unwrap_or(self.limits.observation_s()),
+            frames_per_second: self.recipe.process().frames_per_second(),
+            min_break_mm2: self.recipe.inspect().min_break_mm2().unwrap_or(self.limits.min_break_mm2()),
+        }
+    }
+}
+
+/// Why a cycle cannot begin, or had to end where no verdict is possible.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// An input or output without a name.
+    #[error("the cell's file has no \"{name}\" in [{table}]; a cycle needs it")]
+    NotWired {
+        /// The table.
+        table: &'static str,
+        /// The name.
+        name: &'static str,
+    },
+    /// A key that a cycle needs.
+    #[error("the cell's file does not state {key}; a cycle needs it")]
+    NotStated {
+        /// The key.
+        key: &'static str,
+    },
+    /// No corner was taught.
+    #[error("no corner of this panel was taught; teach it with --corner and --flange")]
+    NoCorner,
+    /// The store does not write.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}

@@ -1,0 +1,192 @@
+//! What the loop needs from outside: a robot, cameras, a record, somebody who asks.
+
+use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
+use crate::devices::robot::BlockingLink;
+use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::verdict::{Judgement, Verdict};
+use serde_json::Value;
+use std::time::{Duration, Instant};
+
+/// The robot: commands in, reports out, and the clock that its motions run by.
+pub trait Robot {
+    /// Queues one command.
+    ///
+    /// # Errors
+    /// Where there is no controller, no open epoch, or the command cannot be executed; likewise for the others.
+    fn send(&mut self, command: Command) -> Result<CommandId, QueueError>;
+    /// Queues a path whole, in the active base; the id of its last point comes back.
+    ///
+    /// # Errors
+    /// As [`Robot::send`].
+    fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError>;
+    /// Asks for a new epoch with a number above this one.
+    ///
+    /// # Errors
+    /// As [`Robot::send`].
+    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError>;
+    /// Ends the epoch.
+    ///
+    /// # Errors
+    /// As [`Robot::send`].
+    fn abort(&mut self) -> Result<(), QueueError>;
+    /// The next thing to know, or `None` after a while without one. In lock step time passes only in here.
+    fn next(&mut self) -> Option<Report>;
+    /// Now: virtual in lock step.
+    fn now(&self) -> Time;
+}
+
+/// The cameras. Each call exposes once, now.
+pub trait Eyes {
+    /// A 3D shot.
+    ///
+    /// # Errors
+    /// Where the camera gives none; likewise for the others.
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError>;
+    /// A picture by the 3D camera's colour sensor.
+    ///
+    /// # Errors
+    /// As [`Eyes::scan`].
+    fn picture(&mut self) -> Result<ColorPicture, SightError>;
+    /// A picture by the flange camera.
+    ///
+    /// # Errors
+    /// As [`Eyes::scan`].
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError>;
+}
+
+/// A camera that gave no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{camera} gave no picture: {why}")]
+pub struct SightError {
+    /// Which camera.
+    pub camera: &'static str,
+    /// What it says.
+    pub why: String,
+}
+
+/// What a stage found, with every number and limit used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Finding {
+    /// The stage's word, `locate`.
+    pub stage: &'static str,
+    /// The abrasion it belongs to, from 1; 0 before the first.
+    pub pass: u8,
+    /// The gate's word.
+    pub judgement: Judgement,
+    /// Numbers and limits.
+    pub numbers: Value,
+}
+
+/// What is remembered. Each call returns when it is on disk.
+pub trait Record {
+    /// One line of the journal.
+    ///
+    /// # Errors
+    /// Where the store does not write; likewise for the others.
+    fn event(&mut self, event: &Event) -> Result<(), RecordError>;
+    /// A motion begins.
+    ///
+    /// # Errors
+    /// As [`Record::event`].
+    fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError>;
+    /// A motion is over: the robot stands.
+    ///
+    /// # Errors
+    /// As [`Record::event`].
+    fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError>;
+    /// What a stage found.
+    ///
+    /// # Errors
+    /// As [`Record::event`].
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError>;
+    /// A picture under its name.
+    ///
+    /// # Errors
+    /// As [`Record::event`].
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError>;
+    /// The cycle's result.
+    ///
+    /// # Errors
+    /// As [`Record::event`].
+    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError>;
+}
+
+/// The store does not write. Nothing moves without it.
+#[derive(Debug, thiserror::Error)]
+#[error("the record cannot be written: {0}")]
+pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
+
+/// Somebody who asks.
+pub trait Requests {
+    /// What is asked now, seen the state.
+    fn next(&mut self, state: &State) -> Ask;
+    /// What was asked is not done.
+    fn refused(&mut self, request: Request, refusal: Refusal);
+}
+
+/// What is asked now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ask {
+    /// Nothing.
+    Nothing,
+    /// This.
+    For(Request),
+    /// To leave; done where the state rests.
+    Leave,
+}
+
+/// A robot at the end of a link.
+#[derive(Debug)]
+pub struct LinkedRobot {
+    link: BlockingLink,
+    pace: Pace,
+    started: Instant,
+    virtual_now: Time,
+}
+
+impl LinkedRobot {
+    /// The robot behind this link, which runs at this pace.
+    pub fn new(link: BlockingLink, pace: Pace) -> Self {
+        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default() }
+    }
+}
+
+/// How long the loop waits for the robot before it looks elsewhere, by the wall clock.
+const PATIENCE: Duration = Duration::from_millis(20);
+/// In lock step only a controller that is gone lets anyone wait; computing on a busy machine does not count.
+const LOCK_STEP_PATIENCE: Duration = Duration::from_secs(2);
+
+impl Robot for LinkedRobot {
+    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        self.link.send(command)
+    }
+
+    fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        self.link.send_path(points)
+    }
+
+    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+        self.link.open_epoch_above(above)
+    }
+
+    fn abort(&mut self) -> Result<(), QueueError> {
+        self.link.abort()
+    }
+
+    fn next(&mut self) -> Option<Report> {
+        let patience = if self.pace == Pace::LockStep { LOCK_STEP_PATIENCE } else { PATIENCE };
+        let report = self.link.next(patience);
+        if let Some(Report::State(state) | Report::Connected { state }) = &report {
+            self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+        }
+        report
+    }
+
+    fn now(&self) -> Time {
+        match self.pace {
+            Pace::LockStep => self.virtual_now,
+            Pace::Wall => Time::after_start(self.started.elapsed()),
+        }
+    }
+}

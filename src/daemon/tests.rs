@@ -1,0 +1,81 @@
+//! The loop on a scripted cell: a robot that executes at once, cameras that render, a record in memory.
+
+mod fake;
+
+use super::*;
+use crate::cycle::{At, Outcome, Path, Request, Why};
+use crate::sim::Scene;
+use crate::verdict::Verdict;
+use fake::{Asks, Cell as Fake};
+
+#[test]
+fn a_greasy_panel_is_abraded_once_and_passes() {
+    let story = Fake::new(Scene::Good).run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    assert!(matches!(story.outcome.state.at, At::Complete { verdict: Verdict::Pass }), "{story}");
+    assert_eq!(story.stages(), ["locate", "refine", "refine", "inspect", "plan", "verify", "inspect"], "{story}");
+    assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
+    // Each waypoint once: the air point of the approach is the plan's first.
+    let contact = story.motions(Path::Contact);
+    assert_eq!(contact.len(), 1);
+    let (motion, outcome, done) = contact[0];
+    assert_eq!((outcome, done), (Outcome::Done, motion.waypoints));
+    assert_eq!(story.contact_points, done as usize);
+    let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
+    assert!(error.max_mm < 1.5, "{error:?}");
+}
+
+#[test]
+fn a_clean_panel_passes_without_contact() {
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty());
+}
+
+#[test]
+fn no_panel_ends_in_reject_without_a_move_to_it() {
+    let story = Fake::new(Scene::NoPanel).run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
+    assert!(story.intents.iter().all(|(motion, ..)| motion.path == Path::Park), "{story}");
+}
+
+/// The cell's box ends before the panel: the way to the corner is refused whole, and the cycle aborts.
+#[test]
+fn a_refused_path_aborts_and_sends_nothing() {
+    let story = Fake::new(Scene::Good).with_box_to(300.0).run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Aborted { .. }), "{story}");
+    assert_eq!(story.outcome.verdict, Some(Verdict::Aborted));
+    assert_eq!(story.lines, 0, "no line was sent");
+    assert!(
+        story.findings.iter().any(|finding| finding.judgement.reasons[..].iter().any(|r| r.code == "outside_box"))
+    );
+}
+
+#[test]
+fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
+    let held = |state: &crate::cycle::State| matches!(state.intent, Some(i) if i.motion.path == Path::Contact && i.done > 20);
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, Request::Hold).with(
+        |state| matches!(state.at, At::Held(hold) if hold.why == Why::Asked),
+        Request::Unhold { dried: false },
+    ));
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    let contact = story.motions(Path::Contact);
+    assert_eq!(contact.len(), 2, "{story}");
+    assert_eq!(contact[0].1, Outcome::Held);
+    assert!(contact[0].2 > 20 && contact[0].2 < contact[0].0.waypoints, "{story}");
+    assert!(contact[1].0.waypoints < contact[0].0.waypoints, "what is done is not planned again");
+    assert_eq!(contact[1].1, Outcome::Done);
+}
+
+#[test]
+fn a_journal_that_cannot_be_written_stops_the_robot() {
+    let error = Fake::new(Scene::Clean).with_record_that_fails_at(30).fails(Asks::one_cycle());
+    assert!(matches!(error, DaemonError::Record(_)), "{error}");
+}
+
+/// Every motion was committed before it began, and its epoch is the one that was open.
+#[test]
+fn intents_come_before_their_motions() {
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle());
+    assert!(story.intents.len() >= 3 && story.moved_without_intent == 0, "{story}");
+}

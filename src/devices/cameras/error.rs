@@ -1,0 +1,102 @@
+//! Why there is no shot.
+
+use crate::files::{ClipError, CloudFileError, PictureError, PoseError};
+use std::path::PathBuf;
+
+/// Which camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Which {
+    /// The fixed 3D camera.
+    Scanner,
+    /// The camera on the flange.
+    Flange,
+}
+
+impl std::fmt::Display for Which {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Which::Scanner => "scanner",
+            Which::Flange => "flange camera",
+        })
+    }
+}
+
+/// Why there is no shot.
+#[derive(Debug, thiserror::Error)]
+pub enum CameraError {
+    /// No camera answers.
+    #[error("the {which} is not there: {reason}")]
+    NotThere {
+        /// Which.
+        which: Which,
+        /// What was met instead.
+        reason: String,
+    },
+    /// It answers, but no shot came.
+    #[error("no shot of the {which} within {waited_ms} ms")]
+    Timeout {
+        /// Which.
+        which: Which,
+        /// How long was waited.
+        waited_ms: u64,
+    },
+    /// A recording has come to its end.
+    #[error("{} has no further {what}: all {played} were played", folder.display())]
+    RanOut {
+        /// The recording.
+        folder: PathBuf,
+        /// What was asked for.
+        what: &'static str,
+        /// How many there were.
+        played: usize,
+    },
+    /// A shot of another size than the calibrated one.
+    #[error("a shot of the {which} is {}×{}, its calibration says {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    WrongSize {
+        /// Which.
+        which: Which,
+        /// Width and height, px.
+        found_px: [usize; 2],
+        /// Width and height in the calibration, px.
+        expected_px: [usize; 2],
+    },
+    /// A 3D shot with the arm before the camera.
+    #[error("a 3D shot is taken with the arm standing parked; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
+    ArmInView {
+        /// How far the axis that is farthest off is from the park pose, degrees.
+        axis_off_deg: f64,
+        /// Whether the arm moves.
+        moving: bool,
+    },
+    /// A picture from the flange while it moves.
+    #[error("a picture of the flange camera is taken with the arm standing, and it moves")]
+    ArmMoves,
+    /// A file of a recording that is not one.
+    #[error("{}: {cause}", file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// What is wrong with it.
+        cause: FileError,
+    },
+}
+
+/// What is wrong with a file of a recording.
+#[derive(Debug, thiserror::Error)]
+pub enum FileError {
+    /// The disk.
+    #[error(transparent)]
+    Disk(#[from] std::io::Error),
+    /// A cloud.
+    #[error(transparent)]
+    Cloud(#[from] CloudFileError),
+    /// A picture.
+    #[error(transparent)]
+    Picture(#[from] PictureError),
+    /// Where the flange was.
+    #[error(transparent)]
+    Pose(#[from] PoseError),
+    /// The times of the pictures.
+    #[error(transparent)]
+    Clip(#[from] ClipError),
+}

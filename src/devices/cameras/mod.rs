@@ -1,0 +1,73 @@
+//! The cell's two cameras: what a shot is, and who delivers it.
+//!
+//! A capture blocks until the shot is there or an error says why not. Shots carry when they were taken, on the clock
+//! of whoever took them; a picture of the flange camera carries where the flange was.
+//!
+//! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, looking at the simulated world
+//! - [`RecordedScanner`], [`RecordedFlangeCamera`]: a folder, one file a capture
+
+mod error;
+mod recorded;
+mod simulated;
+
+pub use error::{CameraError, FileError, Which};
+pub use recorded::{RecordedFlangeCamera, RecordedScanner};
+pub use simulated::{SimulatedFlangeCamera, SimulatedScanner, simulated};
+
+use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+
+/// A shot of the 3D camera.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// Points and colours.
+    pub cloud: OrganizedCloud<Camera>,
+    /// When, s.
+    pub time_s: f64,
+}
+
+/// A colour picture of the fixed camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Picture {
+    /// The picture.
+    pub picture: ColorPicture,
+    /// When, s.
+    pub time_s: f64,
+}
+
+/// A picture of the flange camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FlangePicture {
+    /// The picture.
+    pub picture: ColorPicture,
+    /// Where the flange was at that instant.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// When, s.
+    pub time_s: f64,
+}
+
+/// The fixed 3D camera.
+pub trait Scanner: Send {
+    /// Points and colours of the scene, by the camera's own light.
+    ///
+    /// # Errors
+    /// Where the camera does not deliver.
+    fn capture_3d(&mut self) -> Result<Shot, CameraError>;
+
+    /// A colour picture by the cell's light, as of the film.
+    ///
+    /// # Errors
+    /// Where the camera does not deliver.
+    fn capture_2d(&mut self) -> Result<Picture, CameraError>;
+}
+
+/// The colour camera on the flange, with a lamp of its own.
+pub trait FlangeCamera: Send {
+    /// A picture from where the flange is.
+    ///
+    /// # Errors
+    /// Where the camera does not deliver.
+    fn capture(&mut self) -> Result<FlangePicture, CameraError>;
+}
+
+#[cfg(test)]
+mod tests;

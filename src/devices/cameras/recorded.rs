@@ -1,0 +1,155 @@
+//! Cameras that play a folder in file order, one file a capture. Running out is an error.
+//!
+//! Of a scanner's folder `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in its
+//! order and with its times. Of a flange camera's folder each picture `NAME.png` (or JPEG, TIFF) has its pose in
+//! `NAME.json`. What has no recorded time counts captures instead, 0, 1, 2 … s. Only names are read ahead, so that a
+//! folder may be long.
+
+use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
+use crate::files::{self, ClipEntry, CloudFileError, PictureError};
+use crate::geometry::{ColorPicture, PinholeCamera};
+use std::collections::VecDeque;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const CLOUDS: [&str; 2] = ["pcd", "ply"];
+const PICTURES: [&str; 5] = ["png", "jpg", "jpeg", "tif", "tiff"];
+
+/// The files of a folder that are still to be played.
+#[derive(Debug)]
+struct Reel<T> {
+    folder: PathBuf,
+    what: &'static str,
+    played: usize,
+    ahead: VecDeque<T>,
+}
+
+impl<T> Reel<T> {
+    fn new(folder: &Path, what: &'static str, ahead: impl IntoIterator<Item = T>) -> Self {
+        Reel { folder: folder.to_owned(), what, played: 0, ahead: ahead.into_iter().collect() }
+    }
+
+    fn next(&mut self) -> Result<T, CameraError> {
+        let Reel { folder, what, played, .. } = self;
+        let out = CameraError::RanOut { folder: folder.clone(), what, played: *played };
+        let next = self.ahead.pop_front().ok_or(out)?;
+        self.played += 1;
+        Ok(next)
+    }
+
+    /// The count of the capture that was just made, s.
+    fn count_s(&self) -> f64 {
+        self.played.saturating_sub(1) as f64
+    }
+}
+
+/// A scanner that plays a folder.
+#[derive(Debug)]
+pub struct RecordedScanner {
+    camera: PinholeCamera,
+    clouds: Reel<PathBuf>,
+    pictures: Reel<ClipEntry>,
+}
+
+impl RecordedScanner {
+    /// Opens a folder; `camera` is the calibration that its shots must fit.
+    ///
+    /// # Errors
+    /// Where there is no such folder, or its `clip.csv` is none.
+    pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
+        let clouds = files_of(folder, &CLOUDS, Which::Scanner)?;
+        let list = folder.join("clip.csv");
+        let entries = match list.exists() {
+            true => {
+                let clip = read(&list).and_then(|bytes| named(&list, files::read_clip(&bytes)))?;
+                clip.shots().to_vec()
+            }
+            false => Vec::new(),
+        };
+        let pictures = Reel::new(folder, "picture in its clip.csv", entries);
+        Ok(RecordedScanner { camera, clouds: Reel::new(folder, "3D shot", clouds), pictures })
+    }
+}
+
+impl Scanner for RecordedScanner {
+    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        let file = self.clouds.next()?;
+        let cloud = match files::read_cloud(&read(&file)?, &self.camera) {
+            Err(CloudFileError::Size { width, height, .. }) => {
+                return Err(wrong_size(Which::Scanner, [width, height], &self.camera));
+            }
+            other => named(&file, other)?,
+        };
+        Ok(Shot { cloud, time_s: self.clouds.count_s() })
+    }
+
+    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
+        let entry = self.pictures.next()?;
+        let file = self.pictures.folder.join(&entry.file);
+        Ok(Picture { picture: picture(&file, Which::Scanner, &self.camera)?, time_s: entry.time_s })
+    }
+}
+
+/// A flange camera that plays a folder.
+#[derive(Debug)]
+pub struct RecordedFlangeCamera {
+    camera: PinholeCamera,
+    pictures: Reel<PathBuf>,
+}
+
+impl RecordedFlangeCamera {
+    /// Opens a folder; `camera` is the calibration that its pictures must fit.
+    ///
+    /// # Errors
+    /// Where there is no such folder.
+    pub fn open(folder: &Path, camera: PinholeCamera) -> Result<Self, CameraError> {
+        let pictures = files_of(folder, &PICTURES, Which::Flange)?;
+        Ok(RecordedFlangeCamera { camera, pictures: Reel::new(folder, "picture", pictures) })
+    }
+}
+
+impl FlangeCamera for RecordedFlangeCamera {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        let file = self.pictures.next()?;
+        let beside = file.with_extension("json");
+        let pose = read(&beside).and_then(|bytes| named(&beside, files::read_flange(&bytes)))?;
+        let picture = picture(&file, Which::Flange, &self.camera)?;
+        Ok(FlangePicture { picture, base_from_flange: pose.to_rigid(), time_s: self.pictures.count_s() })
+    }
+}
+
+fn picture(file: &Path, which: Which, camera: &PinholeCamera) -> Result<ColorPicture, CameraError> {
+    let picture = named(file, files::read_color(&read(file)?))?;
+    match files::check_picture_size(&picture, camera) {
+        Err(PictureError::Size { width, height, .. }) => Err(wrong_size(which, [width, height], camera)),
+        other => named(file, other).map(|()| picture),
+    }
+}
+
+fn wrong_size(which: Which, found_px: [usize; 2], camera: &PinholeCamera) -> CameraError {
+    CameraError::WrongSize { which, found_px, expected_px: [camera.width_px, camera.height_px] }
+}
+
+/// The folder's files of these kinds, in the order of their names.
+fn files_of(folder: &Path, kinds: &[&str], which: Which) -> Result<Vec<PathBuf>, CameraError> {
+    let gone = |error: std::io::Error| CameraError::NotThere {
+        which,
+        reason: format!("its recording {}: {error}", folder.display()),
+    };
+    let entries = fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>).map_err(gone)?;
+    let of_kind = |file: &PathBuf| {
+        let kind = file.extension().map(|kind| kind.to_string_lossy().to_lowercase());
+        kind.is_some_and(|kind| kinds.contains(&kind.as_str()))
+    };
+    let mut files: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).filter(of_kind).collect();
+    files.sort();
+    Ok(files)
+}
+
+fn read(file: &Path) -> Result<Vec<u8>, CameraError> {
+    named(file, fs::read(file))
+}
+
+fn named<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> Result<T, CameraError> {
+    result.map_err(|cause| CameraError::File { file: file.to_owned(), cause: cause.into() })
+}

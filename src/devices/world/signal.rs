@@ -1,0 +1,101 @@
+//! What an output does in the world, and when: a lamp takes its time, a disc spins up, a valve closes.
+
+use crate::cell::Output;
+
+/// How long what an output drives takes to follow, ms.
+struct Delays {
+    on_ms: u64,
+    off_ms: u64,
+}
+
+fn delays(output: Output) -> Delays {
+    let (on_ms, off_ms) = match output {
+        Output::Light => (300, 0),
+        Output::Spray => (0, 200), // the valve closes slower than it opens
+        Output::LensShutter => (250, 250),
+        Output::Extraction => (800, 500),
+        Output::Tool => (1_000, 600),
+    };
+    Delays { on_ms, off_ms }
+}
+
+/// An output and what follows it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Signal {
+    pub output: Output,
+    /// Number n of `$OUT[n]`.
+    pub number: u16,
+    /// Number n of `$IN[n]` of its feedback.
+    pub feedback: u16,
+    /// The output's value.
+    pub on: bool,
+    /// When it changed.
+    since_ms: u64,
+    /// Whether what it drives was running then.
+    ran: bool,
+}
+
+impl Signal {
+    pub fn new(output: Output, number: u16, feedback: u16) -> Self {
+        Signal { output, number, feedback, on: false, since_ms: 0, ran: false }
+    }
+
+    /// The output changes.
+    pub fn switch(&mut self, on: bool, now_ms: u64) {
+        self.ran = self.runs(now_ms);
+        (self.on, self.since_ms) = (on, now_ms);
+    }
+
+    /// Whether what it drives runs.
+    pub fn runs(&self, now_ms: u64) -> bool {
+        let Delays { on_ms, off_ms } = delays(self.output);
+        let follows = now_ms >= self.since_ms + if self.on { on_ms } else { off_ms };
+        if follows { self.on } else { self.ran }
+    }
+
+    /// What the feedback says: of the spray that it is off, of everything else that it runs.
+    pub fn says(&self, now_ms: u64) -> bool {
+        self.runs(now_ms) != (self.output == Output::Spray)
+    }
+
+    /// How far it has come up, 0…1, in a straight line; off at once.
+    pub fn share(&self, now_ms: u64) -> f64 {
+        let since_ms = now_ms.saturating_sub(self.since_ms) as f64;
+        let on_ms = delays(self.output).on_ms.max(1) as f64;
+        if !self.on {
+            0.0
+        } else if self.ran {
+            1.0
+        } else {
+            (since_ms / on_ms).min(1.0)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_switched_off_before_it_ran_never_ran() {
+        let mut tool = Signal::new(Output::Tool, 5, 4);
+        tool.switch(true, 100);
+        assert!(!tool.says(1_099));
+        tool.switch(false, 600);
+        assert!((600..3_000).all(|now_ms| !tool.says(now_ms)));
+        tool.switch(true, 3_000);
+        assert!(!tool.says(3_999) && tool.says(4_000));
+        tool.switch(false, 5_000);
+        assert!(tool.says(5_599) && !tool.says(5_600), "it runs down");
+    }
+
+    #[test]
+    fn the_spray_says_that_it_is_off() {
+        let mut spray = Signal::new(Output::Spray, 2, 1);
+        assert!(spray.says(0));
+        spray.switch(true, 10);
+        assert!(!spray.says(10));
+        spray.switch(false, 5_000);
+        assert!(!spray.says(5_199) && spray.says(5_200));
+    }
+}

@@ -1,0 +1,152 @@
+//! Where the running disc was on the panel, and how it stood: from what the mock executed, against the truth.
+//!
+//! A sample counts where both ends of its stretch are contact, the tool is on, and its point is at most the pad's
+//! reach from the true surface. The disc is taken as wholly in contact, as a compliant pad is.
+
+use crate::devices::mock::Sample;
+use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
+use crate::sim::{TrueSpot, Truth};
+use nalgebra::Vector3;
+
+/// Farther than this from the surface the pad does not touch, mm.
+const PAD_REACH_MM: f64 = 2.0;
+
+/// The places of the panel that the disc was on.
+#[derive(Debug, Clone)]
+pub struct Touched {
+    centres: Vec<Point<Panel>>,
+    radius_mm: f64,
+}
+
+impl Touched {
+    /// What a disc of this diameter reached while this was executed.
+    pub fn by(trace: &[Sample], truth: &Truth, disc_diameter_mm: f64) -> Self {
+        let touches = |point: &Point<Panel>| truth.distance_mm(*point).abs() <= PAD_REACH_MM;
+        let centres =
+            sanding(trace, truth).map(|panel_from_tool| panel_from_tool.origin()).filter(touches).collect();
+        Touched { centres, radius_mm: disc_diameter_mm / 2.0 }
+    }
+
+    /// Whether the disc was here.
+    pub fn covers(&self, point: Point<Panel>) -> bool {
+        self.centres.iter().any(|centre| centre.distance_mm(point) <= self.radius_mm)
+    }
+
+    /// The covered share of these points, 0…1, each for the same area; 0 of none.
+    pub fn share(&self, points: &[Point<Panel>]) -> f64 {
+        let covered = points.iter().filter(|point| self.covers(**point)).count();
+        covered as f64 / points.len().max(1) as f64
+    }
+
+    /// The covered share of a spot's area, 0…1.
+    pub fn share_of(&self, spot: &TrueSpot) -> f64 {
+        const RINGS: usize = 8;
+        let reach_mm = spot.outline.iter().map(|point| point.distance_mm(spot.centre)).fold(0.0, f64::max);
+        let near = |centre: &&Point<Panel>| centre.distance_mm(spot.centre) <= reach_mm + self.radius_mm;
+        let near = Touched { centres: self.centres.iter().filter(near).copied().collect(), ..*self };
+        let (mut whole_mm2, mut covered_mm2) = (0.0, 0.0);
+        // Sectors about the centre, each in rings of one area.
+        for (index, &from) in spot.outline.iter().enumerate() {
+            let to = spot.outline[(index + 1) % spot.outline.len()];
+            let (from, to) = (from - spot.centre, to - spot.centre);
+            let ring_mm2 = from.mm.cross(&to.mm).norm() / 2.0 / RINGS as f64;
+            for ring in 0..RINGS {
+                let outwards = ((ring as f64 + 0.5) / RINGS as f64).sqrt();
+                let place = spot.centre + Vector::new((from.mm + to.mm) / 2.0) * outwards;
+                whole_mm2 += ring_mm2;
+                covered_mm2 += if near.covers(place) { ring_mm2 } else { 0.0 };
+            }
+        }
+        covered_mm2 / whole_mm2
+    }
+}
+
+/// How the tool stood on the true surface while it sanded.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct ContactErrors {
+    /// Ticks of the controller in contact.
+    pub samples: usize,
+    /// Largest angle between the tool's axis and the true normal, degrees.
+    pub normal_max_deg: f64,
+    /// Largest distance of the tool's point from the true surface, mm.
+    pub surface_max_mm: f64,
+}
+
+/// How the tool stood on the true surface; `None` where it was never in contact.
+pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> {
+    let of = |panel_from_tool: Rigid<Panel, Tool>| {
+        let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
+        let point = panel_from_tool.origin();
+        (outward.angle_to(truth.normal(point)).0, truth.distance_mm(point).abs())
+    };
+    let none = ContactErrors { samples: 0, normal_max_deg: 0.0, surface_max_mm: 0.0 };
+    let errors = sanding(trace, truth).map(of).fold(none, |all, (normal_deg, surface_mm)| ContactErrors {
+        samples: all.samples + 1,
+        normal_max_deg: all.normal_max_deg.max(normal_deg),
+        surface_max_mm: all.surface_max_mm.max(surface_mm),
+    });
+    (errors.samples > 0).then_some(errors)
+}
+
+/// The tool in the true panel's frame, at each tick in which it sanded.
+fn sanding<'a>(trace: &'a [Sample], truth: &Truth) -> impl Iterator<Item = Rigid<Panel, Tool>> + 'a {
+    let panel_from_base = truth.base_from_panel.inverse();
+    trace
+        .iter()
+        .filter(|sample| sample.sanding && sample.tool_on)
+        .map(move |sample| panel_from_base * sample.base_from_tool)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Base;
+    use crate::sim::{Cell, Scene};
+    use nalgebra::Isometry3;
+
+    fn sample(base_from_tool: Rigid<Base, Tool>) -> Sample {
+        let base_from_flange = Rigid::claim(Isometry3::identity());
+        Sample { time_ms: 0, base_from_flange, base_from_tool, sanding: true, tool_on: true }
+    }
+
+    /// The tool on the true surface, this far out along the normal.
+    fn standing(truth: &Truth, point: Point<Panel>, height_mm: f64) -> Sample {
+        let normal = truth.normal(point);
+        let turn = nalgebra::UnitQuaternion::rotation_between(&Vector3::z(), &-normal.mm).expect("not opposite");
+        let origin = (point + normal * height_mm).mm.coords;
+        let panel_from_tool = Rigid::<Panel, Tool>::claim(Isometry3::from_parts(origin.into(), turn));
+        sample(truth.base_from_panel * panel_from_tool)
+    }
+
+    /// By hand: a disc of 200 mm on a spot's centre covers it, one of 8 mm a circle of π·4² mm².
+    #[test]
+    fn a_disc_covers_its_own_area_of_a_spot() {
+        let truth = Cell::new(1, Scene::Good, 8).truth();
+        let spot = &truth.spots[0];
+        let on = [standing(&truth, spot.centre, 0.0)];
+        assert!((Touched::by(&on, &truth, 200.0).share_of(spot) - 1.0).abs() < 1e-12);
+        let share = Touched::by(&on, &truth, 8.0).share_of(spot);
+        assert!((share - std::f64::consts::PI * 16.0 / spot.area_mm2).abs() < 0.02, "{share}");
+        let above = [standing(&truth, spot.centre, 2.1)];
+        assert_eq!(Touched::by(&above, &truth, 200.0).share_of(spot), 0.0, "the pad does not reach");
+        let off = [Sample { tool_on: false, ..on[0] }];
+        assert_eq!(Touched::by(&off, &truth, 200.0).share(&[spot.centre]), 0.0, "it does not turn");
+        let lands = [Sample { sanding: false, ..on[0] }];
+        assert_eq!(Touched::by(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
+    }
+
+    #[test]
+    fn contact_is_measured_along_the_true_normal() {
+        let truth = Cell::new(1, Scene::Good, 8).truth();
+        let point = truth.spots[0].centre;
+        let turned = standing(&truth, point, 0.0);
+        let by_half_a_degree: Rigid<Tool, Tool> =
+            Rigid::claim(Isometry3::rotation(Vector3::x() * 0.5_f64.to_radians()));
+        let turned = sample(turned.base_from_tool * by_half_a_degree);
+        let errors = contact_errors(&[standing(&truth, point, -0.3), turned], &truth).expect("contact");
+        assert_eq!(errors.samples, 2);
+        assert!((errors.surface_max_mm - 0.3).abs() < 1e-6, "{errors:?}");
+        assert!((errors.normal_max_deg - 0.5).abs() < 1e-6, "{errors:?}");
+        assert_eq!(contact_errors(&[], &truth), None);
+    }
+}

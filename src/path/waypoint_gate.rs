@@ -1,0 +1,192 @@
+//! The one gate before every motion: the whole path is good, or nothing of it is sent.
+//!
+//! Looks at the tool's tip in the robot's base, where base and tool already are what the controller will use: every
+//! number finite, every point inside the cell's box, the first point near where the arm stands, no large step and no
+//! large turn between neighbours, and near the panel no large tilt against the direction in which it was taught (a
+//! wrong base shows as one). Rejects and never clips. Does not know the arm: reach comes where its kinematics are.
+
+use crate::cell::{Limits, Workspace};
+use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
+use crate::verdict::{Judgement, Reason};
+
+/// What a path may do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WaypointLimits {
+    /// The box that the tip must not leave; without one nothing may move in lines.
+    pub workspace: Option<Workspace>,
+    /// Longest step, mm.
+    pub max_step_mm: f64,
+    /// Largest turn in one step.
+    pub max_turn: Degrees,
+    /// Largest angle between the tool's axis and the one that was taught.
+    pub max_tilt: Degrees,
+}
+
+impl From<&Limits> for WaypointLimits {
+    fn from(limits: &Limits) -> Self {
+        WaypointLimits {
+            workspace: limits.workspace(),
+            max_step_mm: limits.max_step_mm(),
+            max_turn: Degrees(limits.max_turn_deg()),
+            max_tilt: Degrees(limits.max_tilt_deg()),
+        }
+    }
+}
+
+/// A path of straight lines as it would be executed.
+#[derive(Debug, Clone, Copy)]
+pub struct Route<'a> {
+    /// Where the arm stands, as it said.
+    pub from: Rigid<Base, Tool>,
+    /// Where it goes.
+    pub waypoints: &'a [Rigid<Base, Tool>],
+    /// Where the tool's Z points on the panel at its nominal place; `None` away from the panel.
+    pub taught_axis: Option<Vector<Base>>,
+}
+
+/// Accepts a path of lines or rejects all of it.
+pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
+    let Some(workspace) = limits.workspace else {
+        let message = "the cell's file states no box_min_mm and box_max_mm; without them nothing moves in lines";
+        return Judgement::of(vec![Reason::new("no_box", message)], vec![]);
+    };
+    if route.waypoints.is_empty() {
+        return Judgement::of(vec![Reason::new("no_waypoints", "the path has no waypoint")], vec![]);
+    }
+    let all = || std::iter::once(&route.from).chain(route.waypoints);
+    if let Some(index) = all().position(|pose| !is_finite(pose)) {
+        let message = format!("waypoint {index} is not a number");
+        return Judgement::of(vec![Reason::new("not_finite", message)], vec![]);
+    }
+    let mut reasons = Vec::new();
+    for (index, (from, to)) in all().zip(route.waypoints).enumerate() {
+        let index = index + 1;
+        reasons.extend(outside(index, to, workspace));
+        reasons.extend(jump(index, (from, to), limits));
+        reasons.extend(route.taught_axis.and_then(|axis| tilted(index, to, axis, limits.max_tilt)));
+    }
+    Judgement::of(reasons, vec![])
+}
+
+/// Accepts axis angles or rejects them.
+pub fn judge_joints(joints: &Joints) -> Judgement {
+    let angles = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+    let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > LARGEST_AXIS_DEG);
+    let reason = |axis: usize| {
+        let message = format!("axis {} is to go to {}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1, angles[axis]);
+        Reason::new("axis_limit", message)
+    };
+    Judgement::of(wrong.map(reason).into_iter().collect(), vec![])
+}
+
+/// No axis of such an arm turns farther.
+const LARGEST_AXIS_DEG: f64 = 360.0;
+
+fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
+    pose.isometry().to_homogeneous().iter().all(|number| number.is_finite())
+}
+
+fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Reason> {
+    let tip = pose.origin().mm;
+    let message = || {
+        format!(
+            "waypoint {index} is at ({:.1}, {:.1}, {:.1}) mm, outside of the cell's box of {:?} to {:?}",
+            tip.x,
+            tip.y,
+            tip.z,
+            workspace.min.mm.coords.as_slice(),
+            workspace.max.mm.coords.as_slice()
+        )
+    };
+    (!workspace.holds(pose.origin())).then(|| Reason::new("outside_box", message()))
+}
+
+fn jump(
+    index: usize,
+    (from, to): (&Rigid<Base, Tool>, &Rigid<Base, Tool>),
+    limits: &WaypointLimits,
+) -> Vec<Reason> {
+    let before = if index == 1 { "where the arm stands".to_owned() } else { format!("waypoint {}", index - 1) };
+    let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
+    let mut reasons = Vec::new();
+    if step_mm > limits.max_step_mm {
+        let message =
+            format!("{step_mm:.1} mm from {before} to waypoint {index}, allowed {:.1}", limits.max_step_mm);
+        reasons.push(Reason::new("large_step", message));
+    }
+    if turn > limits.max_turn {
+        let message =
+            format!("the tool turns by {turn} from {before} to waypoint {index}, allowed {}", limits.max_turn);
+        reasons.push(Reason::new("large_turn", message));
+    }
+    reasons
+}
+
+fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Reason> {
+    let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_to(taught);
+    let message =
+        || format!("at waypoint {index} the tool leans {tilt} from its taught direction, allowed {allowed}");
+    (!(tilt <= allowed)).then(|| Reason::new("tilt", message()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{KukaPose, Point};
+
+    fn limits() -> WaypointLimits {
+        let workspace = Workspace { min: Point::at(0.0, -100.0, 0.0), max: Point::at(500.0, 100.0, 500.0) };
+        WaypointLimits {
+            workspace: Some(workspace),
+            max_step_mm: 100.0,
+            max_turn: Degrees(15.0),
+            max_tilt: Degrees(40.0),
+        }
+    }
+
+    /// The tool points along the base's X; `turn_deg` leans it downwards.
+    fn at(x_mm: f64, turn_deg: f64) -> Rigid<Base, Tool> {
+        KukaPose { x_mm, z_mm: 300.0, b_deg: 90.0 + turn_deg, ..KukaPose::default() }.to_rigid()
+    }
+
+    fn codes(from: Rigid<Base, Tool>, waypoints: &[Rigid<Base, Tool>]) -> Vec<&'static str> {
+        let taught_axis = Some(Vector::new(nalgebra::Vector3::x()));
+        let judgement = judge_route(&Route { from, waypoints, taught_axis }, &limits());
+        judgement.reasons.iter().map(|reason| reason.code).collect()
+    }
+
+    #[test]
+    fn a_good_path_passes_up_to_its_limits() {
+        assert_eq!(codes(at(100.0, 0.0), &[at(199.0, 14.0), at(298.0, 28.0), at(300.0, 39.0)]), [""; 0]);
+    }
+
+    /// Each defect is planted in the middle of a good path and rejects all of it, by its own name.
+    #[test]
+    fn each_planted_defect_is_named() {
+        let planted = |bad| codes(at(100.0, 0.0), &[at(150.0, 0.0), bad, at(250.0, 0.0)]);
+        assert_eq!(planted(at(200.0, 0.0)), [""; 0]);
+        assert_eq!(planted(at(f64::NAN, 0.0)), ["not_finite"]);
+        assert_eq!(planted(at(200.0, f64::INFINITY)), ["not_finite"]);
+        assert_eq!(planted(at(251.0, 0.0)), ["large_step"], "101 mm");
+        assert_eq!(planted(at(200.0, 16.0)), ["large_turn"; 2], "there and back");
+        let below = Rigid::displaced(at(200.0, 0.0), Vector::new(nalgebra::Vector3::y() * -100.5));
+        assert!(planted(below).contains(&"outside_box"));
+    }
+
+    #[test]
+    fn the_first_point_is_near_the_arm_and_the_tool_near_its_taught_axis() {
+        assert_eq!(codes(at(100.0, 0.0), &[at(201.0, 0.0)]), ["large_step"]);
+        assert_eq!(codes(at(100.0, 30.0), &[at(110.0, 41.0)]), ["tilt"]);
+        assert_eq!(codes(at(100.0, 0.0), &[]), ["no_waypoints"]);
+        let route = Route { from: at(1.0, 0.0), waypoints: &[at(2.0, 0.0)], taught_axis: None };
+        let judgement = judge_route(&route, &WaypointLimits { workspace: None, ..limits() });
+        assert_eq!(judgement.reasons[0].code, "no_box");
+    }
+
+    #[test]
+    fn axes_are_finite_and_turn_once_at_most() {
+        assert_eq!(judge_joints(&Joints { a4_deg: -360.0, ..Joints::default() }).reasons, []);
+        assert_eq!(judge_joints(&Joints { a6_deg: 361.0, ..Joints::default() }).reasons[0].code, "axis_limit");
+        assert_eq!(judge_joints(&Joints { a1_deg: f64::NAN, ..Joints::default() }).reasons[0].code, "axis_limit");
+    }
+}

@@ -1,0 +1,222 @@
+//! What a cycle leaves behind: what it ran with, what each phase found, every motion, and how it ended.
+//!
+//! Plain data between the phases that find, the store that keeps and the report that shows. A number stands here with
+//! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
+//! Decides nothing.
+
+use crate::cycle::{Motion, Outcome};
+use crate::verdict::Judgement;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// Number of a cycle in its store, from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct CycleId(pub i64);
+
+impl std::fmt::Display for CycleId {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+/// Which phase found something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[expect(missing_docs, reason = "the names are those of the cycle's phases")]
+pub enum Kind {
+    Locate,
+    Refine,
+    Inspect,
+    Plan,
+    Verify,
+    Abrade,
+}
+
+/// What is allowed of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Limit {
+    /// No limit: the number is for information.
+    Unlimited,
+    /// The limit itself is allowed.
+    AtMost(f64),
+    /// The limit itself is allowed.
+    AtLeast(f64),
+    /// The limit itself is not allowed.
+    Below(f64),
+}
+
+impl Limit {
+    /// Whether a value keeps it.
+    pub fn allows(self, value: f64) -> bool {
+        match self {
+            Limit::Unlimited => true,
+            Limit::AtMost(limit) => value <= limit,
+            Limit::AtLeast(limit) => value >= limit,
+            Limit::Below(limit) => value < limit,
+        }
+    }
+
+    /// The limit's number.
+    pub fn bound(self) -> Option<f64> {
+        match self {
+            Limit::Unlimited => None,
+            Limit::AtMost(limit) | Limit::AtLeast(limit) | Limit::Below(limit) => Some(limit),
+        }
+    }
+}
+
+/// A number with its unit and the limit it was held against.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Number {
+    /// What it is, in words.
+    pub name: String,
+    /// The value; `None` where it was not measured.
+    pub value: Option<f64>,
+    /// Its unit, "mm"; empty for shares and counts.
+    pub unit: String,
+    /// What is allowed.
+    pub limit: Limit,
+}
+
+impl Number {
+    /// A number without a limit; `None` says that it was not measured.
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, value: impl Into<Option<f64>>) -> Self {
+        Number { name: name.into(), value: value.into(), unit: unit.into(), limit: Limit::Unlimited }
+    }
+
+    /// The same number, held against a limit.
+    pub fn within(self, limit: Limit) -> Self {
+        Number { limit, ..self }
+    }
+}
+
+/// A kept picture.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Picture {
+    /// What it shows.
+    pub caption: String,
+    /// The JPEG's hash in the store.
+    pub hash: String,
+}
+
+/// What one phase found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Finding {
+    /// Which phase.
+    pub kind: Kind,
+    /// Abrasions planned by then: 0 before the first.
+    pub pass: u8,
+    /// The gate's word.
+    pub judgement: Judgement,
+    /// Every number and limit that led to it.
+    pub numbers: Vec<Number>,
+    /// What is no single number, such as `base_from_panel`, by its name in the commands' JSON.
+    pub details: BTreeMap<String, serde_json::Value>,
+    /// What was seen.
+    pub pictures: Vec<Picture>,
+}
+
+/// A kept file: what it was used for, and its hash.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct KeptFile {
+    /// What it was used for, such as `base_from_camera`.
+    pub name: String,
+    /// Its hash in the store.
+    pub hash: String,
+}
+
+/// The error at the tool, by its parts, mm, 95 %.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Budget {
+    /// Hand-eye calibration.
+    pub hand_eye_mm: Option<f64>,
+    /// Localization of the panel.
+    pub locate_mm: Option<f64>,
+    /// Fit of the surface.
+    pub fit_mm: Option<f64>,
+    /// The robot and its tool.
+    pub robot_mm: Option<f64>,
+    /// `[limits] tool_error_mm` of the cell: stated by people, used while a part is not measured.
+    pub stated_mm: Option<f64>,
+}
+
+impl Budget {
+    /// The root of the sum of squares, the parts being independent; `None` while one is not measured.
+    pub fn total_mm(&self) -> Option<f64> {
+        let parts = [self.hand_eye_mm?, self.locate_mm?, self.fit_mm?, self.robot_mm?];
+        Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
+    }
+}
+
+/// A motion as it was committed before its first waypoint.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MotionRecord {
+    /// The motion.
+    pub motion: Motion,
+    /// How it ended; `None` while it is open.
+    pub outcome: Option<Outcome>,
+    /// Waypoints executed, as the robot said at its end.
+    pub done: u32,
+}
+
+/// All that is kept of a cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CycleRecord {
+    /// Its number.
+    pub id: CycleId,
+    /// When it began, s since 1970.
+    pub started_unix_s: i64,
+    /// When it ended, s since 1970; `None` while it runs.
+    pub ended_unix_s: Option<i64>,
+    /// The panel.
+    pub panel: String,
+    /// The version of what was taught.
+    pub taught_version: String,
+    /// The recipe's hash.
+    pub recipe_hash: String,
+    /// The cell's file and its calibrations.
+    pub files: Vec<KeptFile>,
+    /// The program's version.
+    pub program_version: String,
+    /// How it ended; `None` while it runs.
+    pub judgement: Option<Judgement>,
+    /// The error at the tool; `None` where the cycle never came to it.
+    pub budget: Option<Budget>,
+    /// What the phases found, in order.
+    pub findings: Vec<Finding>,
+    /// Every motion, in order.
+    pub motions: Vec<MotionRecord>,
+    /// Lines of the journal that belong to it.
+    pub events: u64,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: 3-4-12 is a Pythagorean box with diagonal 13; 13² + 84² = 85².
+    #[test]
+    fn the_budget_is_whole_only_when_every_part_is() {
+        let part = |mm: f64| Some(mm);
+        let mut budget = Budget {
+            hand_eye_mm: part(3.0),
+            locate_mm: part(4.0),
+            fit_mm: part(12.0),
+            robot_mm: part(84.0),
+            stated_mm: part(0.5),
+        };
+        assert_eq!(budget.total_mm(), Some(85.0));
+        budget.fit_mm = None;
+        assert_eq!(budget.total_mm(), None);
+    }
+
+    #[test]
+    fn a_limit_says_what_it_allows() {
+        assert!(
+            Limit::AtMost(1.0).allows(1.0) && !Limit::Below(1.0).allows(1.0) && Limit::AtLeast(1.0).allows(1.0)
+        );
+        let not_a_number = [Limit::AtMost(1.0), Limit::AtLeast(1.0), Limit::Below(1.0)];
+        assert!(not_a_number.iter().all(|limit| !limit.allows(f64::NAN)));
+    }
+}

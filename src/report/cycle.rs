@@ -1,0 +1,289 @@
+//! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
+
+use super::page::{Figure, Page, Row, Section};
+use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number};
+use crate::verdict::{Judgement, Reason, Verdict};
+use std::collections::BTreeMap;
+
+/// What a person fills in by hand.
+const BLANK: &str = "……………………………………";
+const NOT_MEASURED: &str = "not measured";
+
+/// The page of a cycle; `pictures` holds its JPEGs by their hash. One that is missing is said to be.
+pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
+    let running = || Judgement {
+        verdict: Verdict::Invalid,
+        reasons: vec![Reason::new("running", "the cycle is not over: this page is not its result")],
+    };
+    let findings = record.findings.iter().map(|finding| section(finding, pictures));
+    let mut sections: Vec<Section> = findings.collect();
+    sections.extend([motions(record), budget(record.budget), used(record), signature(record)]);
+    let ended = record.ended_unix_s.map_or("running".to_owned(), utc);
+    Page {
+        title: format!("Panel {}, cycle {}", record.panel, record.id),
+        subtitle: format!("{} to {ended}", utc(record.started_unix_s)),
+        judgement: record.judgement.clone().unwrap_or_else(running),
+        sections,
+    }
+}
+
+fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>) -> Section {
+    let name = match finding.kind {
+        Kind::Locate => "Where the panel stands",
+        Kind::Refine => "The corner",
+        Kind::Inspect => "The film",
+        Kind::Plan => "The sanding path",
+        Kind::Verify => "The corner, before contact",
+        Kind::Abrade => "The abrasion",
+    };
+    let pass = match finding.pass {
+        0 => String::new(),
+        pass => format!(", pass {pass}"),
+    };
+    let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
+    let details = finding.details.iter().map(|(name, value)| Row::new(name, value.to_string(), ""));
+    let figure = |picture: &crate::record::Picture| match pictures.get(&picture.hash) {
+        Some(jpeg) => Ok(Figure { caption: picture.caption.clone(), jpeg: jpeg.clone() }),
+        None => Err(Row::new(&picture.caption, format!("the picture {} is missing", picture.hash), "")),
+    };
+    let (mut figures, mut missing) = (Vec::new(), Vec::new());
+    for found in finding.pictures.iter().map(figure) {
+        match found {
+            Ok(figure) => figures.push(figure),
+            Err(row) => missing.push(row),
+        }
+    }
+    Section {
+        heading: format!("{name}{pass}"),
+        text: format!("{}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
+        rows: finding.numbers.iter().map(row).chain(details).chain(missing).collect(),
+        figures,
+    }
+}
+
+fn row(number: &Number) -> Row {
+    let with_unit = |value: f64| format!("{} {}", shown(value), number.unit).trim_end().to_owned();
+    let value = match number.value {
+        None => NOT_MEASURED.to_owned(),
+        Some(value) if number.limit.allows(value) => with_unit(value),
+        Some(value) => format!("{}, not allowed", with_unit(value)),
+    };
+    let allowed = match number.limit {
+        Limit::Unlimited => String::new(),
+        Limit::AtMost(limit) => format!("≤ {}", with_unit(limit)),
+        Limit::AtLeast(limit) => format!("≥ {}", with_unit(limit)),
+        Limit::Below(limit) => format!("< {}", with_unit(limit)),
+    };
+    Row::new(&number.name, value, allowed)
+}
+
+/// Four significant digits, or all before the point; the store has the rest.
+fn shown(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
+        return value.to_string();
+    }
+    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+fn motions(record: &CycleRecord) -> Section {
+    let rows = record.motions.iter().map(|motion| {
+        let path = format!("{:?}", motion.motion.path).to_lowercase();
+        let plan = match motion.motion.plan {
+            0 => String::new(),
+            plan => format!(", plan {plan:016x}"),
+        };
+        let outcome = motion.outcome.map_or("open".to_owned(), |outcome| format!("{outcome:?}").to_lowercase());
+        let done = format!("{outcome}, {} of {} waypoints", motion.done, motion.motion.waypoints);
+        Row::new(&format!("{path}, epoch {}{plan}", motion.motion.epoch), done, "")
+    });
+    Section {
+        heading: "Motions".to_owned(),
+        text: "Each as the robot said that it ended.".to_owned(),
+        rows: rows.collect(),
+        figures: Vec::new(),
+    }
+}
+
+fn budget(budget: Option<Budget>) -> Section {
+    let budget = budget.unwrap_or_default();
+    let total = budget.total_mm();
+    let part = |name: &str, value: Option<f64>| {
+        Row::new(name, value.map_or(NOT_MEASURED.to_owned(), |value| format!("{} mm", shown(value))), "")
+    };
+    let mut rows = vec![
+        part("hand-eye calibration", budget.hand_eye_mm),
+        part("localization", budget.locate_mm),
+        part("surface fit", budget.fit_mm),
+        part("robot and tool", budget.robot_mm),
+        part("total", total),
+    ];
+    if total.is_none() {
+        let stated = budget.stated_mm.map_or("not stated".to_owned(), |value| {
+            format!("{} mm, stated by the cell's file, not measured", shown(value))
+        });
+        rows.push(Row::new("used instead of the total: [limits] tool_error_mm", stated, ""));
+    }
+    Section {
+        heading: "Error at the tool".to_owned(),
+        text: "At 95 %. The total is the root of the sum of squares, once every part is measured.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn used(record: &CycleRecord) -> Section {
+    let mut rows =
+        vec![Row::new("taught version", &record.taught_version, ""), Row::new("recipe", &record.recipe_hash, "")];
+    rows.extend(record.files.iter().map(|file| Row::new(&file.name, &file.hash, "")));
+    rows.push(Row::new("panelprep", &record.program_version, ""));
+    rows.push(Row::new("lines in the journal", record.events.to_string(), ""));
+    Section {
+        heading: "What was used".to_owned(),
+        text: "The files by the SHA-256 of their bytes, which the store keeps.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn signature(record: &CycleRecord) -> Section {
+    let film = |number: &&Number| number.name == FILM_SECONDS;
+    let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let films = inspections.map(|finding| {
+        let seconds = finding.numbers.iter().find(film).map_or(NOT_MEASURED.to_owned(), |number| row(number).value);
+        let pass = format!("film watched after pass {}", finding.pass);
+        Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
+    });
+    let mut rows = vec![
+        Row::new("water: kind, conductivity, temperature", BLANK, ""),
+        Row::new("lamp: kind, brightness at the panel", BLANK, ""),
+    ];
+    rows.extend(films);
+    rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
+    Section {
+        heading: "Inspector".to_owned(),
+        text: "Water and lamp are not measured by the cell: the inspector fills them in.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+/// The name of the number that says how long a film was watched; its unit is s.
+pub const FILM_SECONDS: &str = "watched";
+
+/// Time since 1970 as date and time, UTC. Days to date as in Hinnant, "chrono-compatible low-level date algorithms".
+fn utc(unix_s: i64) -> String {
+    let (days, second) = (unix_s.div_euclid(86_400), unix_s.rem_euclid(86_400));
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    let (hour, minute) = (second / 3_600, second / 60 % 60);
+    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{:02} UTC", second % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::{Motion, Outcome, Path};
+    use crate::record::{CycleId, KeptFile, MotionRecord, Picture};
+
+    fn finding(kind: Kind, pass: u8, numbers: Vec<Number>) -> Finding {
+        let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
+        Finding { kind, pass, judgement, numbers, details: BTreeMap::new(), pictures: Vec::new() }
+    }
+
+    fn record() -> CycleRecord {
+        let rms = Number::new("residual", "mm", 0.123456).within(Limit::AtMost(0.25));
+        let overlap = Number::new("overlap", "", 0.85).within(Limit::AtLeast(0.9));
+        let mut located = finding(Kind::Locate, 0, vec![rms, overlap, Number::new("drift", "mm", None)]);
+        located.details.insert("base_from_panel".to_owned(), serde_json::json!({"x_mm": 1.5}));
+        let picture = |caption: &str, hash: &str| Picture { caption: caption.to_owned(), hash: hash.to_owned() };
+        located.pictures = vec![picture("outline", "aa"), picture("grids", "bb")];
+        let watched = |seconds: f64| vec![Number::new(FILM_SECONDS, "s", seconds)];
+        let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 200 };
+        CycleRecord {
+            id: CycleId(7),
+            started_unix_s: 1_700_000_000,
+            ended_unix_s: Some(1_700_000_090),
+            panel: "wing <2>".to_owned(),
+            taught_version: "0123".to_owned(),
+            recipe_hash: "cafe".to_owned(),
+            files: vec![KeptFile { name: "base_from_camera".to_owned(), hash: "beef".to_owned() }],
+            program_version: "0.1.0".to_owned(),
+            judgement: Some(Judgement { verdict: Verdict::Pass, reasons: vec![] }),
+            budget: Some(Budget { locate_mm: Some(0.15), stated_mm: Some(0.8), ..Budget::default() }),
+            findings: vec![
+                located,
+                finding(Kind::Inspect, 0, watched(60.0)),
+                finding(Kind::Inspect, 1, watched(59.8)),
+            ],
+            motions: vec![MotionRecord { motion, outcome: Some(Outcome::Done), done: 200 }],
+            events: 321,
+        }
+    }
+
+    #[test]
+    fn the_page_shows_every_number_limit_hash_and_a_line_to_sign() {
+        let pictures = BTreeMap::from([("aa".to_owned(), vec![1, 2, 3])]);
+        let html = cycle_page(&record(), &pictures).html();
+        for part in [
+            "<h1>Panel wing &lt;2&gt;, cycle 7</h1>",
+            "2023-11-14 22:13:20 UTC to 2023-11-14 22:14:50 UTC",
+            "class=\"verdict good\"><b>pass</b>",
+            "<td>residual</td><td>0.1235 mm</td><td>≤ 0.25 mm</td>",
+            "<td>overlap</td><td>0.85, not allowed</td><td>≥ 0.9</td>",
+            "<td>drift</td><td>not measured</td>",
+            "<td>base_from_panel</td><td>{&quot;x_mm&quot;:1.5}</td>",
+            "data:image/jpeg;base64,AQID",
+            "<td>grids</td><td>the picture bb is missing</td>",
+            "<td>contact, epoch 3, plan 00000000000000ab</td><td>done, 200 of 200 waypoints</td>",
+            "<td>hand-eye calibration</td><td>not measured</td>",
+            "<td>localization</td><td>0.15 mm</td>",
+            "<td>total</td><td>not measured</td>",
+            "0.8 mm, stated by the cell&#39;s file, not measured",
+            "<td>recipe</td><td>cafe</td>",
+            "<td>base_from_camera</td><td>beef</td>",
+            "<td>film watched first</td><td>60 s</td>",
+            "<td>film watched after pass 1</td><td>59.8 s</td>",
+            "<td>signature</td><td>…",
+        ] {
+            let part = part.replace("&#39;", "'");
+            assert!(html.contains(&part), "no {part} in\n{html}");
+        }
+        assert!(!html.contains("http"), "nothing is fetched");
+    }
+
+    #[test]
+    fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
+        let part = Some(0.5);
+        let whole =
+            Budget { hand_eye_mm: part, locate_mm: part, fit_mm: part, robot_mm: part, stated_mm: Some(0.8) };
+        let html = cycle_page(
+            &CycleRecord { budget: Some(whole), judgement: None, ended_unix_s: None, ..record() },
+            &BTreeMap::new(),
+        )
+        .html();
+        // By hand: √(4 · 0.5²) = 1.
+        assert!(html.contains("<td>total</td><td>1 mm</td>") && !html.contains("tool_error_mm"));
+        assert!(html.contains("class=\"verdict doubt\"") && html.contains("not over"));
+    }
+
+    #[test]
+    fn numbers_keep_four_digits() {
+        let texts = [0.123456, 59.8, 123456.7, 0.00012344, -2.5, 0.0, 100.04, 3.0].map(shown);
+        assert_eq!(texts, ["0.1235", "59.8", "123457", "0.0001234", "-2.5", "0", "100", "3"]);
+    }
+
+    /// Leap day of a century that is a leap year; the last second before 1970.
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        assert_eq!(utc(951_782_400), "2000-02-29 00:00:00 UTC");
+        assert_eq!(utc(-1), "1969-12-31 23:59:59 UTC");
+    }
+}

@@ -1,0 +1,227 @@
+//! Cycles: what each ran with, what its phases found, how it ended.
+
+use super::error::StoreError;
+use super::{Store, now};
+use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile};
+use crate::verdict::{Judgement, Reason, Verdict};
+use rusqlite::{OptionalExtension, Row, params};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE cycles (
+        id INTEGER PRIMARY KEY AUTOINCREMENT,
+        started_unix_s INTEGER NOT NULL,
+        ended_unix_s INTEGER,
+        panel TEXT NOT NULL,
+        taught_version TEXT NOT NULL,
+        recipe_hash TEXT NOT NULL,
+        files TEXT NOT NULL,
+        program_version TEXT NOT NULL,
+        verdict TEXT,
+        reasons TEXT,
+        budget TEXT
+    ) STRICT;
+    CREATE TABLE findings (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER NOT NULL REFERENCES cycles (id),
+        kind TEXT NOT NULL,
+        pass INTEGER NOT NULL,
+        finding TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX findings_by_cycle ON findings (cycle_id);
+";
+
+/// What a cycle begins with. The texts are kept as they are, once, under their hash.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CycleStart {
+    /// The panel.
+    pub panel: String,
+    /// The version of what was taught.
+    pub taught_version: String,
+    /// The recipe.
+    pub recipe_text: String,
+    /// The cell's file and its calibrations: what each is for, such as `base_from_camera`, and its text.
+    pub file_texts: Vec<(String, String)>,
+}
+
+impl Store {
+    /// Keeps that a cycle begins, with all it uses.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn begin_cycle(&mut self, start: &CycleStart) -> Result<CycleId, StoreError> {
+        let kept = |(name, text): &(String, String)| {
+            Ok(KeptFile { name: name.clone(), hash: self.put_blob(text.as_bytes())? })
+        };
+        let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
+        let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
+        self.connection
+            .execute(
+                "INSERT INTO cycles (started_unix_s, panel, taught_version, recipe_hash, files, program_version)
+                 VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+                params![
+                    now()?.as_secs() as i64,
+                    start.panel,
+                    start.taught_version,
+                    recipe_hash,
+                    self.text(&files)?,
+                    env!("CARGO_PKG_VERSION")
+                ],
+            )
+            .map_err(|error| self.failed("write a cycle to", &error))?;
+        Ok(CycleId(self.connection.last_insert_rowid()))
+    }
+
+    /// Keeps how a running cycle ended.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or there is no such cycle or it is over.
+    pub fn conclude(&mut self, id: CycleId, verdict: Verdict, reasons: &[Reason]) -> Result<(), StoreError> {
+        let reasons = self.text(&reasons)?;
+        self.change(
+            id,
+            "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
+            params![id.0, now()?.as_secs() as i64, verdict.word(), reasons],
+        )
+    }
+
+    /// Keeps the error at the tool, as far as it is known; a later one replaces it.
+    ///
+    /// # Errors
+    /// Where it cannot be written, a part is not finite, or there is no such cycle or it is over.
+    pub fn set_budget(&mut self, id: CycleId, budget: &Budget) -> Result<(), StoreError> {
+        let parts = [budget.hand_eye_mm, budget.locate_mm, budget.fit_mm, budget.robot_mm, budget.stated_mm];
+        if parts.into_iter().flatten().any(|part| !part.is_finite()) {
+            return Err(StoreError::NotFinite { name: "error budget".to_owned() });
+        }
+        let budget = self.text(budget)?;
+        self.change(id, "UPDATE cycles SET budget = ?2 WHERE id = ?1 AND verdict IS NULL", params![id.0, budget])
+    }
+
+    fn change(&self, id: CycleId, sql: &str, values: &[&dyn rusqlite::ToSql]) -> Result<(), StoreError> {
+        self.writable()?;
+        let changed =
+            self.connection.execute(sql, values).map_err(|error| self.failed("write a cycle to", &error))?;
+        if changed == 1 { Ok(()) } else { Err(self.unknown_cycle("running cycle", id)) }
+    }
+
+    /// Keeps what a phase of a cycle found. Its pictures are kept before, with [`Store::put_blob`].
+    ///
+    /// # Errors
+    /// Where it cannot be written, a number is not finite, a picture is not there, or there is no such cycle.
+    pub fn note(&mut self, id: CycleId, finding: &Finding) -> Result<(), StoreError> {
+        self.writable()?;
+        let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
+        if let Some(bad) =
+            finding.numbers.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
+        {
+            return Err(StoreError::NotFinite { name: bad.name.clone() });
+        }
+        finding.pictures.iter().try_for_each(|picture| self.blob(&picture.hash).map(drop))?;
+        let (kind, text) = (self.text(&finding.kind)?, self.text(finding)?);
+        self.connection
+            .execute(
+                "INSERT INTO findings (cycle_id, kind, pass, finding) VALUES (?1, ?2, ?3, ?4)",
+                params![id.0, kind.trim_matches('"'), finding.pass, text],
+            )
+            .map_err(|error| self.failed("write a finding to", &error))?;
+        Ok(())
+    }
+
+    /// All that is kept of a cycle.
+    ///
+    /// # Errors
+    /// Where there is no such cycle, or it does not read back.
+    pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
+        let read = |error: rusqlite::Error| self.failed("read a cycle of", &error);
+        let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
+        let mut findings = self
+            .connection
+            .prepare("SELECT finding FROM findings WHERE cycle_id = ?1 ORDER BY id")
+            .map_err(read)?;
+        for text in findings.query_map([id.0], |row| row.get::<_, String>(0)).map_err(read)? {
+            record.findings.push(self.parsed(&text.map_err(read)?)?);
+        }
+        record.motions = self.motions_of(id)?;
+        let count = "SELECT count(*) FROM journal WHERE cycle_id = ?1";
+        let events: i64 = self.connection.query_row(count, [id.0], |row| row.get(0)).map_err(read)?;
+        record.events = events as u64;
+        Ok(record)
+    }
+
+    fn cycle_row(&self, id: CycleId) -> Result<Option<CycleRecord>, StoreError> {
+        let columns = |row: &Row<'_>| {
+            let record = CycleRecord {
+                id,
+                started_unix_s: row.get(0)?,
+                ended_unix_s: row.get(1)?,
+                panel: row.get(2)?,
+                taught_version: row.get(3)?,
+                recipe_hash: row.get(4)?,
+                files: Vec::new(),
+                program_version: row.get(5)?,
+                judgement: None,
+                budget: None,
+                findings: Vec::new(),
+                motions: Vec::new(),
+                events: 0,
+            };
+            let texts = [row.get(6)?, row.get(7)?, row.get(8)?, row.get(9)?];
+            Ok((record, texts))
+        };
+        let sql = "SELECT started_unix_s, ended_unix_s, panel, taught_version, recipe_hash, program_version,
+                files, verdict, reasons, budget FROM cycles WHERE id = ?1";
+        let row = self.connection.query_row(sql, [id.0], columns).optional();
+        let Some((mut record, texts)) = row.map_err(|error| self.failed("read a cycle of", &error))? else {
+            return Ok(None);
+        };
+        let [files, verdict, reasons, budget]: [Option<String>; 4] = texts;
+        if let Some(files) = files {
+            record.files = self.parsed(&files)?;
+        }
+        if let (Some(word), Some(reasons)) = (verdict, reasons) {
+            let verdict = self.parsed(&format!("\"{word}\""))?;
+            record.judgement = Some(Judgement { verdict, reasons: self.parsed(&reasons)? });
+        }
+        record.budget = budget.map(|text| self.parsed(&text)).transpose()?;
+        Ok(Some(record))
+    }
+
+    /// The cycle that began last.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn last_cycle(&self) -> Result<Option<CycleId>, StoreError> {
+        let last = self.connection.query_row("SELECT max(id) FROM cycles", [], |row| row.get::<_, Option<i64>>(0));
+        Ok(last.map_err(|error| self.failed("read the cycles of", &error))?.map(CycleId))
+    }
+
+    /// Cycles without an end, in order: the running one, and before [`Store::recover`] what a crash left.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
+            let mut rows = self.connection.prepare("SELECT id FROM cycles WHERE verdict IS NULL ORDER BY id")?;
+            rows.query_map([], |row| row.get(0).map(CycleId))?.collect()
+        };
+        read().map_err(|error| self.failed("read the cycles of", &error))
+    }
+
+    fn unknown_cycle(&self, what: &'static str, id: CycleId) -> StoreError {
+        StoreError::UnknownCycle { path: self.path().to_owned(), what, id: id.0 }
+    }
+
+    pub(super) fn text(&self, value: &impl Serialize) -> Result<String, StoreError> {
+        serde_json::to_string(value).map_err(|error| self.unreadable(&error))
+    }
+
+    pub(super) fn parsed<T: DeserializeOwned>(&self, text: &str) -> Result<T, StoreError> {
+        serde_json::from_str(text).map_err(|error| self.unreadable(&error))
+    }
+
+    fn unreadable(&self, error: &serde_json::Error) -> StoreError {
+        StoreError::Unreadable { path: self.path().to_owned(), problem: error.to_string() }
+    }
+}

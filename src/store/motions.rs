@@ -1,0 +1,153 @@
+//! Motion intents: committed before the first waypoint goes out, closed when the robot said that it stands.
+//!
+//! The journal knows the same, since intents are effects of its events. A process that ends between an event and its
+//! effects leaves a row behind; the next one writes it from the journal.
+
+use super::Store;
+use super::error::StoreError;
+use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
+use crate::record::{CycleId, MotionRecord};
+use crate::verdict::{Judgement, Reason, Verdict};
+use rusqlite::{OptionalExtension, Row, params};
+
+/// `one_open_motion` holds at most one row: a second motion is refused by the database itself.
+pub(super) const TABLES: &str = "
+    CREATE TABLE motions (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        motion TEXT NOT NULL,
+        outcome TEXT,
+        done INTEGER NOT NULL DEFAULT 0
+    ) STRICT;
+    CREATE UNIQUE INDEX one_open_motion ON motions ((outcome IS NULL)) WHERE outcome IS NULL;
+    CREATE INDEX motions_by_cycle ON motions (cycle_id);
+";
+
+/// How a motion ended.
+type Closed = (Motion, Outcome, u32);
+
+/// What a journal says of motions and cycles, as far as it was read.
+pub(super) struct Settled {
+    state: State,
+    closed: Option<Closed>,
+    concluded: Option<(Option<CycleId>, Verdict)>,
+    cycle: Option<CycleId>,
+}
+
+impl Settled {
+    pub const NEW: Settled = Settled { state: State::NEW, closed: None, concluded: None, cycle: None };
+
+    pub fn step(&mut self, event: Event, cycle: Option<CycleId>) {
+        let (state, effects) = step(self.state, event);
+        self.state = state;
+        self.cycle = cycle;
+        for effect in effects {
+            match effect {
+                Effect::CloseIntent { motion, outcome, done } => self.closed = Some((motion, outcome, done)),
+                Effect::Conclude { verdict } => self.concluded = Some((cycle, verdict)),
+                _ => {}
+            }
+        }
+    }
+
+    /// The state after the start that follows.
+    pub fn rested(&self) -> State {
+        step(self.state, Event::Told(Report::Boot)).0
+    }
+}
+
+impl Store {
+    /// Commits that this motion may begin.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or a motion is open already.
+    pub fn open_intent(&mut self, motion: &Motion, cycle: Option<CycleId>) -> Result<(), StoreError> {
+        self.writable()?;
+        let text = self.text(motion)?;
+        self.connection
+            .execute("INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)", params![cycle.map(|id| id.0), text])
+            .map_err(|error| self.failed("write a motion to", &error))?;
+        Ok(())
+    }
+
+    /// Commits how the open motion ended, with the waypoints that the robot executed.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or this motion is not the open one.
+    pub fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), StoreError> {
+        self.writable()?;
+        let outcome = self.text(&outcome)?;
+        let closed = self
+            .connection
+            .execute(
+                "UPDATE motions SET outcome = ?2, done = ?3 WHERE outcome IS NULL AND motion = ?1",
+                params![self.text(motion)?, outcome, done],
+            )
+            .map_err(|error| self.failed("write a motion to", &error))?;
+        if closed == 1 { Ok(()) } else { Err(StoreError::MotionNotOpen { motion: format!("{motion:?}") }) }
+    }
+
+    /// Whether a motion is open: a person must clear it before anything moves. As of the last [`Store::recover`].
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn has_open_motion(&self) -> Result<bool, StoreError> {
+        Ok(self.open_motion()?.is_some())
+    }
+
+    fn open_motion(&self) -> Result<Option<Motion>, StoreError> {
+        let open = self
+            .connection
+            .query_row("SELECT motion, outcome, done FROM motions WHERE outcome IS NULL", [], texts)
+            .optional()
+            .map_err(|error| self.failed("read the motions of", &error))?;
+        Ok(open.map(|row| self.motion(&row)).transpose()?.map(|record| record.motion))
+    }
+
+    pub(super) fn motions_of(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
+        let read = || -> Result<Vec<_>, rusqlite::Error> {
+            let mut rows = self
+                .connection
+                .prepare("SELECT motion, outcome, done FROM motions WHERE cycle_id = ?1 ORDER BY id")?;
+            rows.query_map([id.0], texts)?.collect()
+        };
+        let rows = read().map_err(|error| self.failed("read the motions of", &error))?;
+        rows.iter().map(|row| self.motion(row)).collect()
+    }
+
+    /// Writes the rows that the last process did not come to: those of the effects of its last event.
+    pub(super) fn settle(&mut self, settled: &Settled) -> Result<(), StoreError> {
+        let expected = settled.state.intent.map(|intent| intent.motion);
+        let mut open = self.open_motion()?;
+        if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
+            let Some((_, outcome, done)) = settled.closed.filter(|(closed, ..)| *closed == motion) else {
+                return Err(self.journal_problem(0, format!("it does not know of the open motion {motion:?}")));
+            };
+            self.close_intent(&motion, outcome, done)?;
+            open = None;
+        }
+        if let (Some(motion), None) = (expected, open) {
+            self.open_intent(&motion, settled.cycle)?;
+        }
+        // A cycle that the table still runs is concluded by the Boot that follows.
+        let running = settled.cycle.filter(|_| settled.state.job.running);
+        for id in self.open_cycles()?.into_iter().filter(|id| Some(*id) != running) {
+            let told = settled.concluded.filter(|(cycle, _)| *cycle == Some(id));
+            let judgement = Judgement {
+                verdict: told.map_or(Verdict::Aborted, |(_, verdict)| verdict),
+                reasons: vec![Reason::new("interrupted", "the program ended before it could keep the cycle's end")],
+            };
+            self.conclude(id, judgement.verdict, &judgement.reasons)?;
+        }
+        Ok(())
+    }
+
+    fn motion(&self, (motion, outcome, done): &(String, Option<String>, u32)) -> Result<MotionRecord, StoreError> {
+        let outcome = outcome.as_deref().map(|text| self.parsed(text)).transpose()?;
+        Ok(MotionRecord { motion: self.parsed(motion)?, outcome, done: *done })
+    }
+}
+
+fn texts(row: &Row<'_>) -> Result<(String, Option<String>, u32), rusqlite::Error> {
+    Ok((row.get(0)?, row.get(1)?, row.get(2)?))
+}

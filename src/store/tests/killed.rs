@@ -1,0 +1,64 @@
+//! kill -9: the journal of a killed process is all that it acknowledged, and at most one line more.
+
+use super::journal::progress;
+use super::*;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+
+const FOLDER: &str = "PANELPREP_TEST_APPENDS_TO";
+
+/// Not a test by itself: the child, which appends until it is killed, and says so after each line.
+#[test]
+#[ignore = "run by the test below as a process of its own"]
+fn appends_until_killed() {
+    let Some(folder) = std::env::var_os(FOLDER) else { return };
+    let mut store = Store::create(Path::new(&folder)).expect("the lease of a killed process is free");
+    let begin = store.journal().expect("whole").len() as u32;
+    println!("begins after {begin}");
+    for done in begin + 1.. {
+        let sequence = store.append(&progress(done), None).expect("written");
+        println!("appended {sequence}");
+    }
+}
+
+#[test]
+fn a_killed_process_leaves_a_prefix_without_duplicates() {
+    let (folder, store) = new_store();
+    drop(store);
+    let path = folder.path().join("store");
+    let mut before = 0;
+    for kill in 0..10_u64 {
+        let mut child = Command::new(std::env::current_exe().expect("this program"))
+            .args(["--exact", "store::tests::killed::appends_until_killed", "--ignored", "--nocapture"])
+            .env(FOLDER, &path)
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("a child");
+        let told = BufReader::new(child.stdout.take().expect("its output"));
+        let mut acknowledged = None;
+        for line in told.lines().map_while(Result::ok) {
+            if let Some(count) = line.strip_prefix("begins after ") {
+                assert_eq!(count.parse(), Ok(before), "kill {kill}");
+                let refused = Store::create(&path).expect_err("the child writes").to_string();
+                assert!(refused.contains(&format!("process {} is writing", child.id())), "{refused}");
+            }
+            acknowledged =
+                line.strip_prefix("appended ").and_then(|count| count.parse::<u64>().ok()).or(acknowledged);
+            // Between 1 and 28 lines, then the kill hits wherever the child is; what it said meanwhile is read too.
+            if acknowledged == Some(before + 1 + kill * 3) {
+                child.kill().expect("killed");
+            }
+        }
+        assert!(!child.wait().expect("ended").success());
+        let acknowledged = acknowledged.expect("the child appends");
+        let journal = Store::open(&path).expect("opens").journal().expect("whole");
+        let found = journal.len() as u64;
+        assert!(
+            (acknowledged..=acknowledged + 1).contains(&found),
+            "kill {kill}: {acknowledged} told, {found} there"
+        );
+        assert_eq!(journal, (1..=found as u32).map(progress).collect::<Vec<_>>());
+        before = found;
+    }
+}
