@@ -130,8 +130,11 @@ impl Store {
             self.open_intent(&motion, settled.cycle)?;
         }
         // A cycle that the table still runs is concluded by the Boot that follows.
-        let running = settled.cycle.filter(|_| settled.state.job.running);
-        for id in self.open_cycles()?.into_iter().filter(|id| Some(*id) != running) {
+        let mut over = self.open_cycles()?;
+        if settled.state.job.running {
+            over.pop();
+        }
+        for id in over {
             let told = settled.concluded.filter(|(cycle, _)| *cycle == Some(id));
             let judgement = Judgement {
                 verdict: told.map_or(Verdict::Aborted, |(_, verdict)| verdict),

@@ -136,7 +136,7 @@ proptest! {
         let recovered = store.recover().expect("recovers");
         prop_assert_eq!(recovered, cycle::recover(memory));
         prop_assert_eq!(store.has_open_motion().expect("read"), recovered.intent.is_some());
-        prop_assert_eq!(store.has_open_motion().expect("read"), matches!(recovered.at, At::Aborted { .. }) && recovered.intent.is_some());
+        prop_assert!(recovered.intent.is_none() || recovered.at.word() == "aborted");
         prop_assert_eq!(store.open_cycles().expect("read").len(), usize::from(walk.state.job.running));
         prop_assert_eq!(store.recover().expect("again"), recovered);
     }
@@ -210,7 +210,9 @@ fn a_line_that_was_changed_lost_or_put_in_is_found() {
     ];
     for sql in planted {
         let (_folder, mut store) = new_store();
-        (1..=10).for_each(|done| drop(store.append(&progress(done), None).expect("written")));
+        for done in 1..=10 {
+            store.append(&progress(done), None).expect("written");
+        }
         assert_eq!(store.journal().expect("whole").len(), 10);
         store.connection.execute(sql, []).expect(sql);
         let error = store.recover().expect_err(sql).to_string();

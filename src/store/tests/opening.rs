@@ -77,7 +77,9 @@ fn a_flipped_byte_is_found_or_harms_nothing() {
     let path = folder.path().join("store");
     store.teach(&teaching("wing")).expect("taught");
     let events: Vec<_> = (1..=200).map(super::journal::progress).collect();
-    events.iter().for_each(|event| drop(store.append(event, None).expect("written")));
+    for event in &events {
+        store.append(event, None).expect("written");
+    }
     drop(store);
     let whole = fs::read(path.join(DATABASE)).expect("the database");
     let pages = whole.len() / 4096;
