@@ -132,7 +132,8 @@ kind = "simulated"
 kind = "mock"
 
 [poses]
-park = { a1_deg = -100.0, a2_deg = -90.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 70.0, a6_deg = 90.0 }
+park = { a1_deg = -120.0, a2_deg = -75.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 55.0, a6_deg = 90.0 }
+ready = { a1_deg = 0.0, a2_deg = -128.0, a3_deg = 148.0, a4_deg = 0.0, a5_deg = -20.0, a6_deg = 90.0 } # before the panel: straight lines begin here
 
 [io.outputs]
 light = 1

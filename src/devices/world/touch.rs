@@ -22,7 +22,8 @@ impl Touched {
     /// What a disc of this diameter reached while this was executed.
     pub fn by(trace: &[Sample], truth: &Truth, disc_diameter_mm: f64) -> Self {
         let touches = |point: &Point<Panel>| truth.distance_mm(*point).abs() <= PAD_REACH_MM;
-        let centres = sanding(trace, truth).map(|panel_from_tool| panel_from_tool.origin()).filter(touches).collect();
+        let centres =
+            sanding(trace, truth).map(|panel_from_tool| panel_from_tool.origin()).filter(touches).collect();
         Touched { centres, radius_mm: disc_diameter_mm / 2.0 }
     }
 

@@ -7,7 +7,9 @@ use crate::cell::Feedback;
 use crate::devices::cameras::{FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, simulated};
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
-use crate::eki::{Command, CommandId, LinkLimits, MoveJ, MoveLin, Pace, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind};
+use crate::eki::{
+    Command, CommandId, LinkLimits, MoveJ, MoveLin, Pace, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
+};
 use crate::geometry::{Camera, KukaPose, Panel, Point};
 use crate::sim::{Scene, WET_FROM_S};
 use reach::{ARM, standing, tool};
