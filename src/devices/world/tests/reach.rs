@@ -197,7 +197,6 @@ fn the_arm_reaches_every_pose_of_ten_seeds() {
             }
         }
     }
-    println!("{margins:?}");
     assert!(margins.limit_deg > 8.0 && margins.bend_deg > 30.0 && margins.step_deg < 15.0, "{margins:?}");
     assert!(margins.gap_mm > 30.0 && margins.line_step_deg < 15.0, "{margins:?}");
 }
