@@ -104,8 +104,8 @@ fn claim(folder: &Path) -> Result<(), Fault> {
 fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
     let base_from_camera = KukaPose::from_rigid(&cell.calibrated_base_from_camera());
     let flange_from_camera = KukaPose::from_rigid(&cell.calibrated_flange_from_camera());
-    // The pad of the simulated tool: 160 mm before the flange, its axis the flange's.
-    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid();
+    // The pad of the simulated tool: 120 mm before the flange, its axis the flange's.
+    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
     let tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
     let texts = [
         ("scanner.toml", Intrinsics::of(*cell.scanner()).to_toml()),
@@ -132,8 +132,8 @@ kind = "simulated"
 kind = "mock"
 
 [poses]
-park = { a1_deg = -100.0, a2_deg = -90.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 70.0, a6_deg = 90.0 }
-ready = { a1_deg = 0.0, a2_deg = -110.0, a3_deg = 130.0, a4_deg = 0.0, a5_deg = -20.0, a6_deg = 90.0 }
+park = { a1_deg = -120.0, a2_deg = -75.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 55.0, a6_deg = 90.0 }
+ready = { a1_deg = 0.0, a2_deg = -120.0, a3_deg = 145.0, a4_deg = 0.0, a5_deg = -25.0, a6_deg = 90.0 } # before the panel: straight lines begin here
 
 [io.outputs]
 light = 1
@@ -148,11 +148,6 @@ lens_shut = 2
 extraction_flow = 3
 tool_running = 4
 light_on = 5
-
-[limits]
-box_min_mm = [100.0, -450.0, 50.0]
-box_max_mm = [700.0, 450.0, 950.0]
-max_tilt_deg = 60.0
 
 [calibration]
 scanner = "scanner.toml"
