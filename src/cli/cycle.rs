@@ -91,7 +91,12 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     };
     let ended = run_cycle(&job, ports, journal).map_err(Fault::stage)?;
     let verdict = ended.verdict.unwrap_or(Verdict::Aborted);
-    let reasons = store.cycle(cycle).map(|kept| kept.reasons).unwrap_or_default();
+    let reasons = store
+        .cycle(cycle)
+        .ok()
+        .and_then(|kept| kept.judgement)
+        .map(|judgement| judgement.reasons)
+        .unwrap_or_default();
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
     if let Some((request, refusal)) = once.refused {
