@@ -96,10 +96,16 @@ impl Running<'_, '_> {
             // Cameras and robot have answered by then or will be missed by the first act that needs them.
             Act::SelfTest => Answer::Done,
             Act::Film => match self.sight.film(job, (pass, now), ports.record)? {
-                Ok(filming) => return Ok(self.wait(id, act, Waits::Film(Box::new(filming)))),
+                Ok(filming) => {
+                    self.wait(id, act, Waits::Film(Box::new(filming)));
+                    return Ok(());
+                }
                 Err(answer) => answer,
             },
-            Act::Stand => return Ok(self.wait(id, act, Waits::Standing)),
+            Act::Stand => {
+                self.wait(id, act, Waits::Standing);
+                return Ok(());
+            }
             Act::OpenEpoch { above } => {
                 let opened = self.ports.robot.open_epoch(Epoch(above));
                 return self.waits_or_fails(id, act, opened.map(|_| Waits::Epoch));
@@ -189,7 +195,10 @@ impl Running<'_, '_> {
             && self.job.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
             if !self.joints_are_good(&[ready])? {
-                return Ok(self.answer(id, Answer::Failed(Trouble::Gate)));
+                {
+                    self.answer(id, Answer::Failed(Trouble::Gate));
+                    return Ok(());
+                }
             }
             let sent = self.ports.robot.send(move_j(ready));
             return self.waits_or_fails(id, Act::Move(motion), sent.map(Waits::Ready));
@@ -208,7 +217,10 @@ impl Running<'_, '_> {
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
         if !self.joints_are_good(poses)? {
-            return Ok(self.answer(id, Answer::Failed(Trouble::Gate)));
+            {
+                self.answer(id, Answer::Failed(Trouble::Gate));
+                return Ok(());
+            }
         }
         let mut sent = Ok(CommandId(0));
         for pose in poses {
@@ -221,11 +233,17 @@ impl Running<'_, '_> {
     fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.route(motion) else {
             self.note("gate", vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
-            return Ok(self.answer(id, Answer::Failed(Trouble::Gate)));
+            {
+                self.answer(id, Answer::Failed(Trouble::Gate));
+                return Ok(());
+            }
         };
         if !gated.is_good() {
             self.note("gate", gated.judgement.reasons)?;
-            return Ok(self.answer(id, Answer::Failed(Trouble::Gate)));
+            {
+                self.answer(id, Answer::Failed(Trouble::Gate));
+                return Ok(());
+            }
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(gated.speed));
@@ -329,7 +347,10 @@ impl Running<'_, '_> {
 
     fn path_end(&mut self, id: Id, act: Act, state: &State) -> Result<(), DaemonError> {
         let Some(sent) = self.sent.filter(|sent| sent.id == id && state.done >= sent.last) else {
-            return Ok(self.wait(id, act, Waits::PathEnd));
+            {
+                self.wait(id, act, Waits::PathEnd);
+                return Ok(());
+            }
         };
         self.executed(state.done);
         let off = self.deviation(sent, state);
