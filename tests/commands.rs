@@ -242,6 +242,22 @@ fn scans_written_by_pcl_are_taught_located_and_planned() {
     assert_eq!((exit, plan["paths"].as_array().map(Vec::len)), (0, Some(4)), "{plan}");
 }
 
+/// The live cycle on the simulated cell, over sockets and in virtual time: break, abrade, test again, pass.
+#[test]
+fn a_whole_cycle_passes_after_an_abrasion() {
+    let folder = rendered("good");
+    assert_eq!(json(folder.path(), TEACH).0, 0);
+    let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+    let (exit, ended) = json(folder.path(), cycle);
+    assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
+    assert!(ended["abraded"].as_array().is_some_and(|grids| !grids.is_empty()), "{ended}");
+    let (exit, ended) = json(folder.path(), &format!("{cycle} --scene clean"));
+    assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
+    assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "no contact with a clean panel: {ended}");
+    let (exit, ended) = json(folder.path(), &format!("{cycle} --scene no-panel"));
+    assert_eq!((exit, ended["verdict"].as_str()), (1, Some("reject")), "{ended}");
+}
+
 /// One seed at full size through all stages; ten in `make bench-seeds`.
 #[test]
 fn one_seed_at_full_size_reaches_every_floor() {

@@ -155,6 +155,10 @@ flange_camera = "flange_camera.toml"
 base_from_camera = "base_from_camera.toml"
 flange_from_camera = "flange_from_camera.toml"
 flange_from_tool = "flange_from_tool.toml"
+
+[limits] # the tool's tip stays in this box
+box_min_mm = [100.0, -450.0, 50.0]
+box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
 fn recipe(cell: &sim::Cell) -> String {
