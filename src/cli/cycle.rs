@@ -5,7 +5,7 @@ use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use crate::cycle::{At, Refusal, Request, Robot, State};
+use crate::cycle::{At, Event, Refusal, Report, Request, Robot, State};
 use crate::daemon::{Ask, Calibrations, Cameras, Job, LinkedRobot, Ports, Requests, StoreRecord, run_cycle};
 use crate::devices::cameras::simulated;
 use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
@@ -42,10 +42,15 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     let job =
         Job::new(&files.cell, &recipe, (&taught.panel, &taught.corners), calibrations).map_err(Fault::stage)?;
     let mut store = files.store_for_writing()?;
-    store.recover().map_err(Fault::stage)?;
-    if store.has_open_motion().map_err(Fault::stage)? {
+    let recovered = store.recover().map_err(Fault::stage)?;
+    if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
         return Err(Fault::MotionOpen);
     }
+    if matches!(recovered.at, At::Aborted { .. }) {
+        return Err(Fault::NotCleared);
+    }
+    // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
+    store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;
     let texts = [
         ("cell", disk::read_text(&common.cell)?),

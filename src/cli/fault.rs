@@ -31,6 +31,12 @@ pub enum Fault {
          looked; start `panelprep run`, then `panelprep ctl clear`"
     )]
     MotionOpen,
+    /// The last cycle was aborted.
+    #[error(
+        "the last cycle in this store was aborted and nobody has said that the cause is gone; start `panelprep run`, \
+         then `panelprep ctl clear`"
+    )]
+    NotCleared,
     /// Options that do not go together.
     #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
     CornerWithoutFlange {
