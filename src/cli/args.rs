@@ -38,7 +38,7 @@ pub enum Command {
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
     #[command(after_help = "Example:\n  panelprep render --seed 1 --out target/cell")]
     Render(Render),
-    /// Run one cycle on a simulated cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
+    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
     Cycle(Cycle),
@@ -129,6 +129,14 @@ pub struct Cycle {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// What stands in a simulated cell; without effect on devices of another kind.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Simulation {
     /// Everything random in the simulated cell comes from this number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,

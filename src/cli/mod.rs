@@ -5,12 +5,14 @@
 //! other on the same files.
 
 pub mod args;
+mod assignment;
 mod check;
 mod cycle;
 pub mod demo;
 mod disk;
 mod fault;
 mod inspect;
+mod live;
 mod load;
 mod locate;
 mod outcome;

@@ -69,5 +69,21 @@ pub trait FlangeCamera: Send {
     fn capture(&mut self) -> Result<FlangePicture, CameraError>;
 }
 
+impl<S: Scanner + ?Sized> Scanner for Box<S> {
+    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        (**self).capture_3d()
+    }
+
+    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
+        (**self).capture_2d()
+    }
+}
+
+impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        (**self).capture()
+    }
+}
+
 #[cfg(test)]
 mod tests;

@@ -93,6 +93,7 @@ struct State {
     /// The film with these spots gone.
     film: Option<(Vec<bool>, Arc<Film>)>,
     shots: u64,
+    disc_diameter_mm: f64,
     violations: Vec<(u64, Violation)>,
 }
 
@@ -113,15 +114,15 @@ struct Fixed {
     cell: sim::Cell,
     truth: Truth,
     park: Joints,
-    disc_diameter_mm: f64,
 }
 
 impl SimulatedWorld {
-    /// The world of this simulated cell, wired as the cell's file says; the disc is what abrades.
+    /// The world of this simulated cell, wired as the cell's file says. Without a disc nothing is abraded: see
+    /// [`SimulatedWorld::mount_disc`].
     ///
     /// # Errors
     /// Where the file gives no number to an output or feedback of the process, or has no park pose.
-    pub fn new(simulated: sim::Cell, cell: &cell::Cell, disc_diameter_mm: f64) -> Result<Self, WorldError> {
+    pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
         let signal = |output: Output| {
             let unnamed = |table, name| WorldError::Unnamed { table, name };
             let number = cell.io().output(output).ok_or(unnamed("outputs", output.name()))?;
@@ -139,10 +140,16 @@ impl SimulatedWorld {
             healed: (None, vec![false; truth.spots.len()]),
             film: None,
             shots: 0,
+            disc_diameter_mm: 0.0,
             violations: Vec::new(),
         };
-        let fixed = Fixed { cell: simulated, truth, park, disc_diameter_mm };
+        let fixed = Fixed { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
+    }
+
+    /// Mounts a sanding disc: what it covers is abraded.
+    pub fn mount_disc(&self, diameter_mm: f64) {
+        self.lock().disc_diameter_mm = diameter_mm;
     }
 
     /// The mock controller's configuration in this world: inputs, outputs and the tool's output as the cell's file
@@ -220,8 +227,8 @@ impl SimulatedWorld {
 
     /// Takes what was executed up to that moment: spots that the disc covered will hold their film.
     pub fn abrade(&self, trace: &[Sample]) {
-        let Fixed { truth, disc_diameter_mm, .. } = &*self.fixed;
-        let touched = Touched::by(trace, truth, *disc_diameter_mm);
+        let truth = &self.fixed.truth;
+        let touched = Touched::by(trace, truth, self.lock().disc_diameter_mm);
         let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
         let mut state = self.lock();
         state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
