@@ -21,14 +21,7 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let job = assignment.job(&files, &calibrated)?;
-    let mut store = files.store_for_writing()?;
-    let recovered = store.recover().map_err(Fault::stage)?;
-    if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-        return Err(Fault::MotionOpen);
-    }
-    if matches!(recovered.at, At::Aborted { .. }) {
-        return Err(Fault::NotCleared);
-    }
+    let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;

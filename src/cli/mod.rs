@@ -15,11 +15,13 @@ mod inspect;
 mod live;
 mod load;
 mod locate;
+mod mock_robot;
 mod outcome;
 mod pictures;
 mod plan;
 mod refine;
 mod render;
+mod robot;
 mod teach;
 
 pub use fault::Fault;
@@ -36,6 +38,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
+        Command::Robot(args) => robot::run(args, common),
+        Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

@@ -21,6 +21,7 @@ mod recording;
 mod routes;
 mod run;
 mod sight;
+mod single;
 mod wiring;
 
 #[cfg(test)]
@@ -30,6 +31,7 @@ pub use cameras::Cameras;
 pub use ports::{Ask, Eyes, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
 pub use recording::StoreRecord;
 pub use run::{CycleOutcome, Ports, run_cycle};
+pub use single::{Line, Single, SingleError, speeds};
 pub use wiring::Wiring;
 
 use crate::cell::{Cell, Limits};
