@@ -53,6 +53,16 @@ pub enum Command {
     /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
     #[command(after_help = "Example:\n  panelprep mock-robot --config config/kuka")]
     MockRobot(MockRobot),
+    /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep run --cell target/cell/cell.toml")]
+    Run(Run),
+    /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
+    #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
+        panelprep ctl reset --cell target/cell/cell.toml\n  \
+        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
+        panelprep ctl state --cell target/cell/cell.toml --json")]
+    Ctl(Ctl),
     /// Check configuration files: cell, recipe, calibrations.
     #[command(after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml")]
     Check(Check),
@@ -272,6 +282,53 @@ pub struct MockRobot {
     /// Address to listen at.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,
+}
+
+/// Options of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct Run {
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// Options of `ctl`.
+#[derive(Debug, Clone, Args)]
+pub struct Ctl {
+    /// What to ask.
+    #[command(subcommand)]
+    pub ask: CtlAsk,
+}
+
+/// What may be asked.
+#[derive(Debug, Clone, Subcommand)]
+pub enum CtlAsk {
+    /// Begin a cycle, from idle.
+    Start {
+        /// The panel's recipe.
+        #[arg(long, value_name = "FILE")]
+        recipe: PathBuf,
+    },
+    /// Leave what is going on: no further waypoint, tool off, retract.
+    Hold,
+    /// Go on after a hold, through a look at the corner.
+    Unhold {
+        /// The panel is dry: locate it again.
+        #[arg(long)]
+        dried: bool,
+    },
+    /// End the cycle.
+    Stop,
+    /// End everything at once.
+    Abort,
+    /// After an abort: the cause is gone and the pad is off the panel.
+    Clear,
+    /// From stopped or complete to idle: everything off and tested, no motion.
+    Reset,
+    /// Held for review: the result is good.
+    Accept,
+    /// How the cell stands.
+    State,
 }
 
 /// Options of `check`.

@@ -78,6 +78,15 @@ pub enum Fault {
         /// What is wrong.
         problem: String,
     },
+    /// Nobody listens.
+    #[error(
+        "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \
+         then try again", socket.display()
+    )]
+    NoService {
+        /// The socket.
+        socket: PathBuf,
+    },
     /// Options that do not go together.
     #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
     CornerWithoutFlange {

@@ -79,6 +79,11 @@ impl CellFiles {
         Ok(store)
     }
 
+    /// The service's socket: where the cell's file says, else in the store.
+    pub fn socket(&self) -> PathBuf {
+        self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
+    }
+
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
         let file = file.ok_or_else(|| Fault::NotCalibrated { cell: self.file.clone(), key })?;
         Ok((name(file), disk::read_text(file)?))

@@ -7,6 +7,7 @@
 pub mod args;
 mod assignment;
 mod check;
+mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
@@ -15,6 +16,7 @@ mod inspect;
 mod live;
 mod load;
 mod locate;
+mod log;
 mod mock_robot;
 mod outcome;
 mod pictures;
@@ -22,6 +24,7 @@ mod plan;
 mod refine;
 mod render;
 mod robot;
+mod run;
 mod teach;
 
 pub use fault::Fault;
@@ -32,6 +35,7 @@ use std::process::ExitCode;
 
 /// Runs a command and prints what it found; gives the process's exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
+    log::start();
     let common = &arguments.common;
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
@@ -40,6 +44,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
+        Command::Run(args) => run::run(args, common),
+        Command::Ctl(args) => ctl::run(args, common),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

@@ -17,7 +17,7 @@ use serde_json::json;
 const VERIFY_MM: f64 = 1.0;
 
 /// Where the panel stands and what its film did.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Sight {
     /// By the 3D scan.
     located: Option<Rigid<Base, Panel>>,
