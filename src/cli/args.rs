@@ -42,6 +42,10 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
     Cycle(Cycle),
+    /// Fly the planned path over all grids in the air: no water, the tool off, nothing touched.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
+    AirRun(Cycle),
     /// One function of the robot at a time, through every gate: for commissioning.
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which stands at its home pose anew each time:\n  \
@@ -144,7 +148,7 @@ pub struct Render {
     pub reduction: u32,
 }
 
-/// Options of `cycle`.
+/// Options of `cycle` and `air-run`.
 #[derive(Debug, Clone, Args)]
 pub struct Cycle {
     /// The panel's recipe.

@@ -103,12 +103,21 @@ impl Assignment {
         }
     }
 
-    /// How the table is asked to begin.
+    /// How the table is asked to begin a cycle.
     pub fn request(&self) -> Request {
-        let count = |number| u8::try_from(number).unwrap_or(u8::MAX);
-        Request::Start {
-            max_passes: count(self.recipe.process().max_passes_per_grid()),
-            max_moves: count(self.recipe.corner().max_moves()),
-        }
+        Request::Start { max_passes: count(self.recipe.process().max_passes_per_grid()), max_moves: self.moves() }
     }
+
+    /// How the table is asked to begin an air-run.
+    pub fn air_request(&self) -> Request {
+        Request::AirRun { max_moves: self.moves() }
+    }
+
+    fn moves(&self) -> u8 {
+        count(self.recipe.corner().max_moves())
+    }
+}
+
+fn count(number: usize) -> u8 {
+    u8::try_from(number).unwrap_or(u8::MAX)
 }

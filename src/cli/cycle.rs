@@ -1,4 +1,4 @@
-//! `panelprep cycle`: one cycle on the configured cell, then exit.
+//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
 
 use super::args::{Common, Cycle};
 use super::assignment::{Assignment, Calibrated};
@@ -17,6 +17,23 @@ use serde_json::json;
 /// # Errors
 /// Where a file is not what it must be, a motion is open in the store, or the store does not write.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    once(args, common, progress, Assignment::request)
+}
+
+/// The same in the air: no water, no tool, no contact; the path goes over all grids.
+///
+/// # Errors
+/// As [`run`].
+pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    once(args, common, progress, Assignment::air_request)
+}
+
+fn once(
+    args: &Cycle,
+    common: &Common,
+    progress: &dyn Fn(&str),
+    request: fn(&Assignment) -> Request,
+) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
@@ -31,7 +48,7 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
         simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
     let cycle = store.begin_cycle(&assignment.start(&calibrated)).map_err(Fault::stage)?;
-    let mut once = Once { start: assignment.request(), asked: 0, refused: None, told: None, progress };
+    let mut once = Once { start: request(&assignment), asked: 0, refused: None, told: None, progress };
     let ports = Ports {
         robot: &mut live.robot,
         eyes: &mut live.eyes,

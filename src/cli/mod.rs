@@ -42,6 +42,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
+        Command::AirRun(args) => cycle::air_run(args, common, &|line| eprintln!("{line}")),
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
         Command::Run(args) => run::run(args, common),

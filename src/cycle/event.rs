@@ -29,6 +29,11 @@ pub enum Request {
         /// Moves of the corner loop, at most.
         max_moves: u8,
     },
+    /// Idle → the planned path over all grids in the air: no water, no tool, no contact.
+    AirRun {
+        /// Moves of the corner loop, at most.
+        max_moves: u8,
+    },
     /// Leave what is going on; ends in Held.
     Hold,
     /// Held → on, through Verify.

@@ -35,17 +35,21 @@ impl Abrasion {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
-    /// Plans a path over the failed grids that this pass has not yet abraded.
+    /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
     pub fn make(
         &mut self,
         job: &Job<'_>,
         (pass, inspection): (u8, Option<&Inspection>),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let Some(inspection) = inspection else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let failed: Vec<GridId> = match (pass, inspection) {
+            // An air-run has no film and shows the whole region.
+            (0, _) => job.panel.region.ids().collect(),
+            (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
+            (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
+        };
         self.plan = None;
         let most = job.recipe.process().max_passes_per_grid();
-        let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
         let left: Vec<GridId> = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass)).collect();
         let worn: Vec<String> =
             left.iter().filter(|grid| self.is_worn(grid, pass, most)).map(ToString::to_string).collect();

@@ -35,7 +35,7 @@ pub(super) struct Sent {
 impl Sent {
     /// Waypoints executed, where all commands up to this one are.
     fn waypoints(&self, done: CommandId) -> u32 {
-        if self.motion.path == Path::Contact {
+        if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
         } else {
             u32::from(done >= self.last) * self.motion.waypoints
@@ -121,6 +121,10 @@ impl Running<'_> {
                 Some(routes::air(job, place?, (pad, to), None))
             }
             Path::Contact => Some(routes::contact(job, place?, pad, self.abrasion.plan(motion.plan)?)),
+            Path::Air => {
+                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, job.recipe.path().approach_mm());
+                Some(routes::contact(job, place?, pad, &lifted))
+            }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -job.recipe.path().approach_mm();
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));

@@ -85,6 +85,19 @@ pub(super) fn air_within<Active: crate::geometry::Frame>(
     gated(limits, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s))
 }
 
+/// The same plan with every point of contact lifted off the panel, along the tool's axis.
+pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
+    let mut lifted = plan.clone();
+    for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
+    {
+        let on_panel: Rigid<Panel, Tool> = waypoint.pose.to_rigid();
+        let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
+        waypoint.pose = KukaPose::from_rigid(&(on_panel * up));
+        waypoint.contact = false;
+    }
+    lifted
+}
+
 /// The path over the panel: all of the plan but its first point, the one in air where the arm already stands.
 pub(super) fn contact(
     job: &Job<'_>,

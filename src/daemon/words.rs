@@ -8,6 +8,7 @@ pub fn request_word(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
         Request::Start { .. } => "start",
+        Request::AirRun { .. } => "air-run",
         Request::Hold => "hold",
         Request::Unhold { .. } => "unhold",
         Request::Accept => "accept",

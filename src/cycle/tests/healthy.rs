@@ -30,6 +30,7 @@ impl Cell {
 
     fn request(&self, random: &mut Pcg64) -> Request {
         match self.state.at {
+            At::Idle if random.random_bool(0.15) => Request::AirRun { max_moves: random.random_range(0..5) },
             At::Idle => {
                 Request::Start { max_passes: random.random_range(0..4), max_moves: random.random_range(0..5) }
             }
@@ -106,10 +107,11 @@ impl Cell {
     }
 }
 
-pub const REQUESTS: [Request; 10] = [
+pub const REQUESTS: [Request; 11] = [
     Request::Reset,
     Request::Start { max_passes: 1, max_moves: 1 },
     Request::Start { max_passes: 2, max_moves: 2 },
+    Request::AirRun { max_moves: 2 },
     Request::Hold,
     Request::Unhold { dried: false },
     Request::Unhold { dried: true },
