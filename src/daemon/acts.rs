@@ -9,8 +9,8 @@ use crate::cycle::{Act, Answer, Event, Frames, Id, Motion, Path, Report, Switch,
 use crate::eki::{Command, CommandId, Epoch, MoveJ, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::{Base, Joints, KukaPose, Panel, Rigid, Tool};
 use crate::path::judge_joints;
+use crate::record::Kind;
 use crate::verdict::{Judgement, Reason};
-use serde_json::json;
 
 /// How far the arm may stand from where it was sent, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
@@ -82,7 +82,12 @@ impl Running<'_, '_> {
         let now = self.ports.robot.now();
         let (job, ports) = (self.job, &mut self.ports);
         let answer = match act {
-            Act::Locate => self.sight.locate(job, ports.eyes, ports.record)?,
+            Act::Locate => {
+                if pass == 0 {
+                    (self.sight, self.abrasion) = Default::default();
+                }
+                self.sight.locate(job, ports.eyes, ports.record)?
+            }
             Act::Refine { view } => match self.tip() {
                 Some(tip) => self.sight.refine(job, (view, tip), self.ports.eyes, self.ports.record)?,
                 None => Answer::Failed(Trouble::Unexpected),
@@ -92,7 +97,7 @@ impl Running<'_, '_> {
                 None => Answer::Failed(Trouble::Unexpected),
             },
             Act::DryPicture => self.sight.dry_picture(now, ports.eyes, ports.record)?,
-            Act::Plan { pass } => self.abrasion.make(job, (pass, self.sight.inspection.as_ref()), ports.record)?,
+            Act::Plan { pass } => self.abrasion.make(job, (pass, &self.sight), ports.record)?,
             // Cameras and robot have answered by then or will be missed by the first act that needs them.
             Act::SelfTest => Answer::Done,
             Act::Film => match self.sight.film(job, (pass, now), ports.record)? {
@@ -146,7 +151,7 @@ impl Running<'_, '_> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
             Err(error) => {
-                self.note("robot", vec![sight::reason("not_sent", &error)])?;
+                self.note(Kind::Robot, vec![sight::reason("not_sent", &error)])?;
                 self.answer(id, Answer::Failed(Trouble::Refused));
             }
         }
@@ -154,9 +159,9 @@ impl Running<'_, '_> {
     }
 
     /// A finding that is not a stage's: what went wrong, in words.
-    pub(super) fn note(&mut self, stage: &'static str, reasons: Vec<Reason>) -> Result<(), RecordError> {
+    pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::of(reasons, vec![]);
-        self.ports.record.finding(&Finding { stage, pass: self.state.job.pass, judgement, numbers: json!({}) })
+        self.ports.record.finding(&Finding::new(kind, self.state.job.pass, judgement))
     }
 
     fn set_frames(&mut self, frames: Frames) -> Result<Waits, QueueError> {
@@ -210,7 +215,7 @@ impl Running<'_, '_> {
         let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         let good = reasons.is_empty();
         if !good {
-            self.note("gate", reasons)?;
+            self.note(Kind::Gate, reasons)?;
         }
         Ok(good)
     }
@@ -232,14 +237,14 @@ impl Running<'_, '_> {
 
     fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.route(motion) else {
-            self.note("gate", vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
+            self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
             {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
         };
         if !gated.is_good() {
-            self.note("gate", gated.judgement.reasons)?;
+            self.note(Kind::Gate, gated.judgement.reasons)?;
             {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
@@ -357,7 +362,7 @@ impl Running<'_, '_> {
         if off.is_empty() {
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });
         } else {
-            self.note("robot", off)?;
+            self.note(Kind::Robot, off)?;
             self.answer(id, Answer::Failed(Trouble::Deviation));
         }
         Ok(())

@@ -16,18 +16,21 @@ mod abrasion;
 mod acts;
 mod cameras;
 mod deadlines;
+mod figures;
+mod findings;
 mod ports;
 mod recording;
 mod routes;
 mod run;
 mod sight;
 mod wiring;
+mod words;
 
 #[cfg(test)]
 mod tests;
 
 pub use cameras::Cameras;
-pub use ports::{Ask, Eyes, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
+pub use ports::{Ask, Eyes, Figure, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
 pub use recording::StoreRecord;
 pub use run::{CycleOutcome, Ports, run_cycle};
 pub use wiring::Wiring;
@@ -51,6 +54,8 @@ pub struct Calibrations {
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// Where the sanding tool's contact is.
     pub flange_from_tool: Rigid<Flange, Tool>,
+    /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
+    pub hand_eye_mm: Option<f64>,
 }
 
 /// What a cycle works by; nothing of it changes while it runs.
@@ -102,13 +107,9 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// What is asked of a film: the recipe's values, or the cell's where it has none.
+    /// What is asked of a film.
     pub fn demands(&self) -> Demands {
-        Demands {
-            observation_s: self.recipe.process().observation_s().unwrap_or(self.limits.observation_s()),
-            frames_per_second: self.recipe.process().frames_per_second(),
-            min_break_mm2: self.recipe.inspect().min_break_mm2().unwrap_or(self.limits.min_break_mm2()),
-        }
+        Demands::of(self.recipe, self.limits)
     }
 }
 

@@ -1,29 +1,38 @@
 //! The store as the loop's record of one cycle.
 
-use super::ports::{Finding, Record, RecordError};
+use super::ports::{Figure, Finding, Record, RecordError};
+use super::words::cause;
 use crate::cycle::{Event, Motion, Outcome};
 use crate::files::write_color_jpeg;
 use crate::geometry::ColorPicture;
-use crate::record::{self, CycleId, Kind, Number};
+use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::Store;
 use crate::verdict::{Reason, Verdict};
-use serde_json::Value;
-use std::collections::BTreeMap;
 
 /// One cycle's pages in a store.
 #[derive(Debug)]
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: CycleId,
-    /// Pictures that the next finding names.
-    seen: Vec<record::Picture>,
+    budget: Budget,
+    /// What the next finding names.
+    pictures: Vec<Picture>,
+    shots: Vec<KeptFile>,
+    /// Of the last finding.
     reasons: Vec<Reason>,
+    /// The last event that can end a cycle without a result.
+    cause: Option<Reason>,
 }
 
 impl<'a> StoreRecord<'a> {
     /// Writes to this cycle.
     pub fn new(store: &'a mut Store, cycle: CycleId) -> Self {
-        StoreRecord { store, cycle, seen: Vec::new(), reasons: Vec::new() }
+        let (pictures, shots, reasons) = (Vec::new(), Vec::new(), Vec::new());
+        StoreRecord { store, cycle, budget: Budget::default(), pictures, shots, reasons, cause: None }
+    }
+
+    fn keep(&self, picture: &ColorPicture) -> Result<String, RecordError> {
+        self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
     }
 }
 
@@ -33,6 +42,7 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError 
 
 impl Record for StoreRecord<'_> {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
+        self.cause = cause(event).or(self.cause.take());
         self.store.append(event, Some(self.cycle)).map(drop).map_err(failed)
     }
 
@@ -46,44 +56,33 @@ impl Record for StoreRecord<'_> {
 
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
         self.reasons.clone_from(&finding.judgement.reasons);
-        let numbers = finding.numbers.as_object().into_iter().flatten();
-        let (mut single, mut details) = (Vec::new(), BTreeMap::new());
-        for (name, value) in numbers {
-            match value {
-                Value::Number(number) => single.push(Number::new(name.clone(), "", number.as_f64())),
-                other => drop(details.insert(name.clone(), other.clone())),
-            }
-        }
-        let kept = record::Finding {
-            kind: kind(finding.stage),
-            pass: finding.pass,
-            judgement: finding.judgement.clone(),
-            numbers: single,
-            details,
-            pictures: std::mem::take(&mut self.seen),
-        };
-        self.store.note(self.cycle, &kept).map_err(failed)
+        let pictures = std::mem::take(&mut self.pictures);
+        let shots = std::mem::take(&mut self.shots);
+        self.store.note(self.cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
     }
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        let hash = self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)?;
-        self.seen.push(record::Picture { caption: name.to_owned(), hash });
+        let hash = self.keep(picture)?;
+        self.shots.push(KeptFile { name: name.to_owned(), hash });
         Ok(())
     }
 
-    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
-        self.store.conclude(self.cycle, verdict, &self.reasons).map_err(failed)
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        let hash = self.keep(&figure.picture)?;
+        let Figure { name, caption, .. } = figure;
+        self.pictures.push(Picture { name: name.clone(), caption: caption.clone(), hash });
+        Ok(())
     }
-}
 
-fn kind(stage: &str) -> Kind {
-    match stage {
-        "locate" => Kind::Locate,
-        "refine" | "dry" => Kind::Refine,
-        "inspect" => Kind::Inspect,
-        "plan" => Kind::Plan,
-        "verify" => Kind::Verify,
-        // Gate and robot.
-        _ => Kind::Abrade,
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
+        self.store.set_budget(self.cycle, &self.budget).map_err(failed)
+    }
+
+    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
+        let aborted = verdict == Verdict::Aborted;
+        let cause = self.cause.iter().filter(|_| aborted);
+        let reasons: Vec<Reason> = self.reasons.iter().chain(cause).cloned().collect();
+        self.store.conclude(self.cycle, verdict, &reasons).map_err(failed)
     }
 }

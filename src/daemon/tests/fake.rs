@@ -6,6 +6,7 @@ use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
+use crate::record::{Budget, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::verdict::Verdict;
 use std::cell::RefCell;
@@ -56,6 +57,8 @@ pub struct Story {
     pub outcome: CycleOutcome,
     pub truth: Truth,
     pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
     pub refusals: Vec<(Request, Refusal)>,
@@ -66,8 +69,8 @@ pub struct Story {
 
 impl Story {
     /// The stages that found something.
-    pub fn stages(&self) -> Vec<&'static str> {
-        self.findings.iter().map(|finding| finding.stage).collect()
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
     }
 
     /// The closed motions along this path.
@@ -85,7 +88,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{} {:?} {}", finding.stage, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
         }
         Ok(())
     }
@@ -167,6 +170,8 @@ impl Cell {
             outcome,
             truth: world.sim.truth(),
             findings: record.findings,
+            figures: record.figures,
+            budget: record.budget,
             intents: record.intents,
             events: record.events,
             refusals: asks.refusals,
@@ -213,6 +218,7 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_camera: *sim.flange_camera(),
         flange_from_camera: sim.calibrated_flange_from_camera(),
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
     }
 }
 
@@ -384,6 +390,8 @@ struct Memory {
     fails_at: usize,
     writes: usize,
     findings: Vec<Finding>,
+    figures: Vec<String>,
+    budget: Budget,
     intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     events: Vec<Event>,
 }
@@ -395,6 +403,8 @@ impl Memory {
             fails_at: 0,
             writes: 0,
             findings: Vec::new(),
+            figures: Vec::new(),
+            budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
         }
@@ -435,6 +445,16 @@ impl Record for Memory {
     }
 
     fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.figures.push(figure.name.clone());
+        self.written()
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
         self.written()
     }
 
