@@ -103,6 +103,8 @@ pub mod name {
     pub const SCAN_TO_VERDICT: &str = "scan to verdict";
     /// From a decoded wet picture to its result, median, ms.
     pub const PER_PICTURE: &str = "a picture takes, median";
+    /// Waypoints of a contact path that the robot executed.
+    pub const EXECUTED: &str = "waypoints executed";
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
 }

@@ -8,7 +8,7 @@ use super::outcome::Outcome;
 use crate::cycle::{Outcome as Ended, Path};
 use crate::devices::mock::{Executed, Sample};
 use crate::devices::world::{ContactErrors, Touched, contact_errors, step_over};
-use crate::geometry::{Base, KukaPose, Panel, Point, Rigid, Vector};
+use crate::geometry::{Base, KukaPose, Mask, Panel, Point, Rigid, Vector};
 use crate::inspect::{Inspection, score};
 use crate::panel::{Grid, TaughtPanel};
 use crate::path::StepOver;
@@ -62,63 +62,19 @@ impl Score {
         let truth = simulated.world.truth();
         let log = simulated.server.handle();
         let (executed, trace) = log.with(|mock| (mock.executed().to_vec(), mock.trace().to_vec()));
-        let of_kind = |kind: Kind| record.findings.iter().filter(move |finding| finding.kind == kind);
-        let error = |finding: Option<&Finding>| {
-            let place = place(finding?)?;
-            Some(truth.placement_error_mm(&place))
-        };
-        let films = simulated.world.broken();
-        let films = if films.len() == inspections.len() { films } else { Vec::new() };
-        let film_findings = of_kind(Kind::Inspect).filter(|finding| finding.number(name::WATCHED).is_some());
-        let inspections =
-            inspections.iter().zip(film_findings).enumerate().map(|(index, (inspection, finding))| {
-                let truth = films.get(index);
-                let region = inspection.footprint.region();
-                let confusion = truth.and_then(|mask| inspection.confusion(mask).ok());
-                Inspected {
-                    pass: inspection.judgement.verdict == Verdict::Pass,
-                    iou: truth
-                        .and_then(|mask| score(&inspection.mask(), mask, &region).ok())
-                        .map(|score| score.iou),
-                    grids_failed: inspection.grids.iter().filter(|grid| grid.failed).count(),
-                    grids_true: confusion.map(|grids| grids.true_fail + grids.false_pass),
-                    grids_wrong: confusion.map(|grids| grids.false_fail + grids.false_pass),
-                    ms_per_frame: finding.number(name::PER_PICTURE),
-                }
-            });
+        let last_of = |kind: Kind| record.findings.iter().rfind(move |finding| finding.kind == kind);
+        let error = |kind: Kind| Some(truth.placement_error_mm(&place(last_of(kind)?)?));
         let (runs, lost) = match contact_runs(&record.motions, &executed) {
             Ok(runs) => (runs, None),
             Err(reason) => (Vec::new(), Some(reason)),
         };
-        let motions = record.motions.iter().filter(|record| record.motion.path == Path::Contact);
-        let mut before_ms = 0;
-        let abrasions = motions.zip(runs).zip(of_kind(Kind::Abrade)).map(|((motion, run), finding)| {
-            let until_ms = run.last().map_or(before_ms, |last| last.time_ms);
-            let part: Vec<Sample> = trace
-                .iter()
-                .filter(|sample| before_ms < sample.time_ms && sample.time_ms <= until_ms)
-                .copied()
-                .collect();
-            before_ms = until_ms;
-            let touched = Touched::by(&part, truth, disc_diameter_mm);
-            let points: Vec<Point<Panel>> =
-                grids(finding, panel).into_iter().flat_map(|grid| lattice(grid, truth)).collect();
-            Abraded {
-                pass: finding.pass,
-                waypoints: motion.motion.waypoints,
-                executed: run.len(),
-                coverage: touched.share(&points),
-                step_over: step_over(&part, truth),
-                errors: contact_errors(&part, truth),
-            }
-        });
         Score {
-            located: error(of_kind(Kind::Locate).next_back()),
-            refined: error(of_kind(Kind::Refine).next_back()),
-            locate_ms: of_kind(Kind::Locate).next_back().and_then(|finding| finding.number(name::SCAN_TO_VERDICT)),
-            moves: of_kind(Kind::Refine).next_back().and_then(|finding| finding.number(name::MOVES)),
-            inspections: inspections.collect(),
-            abrasions: abrasions.collect(),
+            located: error(Kind::Locate),
+            refined: error(Kind::Refine),
+            locate_ms: last_of(Kind::Locate).and_then(|finding| finding.number(name::SCAN_TO_VERDICT)),
+            moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::MOVES)),
+            inspections: inspected(record, inspections, &simulated.world.broken()),
+            abrasions: abraded(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
             lost,
         }
     }
@@ -211,6 +167,62 @@ impl Score {
     }
 }
 
+/// Each film against the pixels whose film was truly broken in its last picture.
+fn inspected(record: &CycleRecord, inspections: &[Inspection], films: &[Mask]) -> Vec<Inspected> {
+    // A film that was left has a truth and no inspection: then nobody knows which is whose.
+    let films = if films.len() == inspections.len() { films } else { &[] };
+    let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
+    let findings = record.findings.iter().filter(watched);
+    let one = |(index, (inspection, finding)): (usize, (&Inspection, &Finding))| {
+        let truth = films.get(index);
+        let region = inspection.footprint.region();
+        let confusion = truth.and_then(|mask| inspection.confusion(mask).ok());
+        Inspected {
+            pass: inspection.judgement.verdict == Verdict::Pass,
+            iou: truth.and_then(|mask| score(&inspection.mask(), mask, &region).ok()).map(|score| score.iou),
+            grids_failed: inspection.grids.iter().filter(|grid| grid.failed).count(),
+            grids_true: confusion.map(|grids| grids.true_fail + grids.false_pass),
+            grids_wrong: confusion.map(|grids| grids.false_fail + grids.false_pass),
+            ms_per_frame: finding.number(name::PER_PICTURE),
+        }
+    };
+    inspections.iter().zip(findings).enumerate().map(one).collect()
+}
+
+/// Each contact path as the controller executed it, against the true surface.
+fn abraded(
+    record: &CycleRecord,
+    (runs, trace): (&[&[Executed]], &[Sample]),
+    (panel, disc_diameter_mm): (&TaughtPanel, f64),
+    truth: &Truth,
+) -> Vec<Abraded> {
+    let begun = |finding: &&Finding| finding.number(name::EXECUTED).is_some_and(|waypoints| waypoints > 0.0);
+    let findings = record.findings.iter().filter(begun);
+    let mut before_ms = 0;
+    let one = |((motion, run), finding): ((&MotionRecord, &&[Executed]), &Finding)| {
+        let until_ms = run.last().map_or(before_ms, |last| last.time_ms);
+        let during = |sample: &&Sample| before_ms < sample.time_ms && sample.time_ms <= until_ms;
+        let part: Vec<Sample> = trace.iter().filter(during).copied().collect();
+        before_ms = until_ms;
+        let grids = grids(finding, panel);
+        let points: Vec<Point<Panel>> = grids.into_iter().flat_map(|grid| lattice(grid, truth)).collect();
+        Abraded {
+            pass: finding.pass,
+            waypoints: motion.motion.waypoints,
+            executed: run.len(),
+            coverage: Touched::by(&part, truth, disc_diameter_mm).share(&points),
+            step_over: step_over(&part, truth),
+            errors: contact_errors(&part, truth),
+        }
+    };
+    contact(&record.motions).zip(runs).zip(findings).map(one).collect()
+}
+
+/// The paths in contact of which something was executed.
+fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
+    motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
+}
+
 fn place(finding: &Finding) -> Option<Rigid<Base, Panel>> {
     let pose = finding.details.get("base_from_panel")?;
     Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
@@ -233,7 +245,7 @@ fn contact_runs<'a>(motions: &[MotionRecord], executed: &'a [Executed]) -> Resul
     let follows = |before: &Executed, after: &Executed| before.epoch == after.epoch && after.id == before.id + 1;
     let touches = |run: &&[Executed]| run.iter().any(|command| command.contact);
     let runs: Vec<&[Executed]> = executed.chunk_by(follows).filter(touches).collect();
-    let contact: Vec<_> = motions.iter().filter(|m| m.motion.path == Path::Contact && m.done > 0).collect();
+    let contact: Vec<&MotionRecord> = contact(motions).collect();
     if runs.len() != contact.len() {
         let message = format!("{} paths in contact were executed, {} were sent", runs.len(), contact.len());
         return Err(lost(message));

@@ -151,7 +151,7 @@ pub(super) fn abraded(
         || Reason::new("part", format!("the robot executed {done} of {waypoints} waypoints; the rest is left"));
     let judgement = Judgement::of(vec![], if done < waypoints { vec![rest()] } else { vec![] });
     let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(whole)).with([
-        Number::new("waypoints executed", "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
+        Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
         Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
     ]);
     if begun.is_empty() { finding } else { finding.detail("grids_in_part", names(begun)) }

@@ -50,6 +50,8 @@ pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
+    /// Tables at the end of the recipe.
+    pub more_recipe: &'static str,
 }
 
 /// What came of it.
@@ -122,7 +124,7 @@ impl Cell {
             moved_without_intent: 0,
         };
         let world = Rc::new(RefCell::new(world));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX }
+        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, more_recipe: "" }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -151,7 +153,7 @@ impl Cell {
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
-        let (taught, recipe) = taught(&self.world.borrow().sim);
+        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
             self.box_to_mm
@@ -184,12 +186,13 @@ impl Cell {
 
 type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-fn taught(sim: &sim::Cell) -> (TaughtHere, Recipe) {
+fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = \"top-left\"\nsettled_mm = 0.1\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n",
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         {more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
         region.rows,
         region.columns,
