@@ -32,7 +32,7 @@ pub struct Common {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Render a cell, locate the panel, inspect its film and plan the path, all on files, and write one page.
+    /// Run one whole cycle on a simulated cell, write its page and pictures, and tell how far from the truth it was.
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.

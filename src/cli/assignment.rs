@@ -33,6 +33,7 @@ impl Calibrated {
             flange_camera: flange_camera.value,
             flange_from_camera: flange_from_camera.value,
             flange_from_tool: tool.value,
+            hand_eye_mm: both_mm(base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm),
         };
         let texts = vec![
             ("cell", disk::read_text(&common.cell)?),
@@ -46,12 +47,18 @@ impl Calibrated {
     }
 }
 
+/// Two independent errors together, where both are known.
+fn both_mm(one_mm: Option<f64>, other_mm: Option<f64>) -> Option<f64> {
+    Some(one_mm?.hypot(other_mm?))
+}
+
 /// A recipe with what was taught of its panel.
 pub struct Assignment {
     /// The recipe.
     pub recipe: Recipe,
     recipe_text: String,
-    taught: Taught,
+    /// What was taught of its panel.
+    pub taught: Taught,
 }
 
 impl Assignment {

@@ -31,6 +31,8 @@ pub struct CellFiles {
 pub struct Calibrated<T> {
     /// The value.
     pub value: T,
+    /// Its error at the panel, mm, 95 %, where the file states it.
+    pub uncertainty_mm: Option<f64>,
     /// The text of its file.
     pub text: String,
 }
@@ -44,6 +46,11 @@ impl CellFiles {
         let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
         Ok(CellFiles { file: common.cell.clone(), cell, store })
+    }
+
+    /// The store's folder.
+    pub fn store_folder(&self) -> &Path {
+        &self.store
     }
 
     /// Opens the store for reading.
@@ -91,12 +98,13 @@ impl CellFiles {
 
     fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
         let (name, text) = self.text(key, file)?;
-        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, text })
+        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, uncertainty_mm: None, text })
     }
 
     fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
-        Ok(Calibrated { value: MountedPose::<M>::check(&name, &text)?.rigid(), text })
+        let mount = MountedPose::<M>::check(&name, &text)?;
+        Ok(Calibrated { value: mount.rigid(), uncertainty_mm: mount.uncertainty_mm, text })
     }
 
     /// The intrinsics of the fixed 3D camera.

@@ -1,8 +1,7 @@
 //! The command line: reads files, calls the phases, writes files and words. The only place with a clock and a disk
 //! beside the store, and the one place that turns errors into words.
 //!
-//! Each command is a file of its name: `run` reads and tells, `stage` computes, so that `demo` can call one after the
-//! other on the same files.
+//! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
 pub mod args;
 mod assignment;
@@ -23,8 +22,10 @@ mod pictures;
 mod plan;
 mod refine;
 mod render;
+mod report;
 mod robot;
 mod run;
+mod score;
 mod teach;
 
 pub use fault::Fault;

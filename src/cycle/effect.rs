@@ -86,7 +86,7 @@ pub enum Act {
     DryPicture,
     /// Watch the film and judge it. `Filmed`.
     Film,
-    /// Plan a path over what this pass must still abrade. `Planned`, or `Graded` with reject.
+    /// Plan a path over what this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with reject.
     Plan {
         /// Which pass, from 1; 0 is an air-run, over all grids.
         pass: u8,

@@ -110,6 +110,13 @@ pub enum Answer {
         /// Its waypoints; none when nothing is left to do.
         waypoints: u32,
     },
+    /// A path that a person must look at before it is used.
+    PlannedForReview {
+        /// First eight bytes of the path's hash.
+        plan: u64,
+        /// Its waypoints.
+        waypoints: u32,
+    },
     /// It could not be done.
     Failed(Trouble),
 }

@@ -97,6 +97,10 @@ impl Turn {
                     _ => At::Execute(verify),
                 };
             }
+            (Act::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
+                (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
+                self.graded(Grade::Review, Phase::Verify);
+            }
             (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
             (Act::Verify, R::Graded(grade)) => self.verified(grade),
             _ => self.trouble(Trouble::Unexpected),
@@ -174,6 +178,8 @@ impl Turn {
     fn graded(&mut self, grade: Grade, next: Phase) {
         self.state.at = match grade {
             Grade::Review if self.rules.keep(Rule::ReviewHolds) => {
+                // Whoever looks takes his time.
+                self.facts().token = None;
                 At::Holding(Hold { why: Why::Review, resume: next })
             }
             Grade::Reject if self.rules.keep(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
@@ -243,8 +249,11 @@ impl Turn {
     pub fn unhold(&mut self, hold: Hold, dried: bool) {
         let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
         if dried || undried {
-            if matches!(hold.resume, Phase::Wet | Phase::Plan | Phase::Rinse) {
-                self.state.job.after_dry = hold.resume;
+            match hold.resume {
+                Phase::Wet | Phase::Plan | Phase::Rinse => self.state.job.after_dry = hold.resume,
+                // A path that nobody accepted is planned again.
+                Phase::Verify => self.state.job.after_dry = Phase::Plan,
+                _ => {}
             }
             self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
         } else if hold.why == Why::Review {

@@ -8,6 +8,7 @@ use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
 use crate::path::judge_joints;
+use crate::record::Kind;
 use crate::verdict::Reason;
 
 /// How far the arm may stand from where it was sent, mm and degrees.
@@ -68,7 +69,7 @@ impl Running<'_> {
         let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         let good = reasons.is_empty();
         if !good {
-            self.note("gate", reasons)?;
+            self.note(Kind::Gate, reasons)?;
         }
         Ok(good)
     }
@@ -88,12 +89,12 @@ impl Running<'_> {
 
     pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.route(motion) else {
-            self.note("gate", vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
+            self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         };
         if !gated.is_good() {
-            self.note("gate", gated.judgement.reasons)?;
+            self.note(Kind::Gate, gated.judgement.reasons)?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
@@ -176,7 +177,7 @@ impl Running<'_> {
         if off.is_empty() {
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });
         } else {
-            self.note("robot", off)?;
+            self.note(Kind::Robot, off)?;
             self.answer(id, Answer::Failed(Trouble::Deviation));
         }
         Ok(())

@@ -1,6 +1,8 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use crate::cycle::{At, Cause, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
+use crate::cycle::{
+    Answer, At, Cause, Deadline, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Trouble, Why, step,
+};
 use crate::verdict::Reason;
 
 /// The word by which `panelprep ctl` asks for this.
@@ -91,6 +93,28 @@ pub(super) fn refusal(request: Request, refusal: Refusal, state: &State) -> Reas
             let failed = trouble(what);
             Reason { message: format!("{word} failed: {}", failed.message), ..failed }
         }
+    }
+}
+
+/// Why this event ends a cycle without a result, where it is one that can.
+pub(super) fn cause(event: &Event) -> Option<Reason> {
+    let fault = |message: String| Some(Reason::new("fault", message));
+    match event {
+        Event::Asked(Request::Stop) => {
+            Some(Reason::new("stopped", "somebody asked for a stop before the cycle's end"))
+        }
+        Event::Asked(Request::Abort) => Some(Reason::new("aborted", "somebody asked for an abort")),
+        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
+        Event::Told(Report::Trouble(what) | Report::Answered { answer: Answer::Failed(what), .. }) => {
+            fault(trouble(*what).message)
+        }
+        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => fault(trouble(Trouble::Late).message),
+        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
+            fault("the stop took longer than [limits] stop_deadline_s".to_owned())
+        }
+        Event::Told(Report::Robot(Robot::Ready | Robot::Unknown)) => None,
+        Event::Told(Report::Robot(condition)) => Some(Reason::new("robot", robot(*condition).message)),
+        _ => None,
     }
 }
 

@@ -216,6 +216,7 @@ impl Cell {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
             }
             (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
+            (Act::Plan { .. }, Answer::PlannedForReview { .. }) => (self.verified, self.reviewed) = (false, true),
             (Act::Film, Answer::Filmed(film)) => {
                 self.film = Some(film);
                 self.verified = false;

@@ -67,7 +67,13 @@ impl Cell {
             Act::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
             Act::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
             Act::Plan { .. } if random.random_bool(0.05) => Answer::Planned { plan: 0, waypoints: 0 },
-            Act::Plan { .. } => Answer::Planned { plan: random.random(), waypoints: random.random_range(1..30) },
+            Act::Plan { .. } => {
+                let (plan, waypoints) = (random.random(), random.random_range(1..30));
+                match random.random_bool(0.1) {
+                    true => Answer::PlannedForReview { plan, waypoints },
+                    false => Answer::Planned { plan, waypoints },
+                }
+            }
         };
         Report::Answered { id: due.id, answer }
     }
@@ -161,7 +167,10 @@ pub fn answers(act: Act, id: Id) -> Vec<Report> {
         Act::Refine { .. } => [&graded[..], &[Answer::Displaced]].concat(),
         Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
         Act::Plan { .. } => {
-            vec![Answer::Planned { plan: 7, waypoints: 3 }, Answer::Planned { plan: 0, waypoints: 0 }, graded[2]]
+            let (plan, waypoints) = (7, 3);
+            let nothing_left = Answer::Planned { plan: 0, waypoints: 0 };
+            let planned = [Answer::Planned { plan, waypoints }, Answer::PlannedForReview { plan, waypoints }];
+            [&planned[..], &[nothing_left, graded[2]]].concat()
         }
     };
     answers.into_iter().map(|answer| Report::Answered { id, answer }).collect()

@@ -121,6 +121,30 @@ fn a_doubtful_localization_waits_for_a_person() {
 }
 
 #[test]
+fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
+    let doubtful = Answer::PlannedForReview { plan: 7, waypoints: 3 };
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("plan-1");
+    story.answer(doubtful);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Review, resume: Phase::Verify }));
+    story.asked(Request::Accept);
+    let acts = story.until("to-contact");
+    assert!(acts.contains("verify") && !acts.contains("plan"), "the accepted path itself, verified: {acts}");
+    assert_eq!((story.cell.state.job.plan, story.cell.state.job.waypoints), (7, 3));
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    // Dried instead of accepted: located and planned anew.
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("plan-1");
+    story.answer(doubtful);
+    story.rests();
+    story.asked(Request::Unhold { dried: true });
+    let acts = story.until("to-contact");
+    assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
+}
+
+#[test]
 fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     let mut story = Story::in_contact();
     story.asked(Request::Hold);

@@ -6,7 +6,7 @@ use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
-use crate::record::CycleId;
+use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
@@ -51,6 +51,8 @@ pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
+    /// Tables at the end of the recipe.
+    pub more_recipe: &'static str,
 }
 
 /// What came of it.
@@ -58,6 +60,8 @@ pub struct Story {
     pub outcome: CycleOutcome,
     pub truth: Truth,
     pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
     pub refusals: Vec<(Request, Refusal)>,
@@ -68,8 +72,8 @@ pub struct Story {
 
 impl Story {
     /// The stages that found something.
-    pub fn stages(&self) -> Vec<&'static str> {
-        self.findings.iter().map(|finding| finding.stage).collect()
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
     }
 
     /// The closed motions along this path.
@@ -87,7 +91,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{} {:?} {}", finding.stage, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
         }
         Ok(())
     }
@@ -121,7 +125,7 @@ impl Cell {
             moved_without_intent: 0,
         };
         let world = Rc::new(RefCell::new(world));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX }
+        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, more_recipe: "" }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -150,7 +154,7 @@ impl Cell {
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
-        let (taught, recipe) = taught(&self.world.borrow().sim);
+        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
             self.box_to_mm
@@ -169,6 +173,8 @@ impl Cell {
             outcome,
             truth: world.sim.truth(),
             findings: record.findings,
+            figures: record.figures,
+            budget: record.budget,
             intents: record.intents,
             events: record.events,
             refusals: asks.refusals,
@@ -181,12 +187,13 @@ impl Cell {
 
 type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-fn taught(sim: &sim::Cell) -> (TaughtHere, Recipe) {
+fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = \"top-left\"\nsettled_mm = 0.1\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n",
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         {more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
         region.rows,
         region.columns,
@@ -215,6 +222,7 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_camera: *sim.flange_camera(),
         flange_from_camera: sim.calibrated_flange_from_camera(),
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
     }
 }
 
@@ -395,6 +403,8 @@ struct Memory {
     writes: usize,
     cycles: i64,
     findings: Vec<Finding>,
+    figures: Vec<String>,
+    budget: Budget,
     intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     events: Vec<Event>,
 }
@@ -407,6 +417,8 @@ impl Memory {
             writes: 0,
             cycles: 0,
             findings: Vec::new(),
+            figures: Vec::new(),
+            budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
         }
@@ -425,6 +437,16 @@ impl Record for Memory {
     }
 
     fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.figures.push(figure.name.clone());
+        self.written()
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
         self.written()
     }
 }
