@@ -34,6 +34,25 @@ pub enum Kind {
     Gate,
     /// What the robot or its link reported.
     Robot,
+    /// The self-test before a cycle.
+    SelfTest,
+}
+
+impl Kind {
+    /// Its word, as it is kept.
+    pub fn word(self) -> &'static str {
+        match self {
+            Kind::Locate => "locate",
+            Kind::Refine => "refine",
+            Kind::Inspect => "inspect",
+            Kind::Plan => "plan",
+            Kind::Verify => "verify",
+            Kind::Abrade => "abrade",
+            Kind::Gate => "gate",
+            Kind::Robot => "robot",
+            Kind::SelfTest => "selftest",
+        }
+    }
 }
 
 /// What is allowed of a number.

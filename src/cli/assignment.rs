@@ -6,7 +6,7 @@ use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, Job};
+use crate::daemon::{Calibrations, Job, Order, Task};
 use crate::recipe::Recipe;
 use crate::store::CycleStart;
 use std::path::Path;
@@ -67,10 +67,28 @@ impl Assignment {
     /// # Errors
     /// Where the recipe has problems, or its panel was not taught, or with another region.
     pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
-        let recipe_text = disk::read_text(recipe_file)?;
-        let recipe = load::recipe(recipe_file)?;
+        Self::of(files, recipe_file, disk::read_text(recipe_file)?)
+    }
+
+    /// The same from the recipe's text.
+    ///
+    /// # Errors
+    /// As [`Assignment::read`].
+    pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
+        let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
         let taught = load::taught(files, recipe_file, &recipe)?;
         Ok(Assignment { recipe, recipe_text, taught })
+    }
+
+    /// A cycle for the service to begin.
+    ///
+    /// # Errors
+    /// Where no corner was taught.
+    pub fn order(self, calibrated: &Calibrated) -> Result<Order, Fault> {
+        let (request, start) = (self.request(), self.start(calibrated));
+        let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
+        let task = Task::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        Ok(Order { request, task, start })
     }
 
     /// What the loop works by.

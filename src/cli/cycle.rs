@@ -53,14 +53,7 @@ pub fn one(
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
     let job = assignment.job(files, calibrated)?;
-    let mut store = files.store_for_writing()?;
-    let recovered = store.recover().map_err(Fault::stage)?;
-    if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-        return Err(Fault::MotionOpen);
-    }
-    if matches!(recovered.at, At::Aborted { .. }) {
-        return Err(Fault::NotCleared);
-    }
+    let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;

@@ -4,6 +4,7 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cycle::At;
 use crate::files;
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
@@ -66,6 +67,28 @@ impl CellFiles {
     /// Where its folder cannot be made, another process writes to it, or its database is damaged or not ours.
     pub fn store_for_writing(&self) -> Result<Store, Fault> {
         Store::create(&self.store).map_err(Fault::stage)
+    }
+
+    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that a
+    /// person must look at.
+    ///
+    /// # Errors
+    /// As [`CellFiles::store_for_writing`], and where a motion is open or the last cycle was aborted.
+    pub fn settled_store(&self) -> Result<Store, Fault> {
+        let mut store = self.store_for_writing()?;
+        let recovered = store.recover().map_err(Fault::stage)?;
+        if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
+            return Err(Fault::MotionOpen);
+        }
+        if matches!(recovered.at, At::Aborted { .. }) {
+            return Err(Fault::NotCleared);
+        }
+        Ok(store)
+    }
+
+    /// The service's socket: where the cell's file says, else in the store.
+    pub fn socket(&self) -> PathBuf {
+        self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {

@@ -14,7 +14,7 @@ use crate::verdict::Reason;
 use std::collections::BTreeMap;
 
 /// The plan and what was done of all of them.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Abrasion {
     plan: Option<(u64, Plan)>,
     /// In how many passes a grid was touched, and the last of them.

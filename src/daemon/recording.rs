@@ -1,19 +1,28 @@
 //! The store as the loop's record of one cycle.
 
-use super::ports::{Figure, Finding, Record, RecordError};
-use super::words::cause;
-use crate::cycle::{Event, Motion, Outcome};
+use super::ports::{Figure, Finding, Journal, Record, RecordError};
+use super::words;
+use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
 use crate::files::write_color_jpeg;
 use crate::geometry::ColorPicture;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
-use crate::store::Store;
+use crate::store::{CycleStart, Store};
 use crate::verdict::{Reason, Verdict};
 
-/// One cycle's pages in a store.
+/// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
+const FLOOR_MB: u64 = 500;
+
+/// A cycle's pages in a store; between cycles only the journal is written.
 #[derive(Debug)]
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
-    cycle: CycleId,
+    cycle: Option<CycleId>,
+    pages: Pages,
+}
+
+/// What is known of the cycle between two writings.
+#[derive(Debug, Default)]
+struct Pages {
     budget: Budget,
     /// What the next finding names.
     pictures: Vec<Picture>,
@@ -25,10 +34,9 @@ pub struct StoreRecord<'a> {
 }
 
 impl<'a> StoreRecord<'a> {
-    /// Writes to this cycle.
-    pub fn new(store: &'a mut Store, cycle: CycleId) -> Self {
-        let (pictures, shots, reasons) = (Vec::new(), Vec::new(), Vec::new());
-        StoreRecord { store, cycle, budget: Budget::default(), pictures, shots, reasons, cause: None }
+    /// Writes to this cycle, or to none.
+    pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
+        StoreRecord { store, cycle: cycle.into(), pages: Pages::default() }
     }
 
     fn keep(&self, picture: &ColorPicture) -> Result<String, RecordError> {
@@ -36,53 +44,105 @@ impl<'a> StoreRecord<'a> {
     }
 }
 
+/// Why this event ends a cycle without a result, where it is one that can.
+fn cause(event: &Event) -> Option<Reason> {
+    let asked = |words: &str| Some(Reason::new("asked", words));
+    match event {
+        Event::Asked(Request::Stop) => asked("a stop was asked for before the cycle's end"),
+        Event::Asked(Request::Abort) => asked("an abort was asked for"),
+        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
+        Event::Told(Report::Trouble(trouble) | Report::Answered { answer: Answer::Failed(trouble), .. }) => {
+            Some(words::trouble(*trouble))
+        }
+        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
+        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
+            Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))
+        }
+        Event::Told(Report::Robot(robot)) if !matches!(robot, Robot::Ready | Robot::Unknown) => {
+            Some(words::robot(*robot))
+        }
+        _ => None,
+    }
+}
+
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
     RecordError(Box::new(error))
 }
 
-impl Record for StoreRecord<'_> {
+impl Journal for StoreRecord<'_> {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.cause = cause(event).or(self.cause.take());
-        self.store.append(event, Some(self.cycle)).map(drop).map_err(failed)
+        self.pages.cause = cause(event).or(self.pages.cause.take());
+        self.store.append(event, self.cycle).map(drop).map_err(failed)
     }
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
-        self.store.open_intent(motion, Some(self.cycle)).map_err(failed)
+        self.store.open_intent(motion, self.cycle).map_err(failed)
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
         self.store.close_intent(motion, outcome, done).map_err(failed)
     }
 
+    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        let cause = self.pages.cause.iter().filter(|_| verdict == Verdict::Aborted);
+        let reasons: Vec<Reason> = self.pages.reasons.iter().chain(cause).cloned().collect();
+        self.store.conclude(cycle, verdict, &reasons).map_err(failed)
+    }
+
+    fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError> {
+        self.between_cycles();
+        let cycle = self.store.begin_cycle(start).map_err(failed)?;
+        self.cycle = Some(cycle);
+        Ok(cycle)
+    }
+
+    fn between_cycles(&mut self) {
+        self.cycle = None;
+        self.pages = Pages::default();
+    }
+
+    fn check(&mut self) -> Vec<Reason> {
+        match self.store.free_mb() {
+            Ok(free_mb) if free_mb >= FLOOR_MB => vec![],
+            Ok(free_mb) => {
+                let message =
+                    format!("the store's disk has {free_mb} MB left, a cycle needs {FLOOR_MB} MB; make room");
+                vec![Reason::new("disk_full", message)]
+            }
+            Err(error) => vec![Reason::new("store", error.to_string())],
+        }
+    }
+}
+
+impl Record for StoreRecord<'_> {
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.reasons.clone_from(&finding.judgement.reasons);
-        let pictures = std::mem::take(&mut self.pictures);
-        let shots = std::mem::take(&mut self.shots);
-        self.store.note(self.cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.reasons.clone_from(&finding.judgement.reasons);
+        let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
+        self.store.note(cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
     }
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        let hash = self.keep(picture)?;
-        self.shots.push(KeptFile { name: name.to_owned(), hash });
+        if self.cycle.is_some() {
+            let hash = self.keep(picture)?;
+            self.pages.shots.push(KeptFile { name: name.to_owned(), hash });
+        }
         Ok(())
     }
 
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        let hash = self.keep(&figure.picture)?;
-        let Figure { name, caption, .. } = figure;
-        self.pictures.push(Picture { name: name.clone(), caption: caption.clone(), hash });
+        if self.cycle.is_some() {
+            let hash = self.keep(&figure.picture)?;
+            let Figure { name, caption, .. } = figure;
+            self.pages.pictures.push(Picture { name: name.clone(), caption: caption.clone(), hash });
+        }
         Ok(())
     }
 
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.budget = self.budget.renewed(*measured);
-        self.store.set_budget(self.cycle, &self.budget).map_err(failed)
-    }
-
-    fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
-        let aborted = verdict == Verdict::Aborted;
-        let cause = self.cause.iter().filter(|_| aborted);
-        let reasons: Vec<Reason> = self.reasons.iter().chain(cause).cloned().collect();
-        self.store.conclude(self.cycle, verdict, &reasons).map_err(failed)
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.budget = self.pages.budget.renewed(*measured);
+        self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
     }
 }

@@ -6,9 +6,10 @@ use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
-use crate::record::{Budget, Kind};
+use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
-use crate::verdict::Verdict;
+use crate::store::CycleStart;
+use crate::verdict::{Reason, Verdict};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
@@ -361,6 +362,10 @@ impl Robot for FakeRobot {
     fn now(&self) -> Time {
         Time::at_ms(self.0.borrow().time_ms)
     }
+
+    fn is_lock_step(&self) -> bool {
+        true
+    }
 }
 
 struct FakeEyes(Shared);
@@ -386,12 +391,17 @@ impl Eyes for FakeEyes {
         let world = self.0.borrow();
         Ok(world.sim.flange_picture(&world.base_from_flange, Place::Displaced))
     }
+
+    fn check(&mut self) -> Vec<SightError> {
+        Vec::new()
+    }
 }
 
 struct Memory {
     world: Shared,
     fails_at: usize,
     writes: usize,
+    cycles: i64,
     findings: Vec<Finding>,
     figures: Vec<String>,
     budget: Budget,
@@ -405,6 +415,7 @@ impl Memory {
             world: world.clone(),
             fails_at: 0,
             writes: 0,
+            cycles: 0,
             findings: Vec::new(),
             figures: Vec::new(),
             budget: Budget::default(),
@@ -420,6 +431,27 @@ impl Memory {
 }
 
 impl Record for Memory {
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        self.findings.push(finding.clone());
+        self.written()
+    }
+
+    fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.figures.push(figure.name.clone());
+        self.written()
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
+        self.written()
+    }
+}
+
+impl Journal for Memory {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.events.push(*event);
         self.written()
@@ -442,27 +474,19 @@ impl Record for Memory {
         self.written()
     }
 
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.findings.push(finding.clone());
-        self.written()
-    }
-
-    fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
-        self.written()
-    }
-
-    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        self.figures.push(figure.name.clone());
-        self.written()
-    }
-
-    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.budget = self.budget.renewed(*measured);
-        self.written()
-    }
-
     fn conclude(&mut self, _: Verdict) -> Result<(), RecordError> {
         self.written()
+    }
+
+    fn begin(&mut self, _: &CycleStart) -> Result<CycleId, RecordError> {
+        self.cycles += 1;
+        self.written().map(|()| CycleId(self.cycles))
+    }
+
+    fn between_cycles(&mut self) {}
+
+    fn check(&mut self) -> Vec<Reason> {
+        Vec::new()
     }
 }
 
