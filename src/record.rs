@@ -34,12 +34,12 @@ pub enum Kind {
     Gate,
     /// What the robot or its link reported.
     Robot,
-    /// The self-test of a reset.
-    Test,
+    /// The self-test before a cycle.
+    SelfTest,
 }
 
 impl Kind {
-    /// The word for logs.
+    /// Its word, as it is kept.
     pub fn word(self) -> &'static str {
         match self {
             Kind::Locate => "locate",
@@ -50,7 +50,7 @@ impl Kind {
             Kind::Abrade => "abrade",
             Kind::Gate => "gate",
             Kind::Robot => "robot",
-            Kind::Test => "self-test",
+            Kind::SelfTest => "selftest",
         }
     }
 }

@@ -17,6 +17,7 @@ use crate::report::page::{Row, Section};
 use crate::sim::{self, PlacementError, Truth};
 use crate::verdict::{Reason, Verdict};
 use serde_json::{Value, json};
+use std::sync::Arc;
 
 /// Distance between points of a grid at which coverage is counted, mm.
 const LATTICE_MM: f64 = 1.0;
@@ -55,7 +56,7 @@ impl Score {
     /// Holds what was found and executed against the truth of its world.
     pub fn of(
         record: &CycleRecord,
-        inspections: &[Inspection],
+        inspections: &[Arc<Inspection>],
         (panel, disc_diameter_mm): (&TaughtPanel, f64),
         simulated: &Simulated,
     ) -> Self {
@@ -168,12 +169,12 @@ impl Score {
 }
 
 /// Each film against the pixels whose film was truly broken in its last picture.
-fn inspected(record: &CycleRecord, inspections: &[Inspection], films: &[Mask]) -> Vec<Inspected> {
+fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mask]) -> Vec<Inspected> {
     // A film that was left has a truth and no inspection: then nobody knows which is whose.
     let films = if films.len() == inspections.len() { films } else { &[] };
     let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
     let findings = record.findings.iter().filter(watched);
-    let one = |(index, (inspection, finding)): (usize, (&Inspection, &Finding))| {
+    let one = |(index, (inspection, finding)): (usize, (&Arc<Inspection>, &Finding))| {
         let truth = films.get(index);
         let region = inspection.footprint.region();
         let confusion = truth.and_then(|mask| inspection.confusion(mask).ok());

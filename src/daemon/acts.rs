@@ -1,6 +1,5 @@
 //! How an act begins, and what must come from the robot or from computing before it is answered. Motions: `moves`.
 
-use super::abrasion::Abrasion;
 use super::computing::{Found, Note, Work, Worked};
 use super::run::Running;
 use super::sight::{self, Filming};
@@ -86,7 +85,7 @@ impl Running<'_> {
     fn compute(&mut self, id: Id, act: Act, filming: Option<Box<Filming>>) {
         // Of a film under way only its result is new.
         let (sight, abrasion) = match &filming {
-            Some(_) => (self.sight.for_film(), Abrasion::default()),
+            Some(_) => Default::default(),
             None => (self.sight.clone(), self.abrasion.clone()),
         };
         let tip = self.robot_state.map(|state| state.base_from_tcp);
@@ -134,7 +133,7 @@ impl Running<'_> {
         let wrong: Vec<(Trouble, Reason)> = unready.into_iter().chain(found).chain(full).collect();
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
-            self.note(Kind::Test, wrong.into_iter().map(|(_, reason)| reason).collect())?;
+            self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
         }
         self.answer(id, answer);
         Ok(())
@@ -172,9 +171,9 @@ impl Running<'_> {
     }
 
     /// Keeps a finding and tells of it.
-    fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        let Finding { kind, pass, judgement, .. } = finding;
-        let stage = kind.word();
+    pub(super) fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        let Finding { pass, judgement, .. } = finding;
+        let stage = finding.kind.word();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         if words.is_empty() {
             tracing::info!(stage, pass, verdict = judgement.verdict.word());

@@ -117,13 +117,7 @@ impl Work {
             (Act::Film, Some(filming)) => {
                 return Ok(film(self.sight.watch(job, *filming, (pass, now), eyes, notes)?));
             }
-            (Act::Locate, _) => {
-                if pass == 0 {
-                    // Of the cycle before nothing holds.
-                    (self.sight, self.abrasion) = Default::default();
-                }
-                self.sight.locate(job, eyes, notes)?
-            }
+            (Act::Locate, _) => self.sight.locate(job, eyes, notes)?,
             (Act::DryPicture, _) => self.sight.dry_picture(now, eyes, notes)?,
             (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
             (Act::Refine { view }, _) => match self.tip() {

@@ -1,8 +1,8 @@
 //! The store as the loop's record of one cycle.
 
 use super::ports::{Figure, Finding, Journal, Record, RecordError};
-use super::words::cause;
-use crate::cycle::{Event, Motion, Outcome};
+use super::words;
+use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
 use crate::files::write_color_jpeg;
 use crate::geometry::ColorPicture;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
@@ -20,7 +20,7 @@ pub struct StoreRecord<'a> {
     pages: Pages,
 }
 
-/// What is collected for a cycle's pages.
+/// What is known of the cycle between two writings.
 #[derive(Debug, Default)]
 struct Pages {
     budget: Budget,
@@ -44,6 +44,27 @@ impl<'a> StoreRecord<'a> {
     }
 }
 
+/// Why this event ends a cycle without a result, where it is one that can.
+fn cause(event: &Event) -> Option<Reason> {
+    let asked = |words: &str| Some(Reason::new("asked", words));
+    match event {
+        Event::Asked(Request::Stop) => asked("a stop was asked for before the cycle's end"),
+        Event::Asked(Request::Abort) => asked("an abort was asked for"),
+        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
+        Event::Told(Report::Trouble(trouble) | Report::Answered { answer: Answer::Failed(trouble), .. }) => {
+            Some(words::trouble(*trouble))
+        }
+        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
+        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
+            Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))
+        }
+        Event::Told(Report::Robot(robot)) if !matches!(robot, Robot::Ready | Robot::Unknown) => {
+            Some(words::robot(*robot))
+        }
+        _ => None,
+    }
+}
+
 fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError {
     RecordError(Box::new(error))
 }
@@ -64,8 +85,7 @@ impl Journal for StoreRecord<'_> {
 
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        let aborted = verdict == Verdict::Aborted;
-        let cause = self.pages.cause.iter().filter(|_| aborted);
+        let cause = self.pages.cause.iter().filter(|_| verdict == Verdict::Aborted);
         let reasons: Vec<Reason> = self.pages.reasons.iter().chain(cause).cloned().collect();
         self.store.conclude(cycle, verdict, &reasons).map_err(failed)
     }
@@ -99,8 +119,7 @@ impl Record for StoreRecord<'_> {
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         self.pages.reasons.clone_from(&finding.judgement.reasons);
-        let pictures = std::mem::take(&mut self.pages.pictures);
-        let shots = std::mem::take(&mut self.pages.shots);
+        let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         self.store.note(cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
     }
 

@@ -55,7 +55,7 @@ pub struct CycleOutcome {
     /// Where the panel stands.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
     /// The films, in order.
-    pub inspections: Vec<Inspection>,
+    pub inspections: Vec<Arc<Inspection>>,
     /// In how many passes each grid was abraded, where it was.
     pub passes: Vec<(GridId, usize)>,
 }
@@ -278,7 +278,7 @@ impl<'p> Running<'p> {
             Effect::CloseIntent { motion, outcome, done } => {
                 if motion.path == Path::Contact {
                     let finding = self.abrasion.executed(self.state.job.pass, (motion.waypoints, done));
-                    self.ports.record.finding(&finding)?;
+                    self.record(&finding)?;
                 }
                 self.ports.record.close_intent(&motion, outcome, done)?;
             }

@@ -14,6 +14,7 @@ use crate::panel::TaughtCorner;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Reason, Verdict};
+use std::sync::Arc;
 use std::time::Instant;
 
 /// Where the panel stands and what its film did.
@@ -25,15 +26,16 @@ pub(super) struct Sight {
     place: Option<Rigid<Base, Panel>>,
     dry: Option<(ColorPicture, f64)>,
     /// The films of this cycle, in order.
-    pub inspections: Vec<Inspection>,
+    pub inspections: Vec<Arc<Inspection>>,
     /// The last picture of the last of them.
-    pub film_picture: Option<ColorPicture>,
+    pub film_picture: Option<Arc<ColorPicture>>,
 }
 
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) struct Filming {
     watch: Watch,
+    place: Rigid<Base, Panel>,
     began: Time,
     frames: u32,
     last: Option<ColorPicture>,
@@ -51,20 +53,17 @@ impl Sight {
         self.place
     }
 
-    /// What a film under way needs of this: its pictures are large, and not among it.
-    pub fn for_film(&self) -> Self {
-        Sight { place: self.place, ..Sight::default() }
-    }
-
-    /// Takes what such a film left.
-    pub fn take_film(&mut self, film: Sight) {
-        self.inspections.extend(film.inspections);
-        self.film_picture = film.film_picture.or(self.film_picture.take());
-    }
-
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * job.corners.first()?.teaching.panel_from_camera)
+    }
+
+    /// Adds what a film that was watched on its own left.
+    pub fn take_film(&mut self, film: Sight) {
+        self.inspections.extend(film.inspections);
+        if film.film_picture.is_some() {
+            self.film_picture = film.film_picture;
+        }
     }
 
     /// A 3D shot, and the panel in it. What films said of the panel's grids stays.
@@ -206,7 +205,7 @@ impl Sight {
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
             let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, began: now, frames: 0, last: None, kept, elapsed_ms })
+            Ok(Filming { watch, place, began: now, frames: 0, last: None, kept, elapsed_ms })
         });
         match begun {
             Ok(filming) => Ok(Ok(filming)),
@@ -244,9 +243,7 @@ impl Sight {
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
-        if let Some(place) = self.place {
-            filming.kept.see(job, place, &picture, &step);
-        }
+        filming.kept.see(job, filming.place, &picture, &step);
         filming.last = Some(picture);
         if since_s < demands.observation_s {
             return Ok(Ok(filming));
@@ -265,10 +262,10 @@ impl Sight {
             Ok(inspection) => inspection,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };
-        if let (Some(last), Some(place)) = (&filming.last, self.place) {
+        if let Some(last) = &filming.last {
             record.picture("film", last)?;
             record.figure(&filming.kept.strip(&inspection, last))?;
-            record.figure(&figures::inspected(job, &inspection, last, place))?;
+            record.figure(&figures::inspected(job, &inspection, last, filming.place))?;
         }
         let film = match inspection.judgement.verdict {
             Verdict::Pass => Film::Whole,
@@ -276,8 +273,8 @@ impl Sight {
             _ => Film::Invalid,
         };
         record.finding(&findings::filmed(&inspection, pass, median(&mut filming.elapsed_ms), job))?;
-        self.inspections.push(inspection);
-        self.film_picture = filming.last;
+        self.inspections.push(Arc::new(inspection));
+        self.film_picture = filming.last.map(Arc::new);
         Ok(Answer::Filmed(film))
     }
 }

@@ -1,8 +1,6 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use crate::cycle::{
-    Answer, At, Cause, Deadline, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Trouble, Why, step,
-};
+use crate::cycle::{At, Cause, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
 /// The word by which `panelprep ctl` asks for this.
@@ -96,28 +94,6 @@ pub(super) fn refusal(request: Request, refusal: Refusal, state: &State) -> Reas
     }
 }
 
-/// Why this event ends a cycle without a result, where it is one that can.
-pub(super) fn cause(event: &Event) -> Option<Reason> {
-    let fault = |message: String| Some(Reason::new("fault", message));
-    match event {
-        Event::Asked(Request::Stop) => {
-            Some(Reason::new("stopped", "somebody asked for a stop before the cycle's end"))
-        }
-        Event::Asked(Request::Abort) => Some(Reason::new("aborted", "somebody asked for an abort")),
-        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
-        Event::Told(Report::Trouble(what) | Report::Answered { answer: Answer::Failed(what), .. }) => {
-            fault(trouble(*what).message)
-        }
-        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => fault(trouble(Trouble::Late).message),
-        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
-            fault("the stop took longer than [limits] stop_deadline_s".to_owned())
-        }
-        Event::Told(Report::Robot(Robot::Ready | Robot::Unknown)) => None,
-        Event::Told(Report::Robot(condition)) => Some(Reason::new("robot", robot(*condition).message)),
-        _ => None,
-    }
-}
-
 /// Why the robot is not ready.
 pub(super) fn robot(robot: Robot) -> Reason {
     let (code, message) = match robot {
@@ -137,7 +113,7 @@ pub(super) fn robot(robot: Robot) -> Reason {
     Reason::new(code, message)
 }
 
-fn trouble(trouble: Trouble) -> Reason {
+pub(super) fn trouble(trouble: Trouble) -> Reason {
     let (code, message) = match trouble {
         Trouble::Camera => ("camera", "a camera gave no picture"),
         Trouble::Picture => ("picture", "a camera's pictures cannot be used"),

@@ -41,7 +41,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>) -> Section {
         Kind::Abrade => "The abrasion",
         Kind::Gate => "The gate before a motion",
         Kind::Robot => "The robot",
-        Kind::Test => "The self-test",
+        Kind::SelfTest => "The self-test",
     };
     let pass = match finding.pass {
         0 => String::new(),
