@@ -259,6 +259,14 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "no contact with a clean panel: {ended}");
     let (exit, ended) = json(folder.path(), &format!("{cycle} --scene no-panel"));
     assert_eq!((exit, ended["verdict"].as_str()), (1, Some("reject")), "{ended}");
+    // The whole region in the air: no film, nothing abraded.
+    let air = cycle.replace("cycle --cell", "air-run --cell");
+    let (exit, ended) = json(folder.path(), &air);
+    assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
+    assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "{ended}");
+    let page =
+        std::fs::read_to_string(folder.path().join(ended["report"].as_str().expect("a file"))).expect("the page");
+    assert!(page.contains("an air-run, with at most") && !page.contains("The abrasion</h"), "{page}");
 }
 
 /// One seed at full size through a live cycle; ten in `make bench-seeds`.
