@@ -5,3 +5,4 @@ mod commands;
 mod config_files;
 mod layers;
 mod locate;
+mod service;

@@ -139,6 +139,9 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
     blind.chain(unreadable).collect()
 }
 
+/// How far computing steps back.
+const NICE: i32 = 19;
+
 /// Looks at the calibrations: what cannot be read, in words.
 pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
@@ -162,14 +165,24 @@ impl<'p> Computing<'p> {
         Computing::Here { job, eyes, done: VecDeque::new() }
     }
 
-    /// Starts the thread. It ends when nobody gives orders; nobody waits for its end, since a camera may hang.
+    /// Starts the thread, which steps back behind the loop and the robot's link where they must keep time. It ends
+    /// when nobody gives orders; nobody waits for its end, since a camera may hang.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn aside(mut eyes: Box<dyn Eyes + Send>, site: Site, mut readable: Readable) -> std::io::Result<Self> {
+    pub fn aside(
+        mut eyes: Box<dyn Eyes + Send>,
+        site: Site,
+        mut readable: Readable,
+        steps_back: bool,
+    ) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
         let (tell, results) = mpsc::channel();
         let serve = move || {
+            // Threads that this one starts inherit it.
+            if steps_back && let Err(error) = rustix::process::setpriority_process(None, NICE) {
+                tracing::warn!("computing runs at the loop's priority: {error}");
+            }
             for (work, task) in taken {
                 let job = task.as_deref().map(|task| task.job(&site));
                 if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable)).is_err() {
