@@ -32,7 +32,8 @@ impl Drop for Service {
 impl Service {
     /// Starts it and waits until it answers.
     fn start(folder: &Path) -> Self {
-        let log = std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
+        let log =
+            std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
         let child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
             .args(["run", "--cell", "cell/cell.toml", "--seed", "3"])
             .current_dir(folder)

@@ -8,7 +8,7 @@ use super::{DaemonError, Finding, RecordError, words};
 use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::KukaPose;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 
 /// An act whose answer is still to come.
@@ -176,12 +176,13 @@ impl Running<'_> {
     fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
         let Finding { stage, pass, judgement, .. } = finding;
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
-        if words.is_empty() {
-            tracing::info!(stage, pass, verdict = judgement.verdict.word());
+        let (verdict, words) = (judgement.verdict.word(), words.join("; "));
+        if matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
+            tracing::warn!(stage, pass, verdict, "{words}");
         } else {
-            tracing::warn!(stage, pass, verdict = judgement.verdict.word(), "{}", words.join("; "));
-            self.ports.requests.noted(&judgement.reasons);
+            tracing::info!(stage, pass, verdict, "{words}");
         }
+        self.ports.requests.noted(&judgement.reasons);
         self.ports.record.finding(finding)
     }
 

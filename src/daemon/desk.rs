@@ -247,3 +247,72 @@ impl Requests for Desk {
         self.noted = reasons.to_vec();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::{Event, Phase, Report, Robot, step};
+    use std::sync::mpsc::{self, Sender};
+
+    fn desk() -> (Sender<Letter>, Desk) {
+        let (letters, taken) = mpsc::channel();
+        (letters, Desk::new(taken))
+    }
+
+    fn at(at: At) -> State {
+        State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
+    }
+
+    fn asks(ask: &Ask) -> Option<Request> {
+        match ask {
+            Ask::For(request) => Some(*request),
+            _ => None,
+        }
+    }
+
+    /// Two signals: a stop, an abort; a third asks nothing. The service leaves once the cell is at rest.
+    #[test]
+    fn signals_stop_then_abort_and_leave_at_rest() {
+        let (letters, mut desk) = desk();
+        let busy = at(At::Execute(Phase::Inspect));
+        assert_eq!(asks(&desk.next(&busy)), None);
+        for wanted in [Some(Request::Stop), Some(Request::Abort), None] {
+            letters.send(Letter::Signal).expect("sent");
+            assert!(matches!(desk.next(&busy), Ask::Nothing), "it is read");
+            assert_eq!(asks(&desk.next(&busy)), wanted);
+        }
+        assert!(!matches!(desk.next(&at(At::Idle)), Ask::Leave), "idle is not an end");
+        assert!(matches!(desk.next(&at(At::Stopped)), Ask::Leave));
+    }
+
+    #[test]
+    fn each_letter_has_one_answer() {
+        let (letters, mut desk) = desk();
+        let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
+        let ask = |asked| {
+            let (reply, answer) = mpsc::sync_channel(1);
+            letters.send(Letter::Asked { asked, reply }).expect("sent");
+            answer
+        };
+        let state = ask(Asked::State);
+        assert!(matches!(desk.next(&busy), Ask::Nothing));
+        let reply = state.try_recv().expect("answered");
+        assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
+
+        let taken = ask(Asked::For(Request::Hold));
+        assert_eq!(asks(&desk.next(&busy)), Some(Request::Hold));
+        assert!(taken.try_recv().is_err(), "not before the table has taken it");
+        desk.next(&busy);
+        assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+
+        desk.noted(&[Reason::new("film", "it broke")]);
+        let refused = ask(Asked::For(Request::Reset));
+        assert_eq!(asks(&desk.next(&idle)), Some(Request::Reset));
+        desk.refused(Request::Reset, Refusal::NotNow);
+        let reply = refused.try_recv().expect("answered");
+        assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
+        assert_eq!(desk.noted.len(), 1, "a refusal changes nothing");
+        desk.next(&idle);
+        assert!(refused.try_recv().is_err(), "answered once");
+    }
+}
