@@ -5,4 +5,5 @@ mod commands;
 mod config_files;
 mod layers;
 mod locate;
+mod robot;
 mod service;

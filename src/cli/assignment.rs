@@ -33,6 +33,7 @@ impl Calibrated {
             flange_camera: flange_camera.value,
             flange_from_camera: flange_from_camera.value,
             flange_from_tool: tool.value,
+            hand_eye_mm: both_mm(base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm),
         };
         let texts = vec![
             ("cell", disk::read_text(&common.cell)?),
@@ -46,12 +47,18 @@ impl Calibrated {
     }
 }
 
+/// Two independent errors together, where both are known.
+fn both_mm(one_mm: Option<f64>, other_mm: Option<f64>) -> Option<f64> {
+    Some(one_mm?.hypot(other_mm?))
+}
+
 /// A recipe with what was taught of its panel.
 pub struct Assignment {
     /// The recipe.
     pub recipe: Recipe,
     recipe_text: String,
-    taught: Taught,
+    /// What was taught of its panel.
+    pub taught: Taught,
 }
 
 impl Assignment {
@@ -103,12 +110,21 @@ impl Assignment {
         }
     }
 
-    /// How the table is asked to begin.
+    /// How the table is asked to begin a cycle.
     pub fn request(&self) -> Request {
-        let count = |number| u8::try_from(number).unwrap_or(u8::MAX);
-        Request::Start {
-            max_passes: count(self.recipe.process().max_passes_per_grid()),
-            max_moves: count(self.recipe.corner().max_moves()),
-        }
+        Request::Start { max_passes: count(self.recipe.process().max_passes_per_grid()), max_moves: self.moves() }
     }
+
+    /// How the table is asked to begin an air-run.
+    pub fn air_request(&self) -> Request {
+        Request::AirRun { max_moves: self.moves() }
+    }
+
+    fn moves(&self) -> u8 {
+        count(self.recipe.corner().max_moves())
+    }
+}
+
+fn count(number: usize) -> u8 {
+    u8::try_from(number).unwrap_or(u8::MAX)
 }

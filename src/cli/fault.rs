@@ -68,6 +68,16 @@ pub enum Fault {
         /// The nearest that is delivered.
         nearest_px: [usize; 2],
     },
+    /// A pose on the command line that is none.
+    #[error("\"{found}\" is no {what}: {problem}")]
+    NotSix {
+        /// What was given.
+        found: String,
+        /// What it should be.
+        what: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
     /// Nobody listens.
     #[error(
         "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \

@@ -41,6 +41,8 @@ pub struct Simulated {
 
 /// Width of the simulated scanner's picture at full size, px.
 const FULL_WIDTH_PX: usize = 1944;
+/// The renderer's smallest pictures are this many times smaller.
+const SMALLEST: usize = 8;
 
 impl Live {
     /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
@@ -50,31 +52,53 @@ impl Live {
     /// port cannot be had.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
         let simulated = match cell.robot().kind() {
-            RobotKind::Mock => Some(Simulated::start(cell, calibrations, simulation)?),
+            RobotKind::Mock => Some(Simulated::start(cell, simulated_cell(calibrations, simulation)?)?),
             RobotKind::Eki => None,
         };
-        let (address, pace) = match &simulated {
-            Some(simulated) => (simulated.address(), Pace::LockStep),
-            None => (Address::from(cell.robot()), Pace::Wall),
-        };
         let eyes = eyes(cell, calibrations, simulated.as_ref())?;
-        let link = BlockingLink::start(address, link_limits(cell.limits()), pace).map_err(Fault::stage)?;
-        Ok(Live { robot: LinkedRobot::new(link, pace), eyes, simulated })
+        Ok(Live { robot: linked(cell, simulated.as_ref())?, eyes, simulated })
     }
 }
 
+/// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
+///
+/// # Errors
+/// As [`Live::start`].
+pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
+    let world = || sim::Cell::new(1, sim::Scene::Good, SMALLEST);
+    let simulated = match cell.robot().kind() {
+        RobotKind::Mock => Some(Simulated::start(cell, world())?),
+        RobotKind::Eki => None,
+    };
+    Ok((linked(cell, simulated.as_ref())?, simulated))
+}
+
+fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fault> {
+    let (address, pace) = match simulated {
+        Some(simulated) => (simulated.address(), Pace::LockStep),
+        None => (Address::from(cell.robot()), Pace::Wall),
+    };
+    let link = BlockingLink::start(address, link_limits(cell.limits()), pace).map_err(Fault::stage)?;
+    Ok(LinkedRobot::new(link, pace))
+}
+
+/// The simulated cell whose scanner is the calibrated one.
+fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result<sim::Cell, Fault> {
+    let found = &calibrations.scanner;
+    let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
+    let simulated_cell = sim::Cell::new(simulation.seed, simulation.scene.into(), reduction);
+    let delivers = simulated_cell.scanner();
+    if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
+        return Ok(simulated_cell);
+    }
+    Err(Fault::NoSuchSimulatedSize {
+        found_px: [found.width_px, found.height_px],
+        nearest_px: [delivers.width_px, delivers.height_px],
+    })
+}
+
 impl Simulated {
-    fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
-        let found = &calibrations.scanner;
-        let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, 8);
-        let simulated_cell = sim::Cell::new(simulation.seed, simulation.scene.into(), reduction);
-        let delivers = simulated_cell.scanner();
-        if (delivers.width_px, delivers.height_px) != (found.width_px, found.height_px) {
-            return Err(Fault::NoSuchSimulatedSize {
-                found_px: [found.width_px, found.height_px],
-                nearest_px: [delivers.width_px, delivers.height_px],
-            });
-        }
+    fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
         let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
         let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
         let setup = world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);

@@ -1,8 +1,7 @@
 //! The command line: reads files, calls the phases, writes files and words. The only place with a clock and a disk
 //! beside the store, and the one place that turns errors into words.
 //!
-//! Each command is a file of its name: `run` reads and tells, `stage` computes, so that `demo` can call one after the
-//! other on the same files.
+//! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
 pub mod args;
 mod assignment;
@@ -17,12 +16,16 @@ mod live;
 mod load;
 mod locate;
 mod log;
+mod mock_robot;
 mod outcome;
 mod pictures;
 mod plan;
 mod refine;
 mod render;
+mod report;
+mod robot;
 mod run;
+mod score;
 mod teach;
 
 pub use fault::Fault;
@@ -40,6 +43,9 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
+        Command::AirRun(args) => cycle::air_run(args, common, &|line| eprintln!("{line}")),
+        Command::Robot(args) => robot::run(args, common),
+        Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
         Command::Run(args) => run::run(args, common),
         Command::Ctl(args) => ctl::run(args, common),
         Command::Teach(args) => teach::run(args, common),

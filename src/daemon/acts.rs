@@ -8,8 +8,8 @@ use super::{DaemonError, Finding, RecordError, words};
 use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble};
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::KukaPose;
+use crate::record::Kind;
 use crate::verdict::{Judgement, Reason, Verdict};
-use serde_json::json;
 
 /// An act whose answer is still to come.
 #[derive(Debug)]
@@ -106,6 +106,8 @@ impl Running<'_> {
             match note {
                 Note::Finding(finding) => self.record(&finding)?,
                 Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
+                Note::Figure(figure) => self.ports.record.figure(&figure)?,
+                Note::Budget(measured) => self.ports.record.budget(&measured)?,
             }
         }
         match (found?, artifacts) {
@@ -114,11 +116,7 @@ impl Running<'_> {
             (Found::Answer(answer), artifacts) => {
                 match (act, artifacts) {
                     (_, None) => {}
-                    (Act::Film, Some((film, _))) => {
-                        if let Some(inspection) = film.inspection {
-                            self.sight.inspection = Some(inspection);
-                        }
-                    }
+                    (Act::Film, Some((film, _))) => self.sight.take_film(film),
                     (_, Some((sight, abrasion))) => (self.sight, self.abrasion) = (sight, abrasion),
                 }
                 self.answer(id, answer);
@@ -135,7 +133,7 @@ impl Running<'_> {
         let wrong: Vec<(Trouble, Reason)> = unready.into_iter().chain(found).chain(full).collect();
         let answer = wrong.first().map_or(Answer::Done, |(trouble, _)| Answer::Failed(*trouble));
         if !wrong.is_empty() {
-            self.note("self-test", wrong.into_iter().map(|(_, reason)| reason).collect())?;
+            self.note(Kind::SelfTest, wrong.into_iter().map(|(_, reason)| reason).collect())?;
         }
         self.answer(id, answer);
         Ok(())
@@ -159,7 +157,7 @@ impl Running<'_> {
         match waits {
             Ok(waits) => self.wait(id, act, waits),
             Err(error) => {
-                self.note("robot", vec![sight::reason("not_sent", &error)])?;
+                self.note(Kind::Robot, vec![sight::reason("not_sent", &error)])?;
                 self.answer(id, Answer::Failed(Trouble::Refused));
             }
         }
@@ -167,14 +165,15 @@ impl Running<'_> {
     }
 
     /// A finding that is not a stage's: what went wrong, in words.
-    pub(super) fn note(&mut self, stage: &'static str, reasons: Vec<Reason>) -> Result<(), RecordError> {
+    pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::of(reasons, vec![]);
-        self.record(&Finding { stage, pass: self.state.job.pass, judgement, numbers: json!({}) })
+        self.record(&Finding::new(kind, self.state.job.pass, judgement))
     }
 
     /// Keeps a finding and tells of it.
-    fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        let Finding { stage, pass, judgement, .. } = finding;
+    pub(super) fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        let Finding { pass, judgement, .. } = finding;
+        let stage = finding.kind.word();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let (verdict, words) = (judgement.verdict.word(), words.join("; "));
         if matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {

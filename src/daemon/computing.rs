@@ -6,12 +6,13 @@
 //! recorded. One piece of work is done at a time, in the order in which they were asked for, since they share cameras.
 
 use super::abrasion::Abrasion;
-use super::ports::{Eyes, Finding, Record, RecordError};
+use super::ports::{Eyes, Figure, Finding, Record, RecordError};
 use super::sight::{Filming, Sight};
 use super::{DaemonError, Job, Site, Task};
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::eki::Time;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
+use crate::record::Budget;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -61,6 +62,8 @@ pub(super) enum Found {
 pub(super) enum Note {
     Finding(Finding),
     Picture(String, ColorPicture),
+    Figure(Figure),
+    Budget(Budget),
 }
 
 /// Notes instead of a record.
@@ -75,6 +78,16 @@ impl Record for Notes {
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         self.0.push(Note::Picture(name.to_owned(), picture.clone()));
+        Ok(())
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.0.push(Note::Figure(figure.clone()));
+        Ok(())
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.0.push(Note::Budget(*measured));
         Ok(())
     }
 }
@@ -106,7 +119,7 @@ impl Work {
             }
             (Act::Locate, _) => self.sight.locate(job, eyes, notes)?,
             (Act::DryPicture, _) => self.sight.dry_picture(now, eyes, notes)?,
-            (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, self.sight.inspection.as_ref()), notes)?,
+            (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
             (Act::Refine { view }, _) => match self.tip() {
                 Some(tip) => self.sight.refine(job, (view, tip), eyes, notes)?,
                 None => Answer::Failed(Trouble::Unexpected),

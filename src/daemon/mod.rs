@@ -24,6 +24,8 @@ mod cameras;
 mod computing;
 mod deadlines;
 mod desk;
+mod figures;
+mod findings;
 mod moves;
 mod ports;
 mod protocol;
@@ -31,6 +33,7 @@ mod recording;
 mod routes;
 mod run;
 mod sight;
+mod single;
 mod socket;
 mod wiring;
 mod words;
@@ -41,11 +44,12 @@ mod tests;
 pub use cameras::Cameras;
 pub use desk::{Desk, Letter};
 pub use ports::{
-    Ask, Eyes, Finding, Journal, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
+    Ask, Eyes, Figure, Finding, Journal, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
 pub use recording::StoreRecord;
 pub use run::{CycleOutcome, Ports, Service, run_cycle, serve};
+pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};
 pub use wiring::Wiring;
 pub use words::{request_word, why};
@@ -69,6 +73,8 @@ pub struct Calibrations {
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// Where the sanding tool's contact is.
     pub flange_from_tool: Rigid<Flange, Tool>,
+    /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
+    pub hand_eye_mm: Option<f64>,
 }
 
 /// What the cell is to every cycle, and between them.
@@ -194,13 +200,9 @@ impl<'a> Job<'a> {
         Site { limits: self.limits.clone(), wiring: self.wiring, park: self.park, ready: self.ready }
     }
 
-    /// What is asked of a film: the recipe's values, or the cell's where it has none.
+    /// What is asked of a film.
     pub fn demands(&self) -> Demands {
-        Demands {
-            observation_s: self.recipe.process().observation_s().unwrap_or(self.limits.observation_s()),
-            frames_per_second: self.recipe.process().frames_per_second(),
-            min_break_mm2: self.recipe.inspect().min_break_mm2().unwrap_or(self.limits.min_break_mm2()),
-        }
+        Demands::of(self.recipe, self.limits)
     }
 }
 

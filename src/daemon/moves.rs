@@ -8,6 +8,7 @@ use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
 use crate::path::judge_joints;
+use crate::record::Kind;
 use crate::verdict::Reason;
 
 /// How far the arm may stand from where it was sent, mm and degrees.
@@ -35,7 +36,7 @@ pub(super) struct Sent {
 impl Sent {
     /// Waypoints executed, where all commands up to this one are.
     fn waypoints(&self, done: CommandId) -> u32 {
-        if self.motion.path == Path::Contact {
+        if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
         } else {
             u32::from(done >= self.last) * self.motion.waypoints
@@ -68,7 +69,7 @@ impl Running<'_> {
         let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         let good = reasons.is_empty();
         if !good {
-            self.note("gate", reasons)?;
+            self.note(Kind::Gate, reasons)?;
         }
         Ok(good)
     }
@@ -88,12 +89,12 @@ impl Running<'_> {
 
     pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
         let Some(gated) = self.route(motion) else {
-            self.note("gate", vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
+            self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         };
         if !gated.is_good() {
-            self.note("gate", gated.judgement.reasons)?;
+            self.note(Kind::Gate, gated.judgement.reasons)?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
@@ -121,6 +122,10 @@ impl Running<'_> {
                 Some(routes::air(job, place?, (pad, to), None))
             }
             Path::Contact => Some(routes::contact(job, place?, pad, self.abrasion.plan(motion.plan)?)),
+            Path::Air => {
+                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, job.recipe.path().approach_mm());
+                Some(routes::contact(job, place?, pad, &lifted))
+            }
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -job.recipe.path().approach_mm();
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
@@ -172,7 +177,7 @@ impl Running<'_> {
         if off.is_empty() {
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });
         } else {
-            self.note("robot", off)?;
+            self.note(Kind::Robot, off)?;
             self.answer(id, Answer::Failed(Trouble::Deviation));
         }
         Ok(())

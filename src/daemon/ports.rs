@@ -5,11 +5,12 @@ use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
-use crate::record::CycleId;
+use crate::record::{Budget, CycleId};
 use crate::store::CycleStart;
-use crate::verdict::{Judgement, Reason, Verdict};
-use serde_json::Value;
+use crate::verdict::{Reason, Verdict};
 use std::time::{Duration, Instant};
+
+pub use crate::record::Finding;
 
 /// The robot: commands in, reports out, and the clock that its motions run by.
 pub trait Robot {
@@ -72,31 +73,39 @@ pub struct SightError {
     pub why: String,
 }
 
-/// What a stage found, with every number and limit used.
+/// A picture that is drawn for people.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The stage's word, `locate`.
-    pub stage: &'static str,
-    /// The abrasion it belongs to, from 1; 0 before the first.
-    pub pass: u8,
-    /// The gate's word.
-    pub judgement: Judgement,
-    /// Numbers and limits.
-    pub numbers: Value,
+pub struct Figure {
+    /// Its short name, `corner_before`.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// The picture.
+    pub picture: ColorPicture,
 }
 
 /// What a phase leaves. Each call returns when it is kept.
 pub trait Record {
-    /// What a stage found.
+    /// What a stage found. Pictures and figures that came since the last finding are its own.
     ///
     /// # Errors
     /// Where it cannot be kept; likewise for the others.
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError>;
-    /// A picture under its name; the next finding's.
+    /// A picture as a camera gave it.
     ///
     /// # Errors
     /// As [`Record::finding`].
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError>;
+    /// A picture that is drawn for people.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError>;
+    /// Parts of the error at the tool that were measured now; the others stay as they are known.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError>;
 }
 
 /// What is remembered. Each call returns when it is on disk.

@@ -13,6 +13,7 @@ use crate::eki::{self, Mode, StopCause};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
+use crate::record::Kind;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -53,8 +54,8 @@ pub struct CycleOutcome {
     pub verdict: Option<Verdict>,
     /// Where the panel stands.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
-    /// The last film.
-    pub inspection: Option<Inspection>,
+    /// The films, in order.
+    pub inspections: Vec<Arc<Inspection>>,
     /// In how many passes each grid was abraded, where it was.
     pub passes: Vec<(GridId, usize)>,
 }
@@ -74,7 +75,7 @@ pub fn run_cycle(
     running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
-    Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspection: sight.inspection, passes })
+    Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
 }
 
 /// Serves from Boot until whoever asks leaves, one cycle after the other, each by what it was ordered with. `journal`
@@ -181,7 +182,7 @@ impl<'p> Running<'p> {
     fn run(&mut self) -> Result<(), DaemonError> {
         if self.state.job.running {
             let message = "the program ended while this cycle ran";
-            self.note("robot", vec![Reason::new("interrupted", message)])?;
+            self.note(Kind::Robot, vec![Reason::new("interrupted", message)])?;
         }
         while let Some(event) = self.next_event()? {
             self.take(event)?;
@@ -277,7 +278,8 @@ impl<'p> Running<'p> {
             Effect::OpenIntent(motion) => self.ports.record.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => {
                 if motion.path == Path::Contact {
-                    self.abrasion.executed(self.state.job.pass, done);
+                    let finding = self.abrasion.executed(self.state.job.pass, (motion.waypoints, done));
+                    self.record(&finding)?;
                 }
                 self.ports.record.close_intent(&motion, outcome, done)?;
             }
@@ -334,7 +336,7 @@ impl<'p> Running<'p> {
             R::LinkLost { why } => {
                 self.robot_state = None;
                 self.becomes(cycle::Robot::LinkLost);
-                self.note("robot", vec![reason("link_lost", &why)])?;
+                self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
             }
             R::EpochOpened { epoch } => {
                 self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
@@ -386,7 +388,7 @@ impl<'p> Running<'p> {
     }
 
     fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
-        self.note("robot", vec![words])?;
+        self.note(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Told(Report::Trouble(trouble)));
         Ok(())
     }

@@ -8,6 +8,7 @@ pub fn request_word(request: Request) -> &'static str {
     match request {
         Request::Reset => "reset",
         Request::Start { .. } => "start",
+        Request::AirRun { .. } => "air-run",
         Request::Hold => "hold",
         Request::Unhold { .. } => "unhold",
         Request::Accept => "accept",
@@ -112,7 +113,7 @@ pub(super) fn robot(robot: Robot) -> Reason {
     Reason::new(code, message)
 }
 
-fn trouble(trouble: Trouble) -> Reason {
+pub(super) fn trouble(trouble: Trouble) -> Reason {
     let (code, message) = match trouble {
         Trouble::Camera => ("camera", "a camera gave no picture"),
         Trouble::Picture => ("picture", "a camera's pictures cannot be used"),

@@ -6,7 +6,7 @@ use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
-use crate::record::CycleId;
+use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
@@ -63,6 +63,8 @@ pub struct Cell {
     box_to_mm: f64,
     fails_at: usize,
     is_full: bool,
+    /// Tables at the end of the recipe.
+    pub more_recipe: &'static str,
 }
 
 /// What came of it.
@@ -70,6 +72,8 @@ pub struct Story {
     pub outcome: CycleOutcome,
     pub truth: Truth,
     pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
     pub refusals: Vec<(Request, Refusal)>,
@@ -80,8 +84,8 @@ pub struct Story {
 
 impl Story {
     /// The stages that found something.
-    pub fn stages(&self) -> Vec<&'static str> {
-        self.findings.iter().map(|finding| finding.stage).collect()
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
     }
 
     /// The closed motions along this path.
@@ -99,7 +103,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{} {:?} {}", finding.stage, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
         }
         Ok(())
     }
@@ -133,7 +137,7 @@ impl Cell {
             moved_without_intent: 0,
         };
         let world = Shared(Arc::new(Mutex::new(world)));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false }
+        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false, more_recipe: "" }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -167,7 +171,7 @@ impl Cell {
 
     /// The cell's file, recipe, what was taught, and the calibrations.
     fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
-        let (taught, recipe) = taught(&self.world.borrow().sim);
+        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
             self.box_to_mm
@@ -225,6 +229,8 @@ impl Cell {
             outcome,
             truth: world.sim.truth(),
             findings: record.findings,
+            figures: record.figures,
+            budget: record.budget,
             intents: record.intents,
             events: record.events,
             refusals: asks.refusals,
@@ -237,12 +243,13 @@ impl Cell {
 
 type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-fn taught(sim: &sim::Cell) -> (TaughtHere, Recipe) {
+fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = \"top-left\"\nsettled_mm = 0.1\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n",
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         {more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
         region.rows,
         region.columns,
@@ -271,6 +278,7 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_camera: *sim.flange_camera(),
         flange_from_camera: sim.calibrated_flange_from_camera(),
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
     }
 }
 
@@ -452,6 +460,8 @@ pub struct Memory {
     cycles: i64,
     is_full: bool,
     pub findings: Vec<Finding>,
+    figures: Vec<String>,
+    budget: Budget,
     intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
 }
@@ -465,6 +475,8 @@ impl Memory {
             cycles: 0,
             is_full: false,
             findings: Vec::new(),
+            figures: Vec::new(),
+            budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
         }
@@ -483,6 +495,16 @@ impl Record for Memory {
     }
 
     fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.figures.push(figure.name.clone());
+        self.written()
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
         self.written()
     }
 }

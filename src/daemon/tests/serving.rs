@@ -4,7 +4,7 @@ use super::fake::{Cell as Fake, FakeEyes};
 use super::*;
 use crate::cycle::{Act, Answer, Event, Refusal, Report, State};
 use crate::geometry::{ColorPicture, OrganizedCloud};
-use crate::record::CycleId;
+use crate::record::{CycleId, Kind};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::mpsc::{self, Receiver};
@@ -144,7 +144,7 @@ fn a_stop_does_not_wait_for_a_computation() {
         .leave_when(complete);
     let record = cell.serve(|eyes| Slow { eyes, go_on: Some(go_on) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
-    let located = record.findings.iter().filter(|finding| finding.stage == "locate").count();
+    let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
     let graded = |event: &&Event| matches!(event, Event::Told(Report::Answered { answer: Answer::Graded(_), .. }));
     let stop = record.events.iter().position(|event| *event == Event::Asked(Request::Stop)).expect("asked");
