@@ -179,6 +179,8 @@ fn cycles_run_one_after_the_other_and_each_request_is_answered() {
     assert_eq!(panelprep::cycle::recover(journal(folder)).at, At::Stopped);
     let store = Store::open(&folder.join("cell/store")).expect("the store opens");
     assert_eq!(store.open_cycles().expect("cycles"), []);
+    let pages = std::fs::read_dir(folder.join("cell/store/reports")).expect("pages").count();
+    assert_eq!(pages, 3, "one for each cycle");
 }
 
 /// SIGTERM in the middle of a cycle is a stop, and its cycle has an end.

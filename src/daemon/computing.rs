@@ -113,7 +113,11 @@ impl Work {
     fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
         let (pass, now) = (self.pass, self.now);
         let answer = match (self.act, self.filming.take()) {
-            (Act::Film, None) => return Ok(film(self.sight.film(job, (pass, now), notes)?)),
+            (Act::Film, None) => {
+                // It only looks: nothing of it is new.
+                let begun = std::mem::take(&mut self.sight).film(job, (pass, now), notes)?;
+                return Ok(film(begun));
+            }
             (Act::Film, Some(filming)) => {
                 return Ok(film(self.sight.watch(job, *filming, (pass, now), eyes, notes)?));
             }

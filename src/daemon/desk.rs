@@ -10,7 +10,7 @@ use crate::cycle::{At, Refusal, Request, State};
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
-use std::sync::mpsc::{Receiver, SyncSender};
+use std::sync::mpsc::{Receiver, Sender, SyncSender};
 use std::time::{Duration, Instant};
 
 /// What comes to the desk.
@@ -64,6 +64,9 @@ pub struct Desk {
     watchdog: Option<(Duration, Instant)>,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
+    /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
+    pages: Sender<CycleId>,
+    ended: Option<CycleId>,
     /// What was last found wrong; what was, before something new was asked.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
@@ -72,8 +75,9 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// A desk where these letters come.
-    pub fn new(letters: Receiver<Letter>) -> Self {
+    /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
+    /// earlier process did not end.
+    pub fn new(letters: Receiver<Letter>, pages: Sender<CycleId>, left: Option<CycleId>) -> Self {
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
             letters,
@@ -82,8 +86,10 @@ impl Desk {
             obeyed: 0,
             told: None,
             watchdog,
-            cycle: None,
+            cycle: left,
             verdict: None,
+            pages,
+            ended: None,
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
@@ -177,6 +183,10 @@ impl Requests for Desk {
         // What was asked when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
+        if let Some(cycle) = self.ended.take_if(|_| state.at.rests()) {
+            // Without a writer the record stays; its page can be made of it.
+            let _ = self.pages.send(cycle);
+        }
         if let Some(ask) = self.leaving(state) {
             return ask;
         }
@@ -241,6 +251,7 @@ impl Requests for Desk {
 
     fn concluded(&mut self, verdict: Verdict) {
         self.verdict = Some(verdict);
+        self.ended = self.cycle;
     }
 
     fn noted(&mut self, reasons: &[Reason]) {
@@ -252,11 +263,11 @@ impl Requests for Desk {
 mod tests {
     use super::*;
     use crate::cycle::{Event, Phase, Report, Robot, step};
-    use std::sync::mpsc::{self, Sender};
+    use std::sync::mpsc;
 
     fn desk() -> (Sender<Letter>, Desk) {
         let (letters, taken) = mpsc::channel();
-        (letters, Desk::new(taken))
+        (letters, Desk::new(taken, mpsc::channel().0, None))
     }
 
     fn at(at: At) -> State {
@@ -283,6 +294,22 @@ mod tests {
         }
         assert!(!matches!(desk.next(&at(At::Idle)), Ask::Leave), "idle is not an end");
         assert!(matches!(desk.next(&at(At::Stopped)), Ask::Leave));
+    }
+
+    /// Its park move is still to come when the verdict is known.
+    #[test]
+    fn a_page_is_due_once_the_cell_rests() {
+        let (_letters, taken) = mpsc::channel();
+        let (tell, pages) = mpsc::channel();
+        let mut desk = Desk::new(taken, tell, None);
+        desk.begun(CycleId(7));
+        desk.concluded(Verdict::Fail);
+        desk.next(&at(At::Completing { verdict: Verdict::Fail }));
+        assert!(pages.try_recv().is_err());
+        for _ in 0..2 {
+            desk.next(&at(At::Complete { verdict: Verdict::Fail }));
+        }
+        assert_eq!(pages.try_iter().collect::<Vec<_>>(), [CycleId(7)], "once");
     }
 
     #[test]
