@@ -16,7 +16,7 @@ fn panelprep(folder: &Path, arguments: &str) -> Output {
 }
 
 /// Runs a command with `--json`: its exit code and its one object.
-fn json(folder: &Path, arguments: &str) -> (i32, Value) {
+pub fn json(folder: &Path, arguments: &str) -> (i32, Value) {
     let output = panelprep(folder, &format!("{arguments} --json"));
     let text = String::from_utf8(output.stdout).expect("UTF-8");
     let object = serde_json::from_str(&text)
@@ -25,14 +25,14 @@ fn json(folder: &Path, arguments: &str) -> (i32, Value) {
 }
 
 /// A rendered cell at a quarter of the size, in a folder of its own.
-fn rendered(scene: &str) -> TempDir {
+pub fn rendered(scene: &str) -> TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     let (exit, files) = json(folder.path(), &format!("render --seed 3 --scene {scene} --reduction 4 --out cell"));
     assert_eq!(exit, 0, "{files}");
     folder
 }
 
-const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
+pub const TEACH: &str = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd \
                      --corner cell/taught_corner.png --flange cell/taught_flange.json";
 const LOCATE: &str = "locate --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/scan.pcd";
 const REFINE: &str = "refine --cell cell/cell.toml --recipe cell/recipe.toml --located located.json \

@@ -50,9 +50,13 @@ fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     stream.set_read_timeout(Some(PATIENCE)).map_err(named)?;
     stream.set_write_timeout(Some(PATIENCE)).map_err(named)?;
     let line = serde_json::to_string(wish).map_err(Fault::stage)? + "\n";
-    stream.write_all(line.as_bytes()).map_err(named)?;
+    // A line that is too long is answered before it is read whole.
+    let written = stream.write_all(line.as_bytes());
     let mut answer = Vec::new();
-    BufReader::new(stream).take(MOST_BYTES as u64).read_until(b'\n', &mut answer).map_err(named)?;
+    let read = BufReader::new(stream).take(MOST_BYTES as u64).read_until(b'\n', &mut answer);
+    if answer.is_empty() {
+        written.and(read.map(drop)).map_err(named)?;
+    }
     serde_json::from_slice(&answer).map_err(|error| Fault::file(socket, error))
 }
 

@@ -6,15 +6,18 @@ use super::fault::Fault;
 use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::report::{self, Kept};
 use crate::cycle::At;
 use crate::daemon::{self, Desk, Letter, Loader, Service, Site, Socket, StoreRecord};
 use crate::devices::world::SimulatedWorld;
+use crate::record::CycleId;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{self, Sender};
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::JoinHandle;
 
 /// Serves until a signal ends it. What an earlier process left open is for a person to clear; nothing moves before.
 ///
@@ -40,16 +43,21 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let socket = Socket::listen(&path, tell, loader(files.clone(), common.clone(), world)).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
+    let (ended, pages) = mpsc::channel();
+    let pages = write_pages(files.clone(), pages)?;
+    let mut desk = Desk::new(letters, ended, left_open);
     let (again, whole) = (files.clone(), common.clone());
     let service = Service {
         robot: &mut live.robot,
         eyes: Box::new(live.eyes),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
         record: &mut StoreRecord::new(&mut store, left_open),
-        requests: &mut Desk::new(letters),
+        requests: &mut desk,
     };
     let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
-    drop(socket);
+    drop((socket, desk));
+    // A panic in there was reported where it happened.
+    let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());
     Ok(outcome(ended.at))
 }
@@ -66,6 +74,24 @@ fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
     };
     std::thread::Builder::new().name("signals".to_owned()).spawn(each).map_err(Fault::stage)?;
     Ok(())
+}
+
+/// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
+fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHandle<()>, Fault> {
+    let page = move |cycle| -> Result<PathBuf, Fault> {
+        let page = report::page_file(files.store_folder(), cycle);
+        Kept::read(&files.store()?, cycle)?.write(&page, vec![])?;
+        Ok(page)
+    };
+    let each = move || {
+        for cycle in ended {
+            match page(cycle) {
+                Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
+                Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
+            }
+        }
+    };
+    std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
 }
 
 /// Reads all that a cycle works by, anew for each one.

@@ -9,7 +9,7 @@ use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble
 use crate::eki::{Command, CommandId, Epoch, QueueError, SetTcp, State, TcpKind};
 use crate::geometry::KukaPose;
 use crate::record::Kind;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, Verdict};
 
 /// An act whose answer is still to come.
 #[derive(Debug)]
@@ -175,12 +175,13 @@ impl Running<'_> {
         let Finding { pass, judgement, .. } = finding;
         let stage = finding.kind.word();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
-        if words.is_empty() {
-            tracing::info!(stage, pass, verdict = judgement.verdict.word());
+        let (verdict, words) = (judgement.verdict.word(), words.join("; "));
+        if matches!(judgement.verdict, Verdict::Reject | Verdict::Invalid) {
+            tracing::warn!(stage, pass, verdict, "{words}");
         } else {
-            tracing::warn!(stage, pass, verdict = judgement.verdict.word(), "{}", words.join("; "));
-            self.ports.requests.noted(&judgement.reasons);
+            tracing::info!(stage, pass, verdict, "{words}");
         }
+        self.ports.requests.noted(&judgement.reasons);
         self.ports.record.finding(finding)
     }
 

@@ -113,7 +113,11 @@ impl Work {
     fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
         let (pass, now) = (self.pass, self.now);
         let answer = match (self.act, self.filming.take()) {
-            (Act::Film, None) => return Ok(film(self.sight.film(job, (pass, now), notes)?)),
+            (Act::Film, None) => {
+                // It only looks: nothing of it is new.
+                let begun = std::mem::take(&mut self.sight).film(job, (pass, now), notes)?;
+                return Ok(film(begun));
+            }
             (Act::Film, Some(filming)) => {
                 return Ok(film(self.sight.watch(job, *filming, (pass, now), eyes, notes)?));
             }
@@ -152,6 +156,9 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
     blind.chain(unreadable).collect()
 }
 
+/// How far computing steps back.
+const NICE: i32 = 19;
+
 /// Looks at the calibrations: what cannot be read, in words.
 pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
@@ -175,14 +182,24 @@ impl<'p> Computing<'p> {
         Computing::Here { job, eyes, done: VecDeque::new() }
     }
 
-    /// Starts the thread. It ends when nobody gives orders; nobody waits for its end, since a camera may hang.
+    /// Starts the thread, which steps back behind the loop and the robot's link where they must keep time. It ends
+    /// when nobody gives orders; nobody waits for its end, since a camera may hang.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn aside(mut eyes: Box<dyn Eyes + Send>, site: Site, mut readable: Readable) -> std::io::Result<Self> {
+    pub fn aside(
+        mut eyes: Box<dyn Eyes + Send>,
+        site: Site,
+        mut readable: Readable,
+        steps_back: bool,
+    ) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
         let (tell, results) = mpsc::channel();
         let serve = move || {
+            // Threads that this one starts inherit it.
+            if steps_back && let Err(error) = rustix::process::setpriority_process(None, NICE) {
+                tracing::warn!("computing runs at the loop's priority: {error}");
+            }
             for (work, task) in taken {
                 let job = task.as_deref().map(|task| task.job(&site));
                 if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable)).is_err() {

@@ -10,7 +10,7 @@ use crate::cycle::{At, Refusal, Request, State};
 use crate::record::CycleId;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
-use std::sync::mpsc::{Receiver, SyncSender};
+use std::sync::mpsc::{Receiver, Sender, SyncSender};
 use std::time::{Duration, Instant};
 
 /// What comes to the desk.
@@ -64,6 +64,9 @@ pub struct Desk {
     watchdog: Option<(Duration, Instant)>,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
+    /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
+    pages: Sender<CycleId>,
+    ended: Option<CycleId>,
     /// What was last found wrong; what was, before something new was asked.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
@@ -72,8 +75,9 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// A desk where these letters come.
-    pub fn new(letters: Receiver<Letter>) -> Self {
+    /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
+    /// earlier process did not end.
+    pub fn new(letters: Receiver<Letter>, pages: Sender<CycleId>, left: Option<CycleId>) -> Self {
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
             letters,
@@ -82,8 +86,10 @@ impl Desk {
             obeyed: 0,
             told: None,
             watchdog,
-            cycle: None,
+            cycle: left,
             verdict: None,
+            pages,
+            ended: None,
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
@@ -177,6 +183,10 @@ impl Requests for Desk {
         // What was asked when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
+        if let Some(cycle) = self.ended.take_if(|_| state.at.rests()) {
+            // Without a writer the record stays; its page can be made of it.
+            let _ = self.pages.send(cycle);
+        }
         if let Some(ask) = self.leaving(state) {
             return ask;
         }
@@ -241,9 +251,95 @@ impl Requests for Desk {
 
     fn concluded(&mut self, verdict: Verdict) {
         self.verdict = Some(verdict);
+        self.ended = self.cycle;
     }
 
     fn noted(&mut self, reasons: &[Reason]) {
         self.noted = reasons.to_vec();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::{Event, Phase, Report, Robot, step};
+    use std::sync::mpsc;
+
+    fn desk() -> (Sender<Letter>, Desk) {
+        let (letters, taken) = mpsc::channel();
+        (letters, Desk::new(taken, mpsc::channel().0, None))
+    }
+
+    fn at(at: At) -> State {
+        State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
+    }
+
+    fn asks(ask: &Ask) -> Option<Request> {
+        match ask {
+            Ask::For(request) => Some(*request),
+            _ => None,
+        }
+    }
+
+    /// Two signals: a stop, an abort; a third asks nothing. The service leaves once the cell is at rest.
+    #[test]
+    fn signals_stop_then_abort_and_leave_at_rest() {
+        let (letters, mut desk) = desk();
+        let busy = at(At::Execute(Phase::Inspect));
+        assert_eq!(asks(&desk.next(&busy)), None);
+        for wanted in [Some(Request::Stop), Some(Request::Abort), None] {
+            letters.send(Letter::Signal).expect("sent");
+            assert!(matches!(desk.next(&busy), Ask::Nothing), "it is read");
+            assert_eq!(asks(&desk.next(&busy)), wanted);
+        }
+        assert!(!matches!(desk.next(&at(At::Idle)), Ask::Leave), "idle is not an end");
+        assert!(matches!(desk.next(&at(At::Stopped)), Ask::Leave));
+    }
+
+    /// Its park move is still to come when the verdict is known.
+    #[test]
+    fn a_page_is_due_once_the_cell_rests() {
+        let (_letters, taken) = mpsc::channel();
+        let (tell, pages) = mpsc::channel();
+        let mut desk = Desk::new(taken, tell, None);
+        desk.begun(CycleId(7));
+        desk.concluded(Verdict::Fail);
+        desk.next(&at(At::Completing { verdict: Verdict::Fail }));
+        assert!(pages.try_recv().is_err());
+        for _ in 0..2 {
+            desk.next(&at(At::Complete { verdict: Verdict::Fail }));
+        }
+        assert_eq!(pages.try_iter().collect::<Vec<_>>(), [CycleId(7)], "once");
+    }
+
+    #[test]
+    fn each_letter_has_one_answer() {
+        let (letters, mut desk) = desk();
+        let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
+        let ask = |asked| {
+            let (reply, answer) = mpsc::sync_channel(1);
+            letters.send(Letter::Asked { asked, reply }).expect("sent");
+            answer
+        };
+        let state = ask(Asked::State);
+        assert!(matches!(desk.next(&busy), Ask::Nothing));
+        let reply = state.try_recv().expect("answered");
+        assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
+
+        let taken = ask(Asked::For(Request::Hold));
+        assert_eq!(asks(&desk.next(&busy)), Some(Request::Hold));
+        assert!(taken.try_recv().is_err(), "not before the table has taken it");
+        desk.next(&busy);
+        assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
+
+        desk.noted(&[Reason::new("film", "it broke")]);
+        let refused = ask(Asked::For(Request::Reset));
+        assert_eq!(asks(&desk.next(&idle)), Some(Request::Reset));
+        desk.refused(Request::Reset, Refusal::NotNow);
+        let reply = refused.try_recv().expect("answered");
+        assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
+        assert_eq!(desk.noted.len(), 1, "a refusal changes nothing");
+        desk.next(&idle);
+        assert!(refused.try_recv().is_err(), "answered once");
     }
 }

@@ -158,7 +158,7 @@ pub trait Requests {
     fn begun(&mut self, _cycle: CycleId) {}
     /// A cycle has its verdict.
     fn concluded(&mut self, _verdict: Verdict) {}
-    /// Something is not as it should be.
+    /// What was found last is not as it should be for these reasons, or for none.
     fn noted(&mut self, _reasons: &[Reason]) {}
 }
 

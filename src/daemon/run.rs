@@ -89,7 +89,8 @@ pub fn serve(
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<State, DaemonError> {
     let Service { robot, eyes, readable, record, requests } = service;
-    let computing = Computing::aside(eyes, site.clone(), readable).map_err(DaemonError::Thread)?;
+    let computing =
+        Computing::aside(eyes, site.clone(), readable, !robot.is_lock_step()).map_err(DaemonError::Thread)?;
     let outside = Outside { robot, record, requests };
     let mut running = Running::new(site, Seat::Empty, computing, outside, fold(journal));
     running.live()?;

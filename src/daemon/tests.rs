@@ -1,6 +1,7 @@
 //! The loop on a scripted cell: a robot that executes at once, cameras that render, a record in memory.
 
 mod fake;
+mod serving;
 
 use super::*;
 use crate::cycle::{At, Outcome, Path, Request, Why};

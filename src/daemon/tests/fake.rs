@@ -10,9 +10,8 @@ use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
-use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What is true of the cell.
 struct World {
@@ -40,7 +39,19 @@ struct World {
     moved_without_intent: usize,
 }
 
-type Shared = Rc<RefCell<World>>;
+/// The world, for the loop's thread and the one that computes.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<World>>);
+
+impl Shared {
+    fn borrow(&self) -> MutexGuard<'_, World> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn borrow_mut(&self) -> MutexGuard<'_, World> {
+        self.borrow()
+    }
+}
 
 const CELL: &str = "[poses]\npark = { a1_deg = -90, a2_deg = -90, a3_deg = 90, a4_deg = 0, a5_deg = 60, a6_deg = 0 }\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
@@ -51,6 +62,7 @@ pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
+    is_full: bool,
     /// Tables at the end of the recipe.
     pub more_recipe: &'static str,
 }
@@ -124,8 +136,8 @@ impl Cell {
             intent: None,
             moved_without_intent: 0,
         };
-        let world = Rc::new(RefCell::new(world));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, more_recipe: "" }
+        let world = Shared(Arc::new(Mutex::new(world)));
+        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false, more_recipe: "" }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -142,6 +154,10 @@ impl Cell {
         Cell { fails_at: writes, ..self }
     }
 
+    pub fn with_full_disk(self) -> Self {
+        Cell { is_full: true, ..self }
+    }
+
     pub fn fails(self, asks: Asks) -> DaemonError {
         let world = self.world.clone();
         let error = self.tried(asks).err().expect("an error");
@@ -153,7 +169,8 @@ impl Cell {
         self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
+    /// The cell's file, recipe, what was taught, and the calibrations.
+    fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
@@ -161,6 +178,45 @@ impl Cell {
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         let calibrations = calibrations(&self.world.borrow().sim);
+        (cell, recipe, taught, calibrations)
+    }
+
+    /// Serves until `asks` leaves; `eyes` may stand before the cell's own.
+    pub fn serve<E: Eyes + Send + 'static>(
+        &self,
+        eyes: impl FnOnce(FakeEyes) -> E,
+        readable: Vec<Reason>,
+        asks: &mut dyn Requests,
+    ) -> Memory {
+        let mut record =
+            Memory { fails_at: self.fails_at, is_full: self.is_full, ..Memory::default_of(&self.world) };
+        let service = Service {
+            robot: &mut FakeRobot(self.world.clone()),
+            eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
+            readable: Box::new(move || readable.clone()),
+            record: &mut record,
+            requests: asks,
+        };
+        let site = Site::new(&self.files().0).expect("complete");
+        serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
+        record
+    }
+
+    /// A cycle to begin.
+    pub fn order(&self) -> Order {
+        let (_, recipe, taught, calibrations) = self.files();
+        let start = CycleStart {
+            panel: "p".to_owned(),
+            taught_version: String::new(),
+            recipe_text: String::new(),
+            file_texts: Vec::new(),
+        };
+        let request = Request::Start { max_passes: 2, max_moves: 3 };
+        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start }
+    }
+
+    fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
+        let (cell, recipe, taught, calibrations) = self.files();
         let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
         let mut robot = FakeRobot(self.world.clone());
         let mut eyes = FakeEyes(self.world.clone());
@@ -368,7 +424,7 @@ impl Robot for FakeRobot {
     }
 }
 
-struct FakeEyes(Shared);
+pub struct FakeEyes(Shared);
 
 impl Eyes for FakeEyes {
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
@@ -397,16 +453,17 @@ impl Eyes for FakeEyes {
     }
 }
 
-struct Memory {
+pub struct Memory {
     world: Shared,
     fails_at: usize,
     writes: usize,
     cycles: i64,
-    findings: Vec<Finding>,
+    is_full: bool,
+    pub findings: Vec<Finding>,
     figures: Vec<String>,
     budget: Budget,
     intents: Vec<(Motion, Option<(Outcome, u32)>)>,
-    events: Vec<Event>,
+    pub events: Vec<Event>,
 }
 
 impl Memory {
@@ -416,6 +473,7 @@ impl Memory {
             fails_at: 0,
             writes: 0,
             cycles: 0,
+            is_full: false,
             findings: Vec::new(),
             figures: Vec::new(),
             budget: Budget::default(),
@@ -486,7 +544,7 @@ impl Journal for Memory {
     fn between_cycles(&mut self) {}
 
     fn check(&mut self) -> Vec<Reason> {
-        Vec::new()
+        if self.is_full { vec![Reason::new("disk_full", "no room")] } else { vec![] }
     }
 }
 
