@@ -3,5 +3,6 @@
 mod camera_model;
 mod commands;
 mod config_files;
+mod kuka_files;
 mod layers;
 mod locate;
