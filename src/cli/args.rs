@@ -42,8 +42,10 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
     Cycle(Cycle),
-    /// Check configuration files: cell, recipe, calibrations.
-    #[command(after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml")]
+    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
+    #[command(
+        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
+    )]
     Check(Check),
     /// Learn a panel at its nominal place from a scan and corner pictures.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
