@@ -230,15 +230,8 @@ fn value(line: usize, key: &str, value: &str, rule: &Rule, found: &mut Findings)
         }),
     };
     if !right {
-        let hint = match rule {
-            Rule::Words(_) if value.eq_ignore_ascii_case("AXIS") => {
-                "; axes travel as six REAL attributes or in a FRAME".to_owned()
-            }
-            Rule::Words(words) => {
-                Some(meant(value, words)).filter(|meant| meant.contains("mean")).unwrap_or_default()
-            }
-            _ => String::new(),
-        };
+        let is_axis = matches!(rule, Rule::Words(_)) && value.eq_ignore_ascii_case("AXIS");
+        let hint = if is_axis { "; axes travel as six REAL attributes or in a FRAME" } else { "" };
         found.wrong(line, key, format!("is \"{value}\"; allowed is {}{hint}", allowed(rule)));
     }
 }
