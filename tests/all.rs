@@ -3,6 +3,7 @@
 mod camera_model;
 mod commands;
 mod config_files;
+mod kuka_files;
 mod layers;
 mod locate;
 mod robot;

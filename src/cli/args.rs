@@ -67,8 +67,10 @@ pub enum Command {
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
         panelprep ctl state --cell target/cell/cell.toml --json")]
     Ctl(Ctl),
-    /// Check configuration files: cell, recipe, calibrations.
-    #[command(after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml")]
+    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
+    #[command(
+        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
+    )]
     Check(Check),
     /// Learn a panel at its nominal place from a scan and corner pictures.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
