@@ -3,7 +3,7 @@
 //! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. Whatever a call to
 //! the controller makes it say is written before the next call, acknowledgements first.
 
-use super::fault::MockError;
+use super::error::MockError;
 use super::model::{Controller, TICK_MS};
 use super::setup::Clock;
 use super::wire::Channel;
@@ -224,11 +224,16 @@ fn take_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Opti
         .and_then(|()| stream.try_clone());
     let reading = prepared.ok()?;
     let reader = handle.clone();
+    if !shared.controller.connect(channel) {
+        return None; // it does not listen again yet
+    }
     let thread = std::thread::Builder::new().name(format!("mock {channel:?} channel"));
-    let thread = thread.spawn(move || read(&reader, channel, reading)).ok()?;
-    *shared.stream(channel) = Some(stream);
-    shared.controller.connect(channel);
-    Some(thread)
+    let thread = thread.spawn(move || read(&reader, channel, reading)).ok();
+    match thread {
+        Some(_) => *shared.stream(channel) = Some(stream),
+        None => shared.controller.disconnect(channel),
+    }
+    thread
 }
 
 /// Reads until the client hangs up or the controller does.
