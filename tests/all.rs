@@ -4,4 +4,5 @@ mod camera_model;
 mod commands;
 mod config_files;
 mod layers;
+mod link;
 mod locate;

@@ -38,7 +38,7 @@ impl Answers {
             state: Template::new(&setup.states.sent),
             last_ack: None,
             last_state_ms: 0,
-            sequence: 0,
+            sequence: setup.first_state,
             answered: 0,
         }
     }

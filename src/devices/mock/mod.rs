@@ -8,10 +8,10 @@
 //! - the arm: `kinematics`, `ramp` and `corner` (speed and shape of a path), `mover` (the main run)
 //! - the programs: `model` (one tick), `submit` (intake, watchdog, stop), `epoch`, `program` (advance run), `contact`
 //!   (retract), `answer` (what is told)
-//! - around it: `setup`, `world` (inputs and outputs), `log` (what happened), `server` (TCP)
+//! - around it: `setup`, `world` (inputs and outputs), `fault` (what goes wrong, and when), `log` (what happened), `server`
+//!   (TCP) with `late` (slow ways)
 //!
-//! Not yet: a memory for each tag, RAW channels, LIFO, flags and EKI error numbers towards KRL, broken or slow links,
-//! deselecting and rebooting, path-synchronous outputs, approximated PTP.
+//! Not modelled: RAW channels and UDP, path-synchronous outputs, approximated PTP.
 
 mod answer;
 mod channel_file;
@@ -23,6 +23,7 @@ mod error;
 mod fault;
 mod framer;
 mod kinematics;
+mod late;
 mod log;
 mod memory;
 mod model;

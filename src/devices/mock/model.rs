@@ -386,6 +386,12 @@ impl Controller {
 
 /// What can be seen of it.
 impl Controller {
+    /// How late bytes arrive, whether they come in pieces, and the seed of both.
+    pub(super) fn wire_faults(&self) -> (Option<(u64, u64)>, bool, u64) {
+        let faults = &self.setup.faults;
+        (faults.delay_ms, faults.fragment, faults.seed)
+    }
+
     /// What makes its time pass.
     pub fn clock(&self) -> Clock {
         self.setup.clock
@@ -414,6 +420,11 @@ impl Controller {
     /// Every `$OUT` that was ever set.
     pub fn outputs(&self) -> &BTreeMap<u16, bool> {
         &self.outputs
+    }
+
+    /// Whether mode, keys, drives, guard and program let the arm move.
+    pub fn can_move(&self) -> bool {
+        self.safety.motion_possible()
     }
 
     /// Every `$FLAG` that was ever set.

@@ -67,6 +67,8 @@ pub struct Setup {
     pub tool_output: Option<u16>,
     /// How long each user subroutine takes, ms; its index is its place here, from 0.
     pub subroutines_ms: Vec<u64>,
+    /// The count of the last state before the start.
+    pub first_state: i32,
     /// What goes wrong.
     pub faults: FaultSpec,
     /// A rule that is not kept; for tests of tests.
@@ -90,6 +92,7 @@ impl Setup {
             outputs: (1..=8).collect(),
             tool_output: Some(5),
             subroutines_ms: vec![100],
+            first_state: 0,
             faults: FaultSpec::default(),
             left_out: None,
         }
