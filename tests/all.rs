@@ -5,6 +5,7 @@ mod commands;
 mod config_files;
 mod kuka_files;
 mod layers;
+mod link;
 mod locate;
 mod robot;
 mod service;

@@ -354,7 +354,7 @@ impl<'p> Running<'p> {
             }
             R::EchoMismatch(mismatch) => self.trouble(Trouble::Protocol, reason("echo", &*mismatch))?,
             // The others come as a condition.
-            R::Interrupted { cause: cause @ StopCause::ByProgram } => {
+            R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
                 self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
             }
             R::Interrupted { .. } => {}

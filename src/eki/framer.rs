@@ -101,6 +101,8 @@ enum Place {
     Start { slash: bool },
     /// In an attribute's value, until this quote.
     Quoted(u8),
+    /// Behind an attribute's value: white space or the tag's end.
+    Valued,
     /// In an end tag; whether a byte of its name was seen.
     End { named: bool },
     /// In `<?…`; whether the last byte was `?`.
@@ -160,6 +162,11 @@ impl Framer {
         }
     }
 
+    /// True where a document has begun and has not ended.
+    pub fn is_inside(&self) -> bool {
+        self.broken.is_none() && !(self.place == Place::Outside && self.document.is_empty())
+    }
+
     fn step(&mut self, byte: u8) -> Result<(), FrameError> {
         let at = self.at;
         let between = self.depth == 0 && self.document.is_empty();
@@ -199,20 +206,22 @@ impl Framer {
             (Place::Opened, b'/') => Place::End { named: false },
             (Place::Opened, _) if starts_name => Place::Start { slash: false },
             (Place::Start { slash: true }, b'>') => self.closed(self.depth),
-            (Place::Start { .. }, b'>') if self.depth == MAX_DEPTH => {
+            (Place::Start { .. } | Place::Valued, b'>') if self.depth == MAX_DEPTH => {
                 return Err(FrameError::TooDeep { at, limit: MAX_DEPTH });
             }
-            (Place::Start { .. }, b'>') => {
+            (Place::Start { .. } | Place::Valued, b'>') => {
                 self.depth += 1;
                 Place::Outside
             }
-            (Place::Start { slash: false }, b'/') => Place::Start { slash: true },
+            (Place::Start { slash: false } | Place::Valued, b'/') => Place::Start { slash: true },
+            (Place::Valued, b' ' | b'\t' | b'\r' | b'\n') => Place::Start { slash: false },
+            (Place::Valued, _) => return Err(FrameError::Tag { at, byte }),
             (Place::Start { slash: false }, quote @ (b'"' | b'\'')) => Place::Quoted(quote),
             (Place::Start { slash: true }, _) | (Place::Opened | Place::Start { .. } | Place::Quoted(_), b'<') => {
                 return Err(FrameError::Tag { at, byte });
             }
             (Place::Opened, _) => return Err(FrameError::Tag { at, byte }),
-            (Place::Quoted(quote), _) if byte == quote => Place::Start { slash: false },
+            (Place::Quoted(quote), _) if byte == quote => Place::Valued,
             (Place::End { named: true }, b'>') => self.closed(self.depth - 1),
             (Place::End { named: false }, _) if !starts_name => return Err(FrameError::Tag { at, byte }),
             (Place::End { .. }, b'<' | b'/' | b'"' | b'\'') => return Err(FrameError::Tag { at, byte }),

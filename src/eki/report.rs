@@ -113,6 +113,9 @@ pub enum StopCause {
     /// The controller's program has stopped the epoch.
     #[error("the controller's program has stopped by itself")]
     ByProgram,
+    /// Nobody takes the link's reports: the program that should look after the robot stands still.
+    #[error("the program that looks after the robot has not asked for news for too long")]
+    Unattended,
 }
 
 /// Base or tool that did not arrive as set.
@@ -227,6 +230,20 @@ pub enum LinkLoss {
         channel: Channel,
         /// How long, ms.
         silence_ms: u64,
+    },
+    /// A message that began and does not end.
+    #[error("the {channel} has carried half a message for {waited_ms} ms")]
+    Unfinished {
+        /// Which connection.
+        channel: Channel,
+        /// How long, ms.
+        waited_ms: u64,
+    },
+    /// As many requests as 32 bits count; a new connection counts anew.
+    #[error("{most} requests were sent on this connection, which is all that can be counted")]
+    RequestsExhausted {
+        /// The last one.
+        most: u32,
     },
     /// Closed by the controller.
     #[error("the controller closed the {channel}")]

@@ -327,6 +327,9 @@ impl Reading<'_> {
             return Err(DecodeError::RepeatedElement { element: node.path.clone() });
         }
         seen.push(&node.name);
+        if !is_spaced(tag) {
+            return Err(not_xml(&"no space between two attributes"));
+        }
         for attribute in tag.attributes().with_checks(false) {
             let attribute = attribute.map_err(|error| not_xml(&error))?;
             self.note(node, attribute.key.0, &attribute.value)?;
@@ -345,6 +348,21 @@ impl Reading<'_> {
             None => Ok(()),
         }
     }
+}
+
+/// Whether white space stands behind every attribute's value, which the parser does not ask for.
+fn is_spaced(tag: &str) -> bool {
+    let (mut quote, mut is_valued) = (None, false);
+    tag.bytes().all(|byte| {
+        let is_right = !is_valued || byte.is_ascii_whitespace();
+        is_valued = quote == Some(byte);
+        quote = match quote {
+            None if matches!(byte, b'"' | b'\'') => Some(byte),
+            Some(open) if open != byte => Some(open),
+            _ => None,
+        };
+        is_right
+    })
 }
 
 /// A number as EthernetKRL writes it: `%d`, or `%f`: a sign, digits, a point and digits, and nothing else.

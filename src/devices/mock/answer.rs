@@ -4,6 +4,7 @@ use super::codec::{Template, Value};
 use super::kinematics::angles_deg;
 use super::model::{Controller, TICK_MS};
 use super::setup::Setup;
+use super::wire::Channel;
 use crate::geometry::KukaPose;
 use std::collections::BTreeMap;
 
@@ -37,7 +38,7 @@ impl Answers {
             state: Template::new(&setup.states.sent),
             last_ack: None,
             last_state_ms: 0,
-            sequence: 0,
+            sequence: setup.first_state,
             answered: 0,
         }
     }
@@ -54,7 +55,7 @@ impl Controller {
         let ack = self.ack();
         let due =
             self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_EVERY_MS);
-        if due && self.commands.connected {
+        if due && self.commands.connected && !self.troubles.silences(Channel::Command) {
             self.answers.last_ack = Some((ack, self.now_ms));
             self.answers.ack.write(&mut self.commands.out, |tag| match tag {
                 "Ack/@Rx" => Value::Int(ack.received),
@@ -86,12 +87,13 @@ impl Controller {
 
     /// Sends the state, as the answer to this request.
     pub(super) fn tell_state(&mut self, request: i32) {
-        if !self.states.connected {
+        if !self.states.connected || self.troubles.silences(Channel::State) {
             return;
         }
         self.answers.answered = request;
         self.answers.last_state_ms = self.now_ms;
-        self.answers.sequence = self.answers.sequence.wrapping_add(1);
+        // Counts on from 0 behind the highest number of 32 bits.
+        self.answers.sequence = self.answers.sequence.wrapping_add(1 + self.troubles.take_skip()) & i32::MAX;
         let mut out = std::mem::take(&mut self.states.out);
         let axes = angles_deg(&self.mover.joints());
         let base = self.epoch.base.unwrap_or_default();
@@ -110,14 +112,14 @@ impl Controller {
 
     fn state_number(&self, name: &str) -> Option<i32> {
         Some(match name {
-            "T" => (self.now_ms % (1 << 31)) as i32,
+            "T" => ((self.now_ms - self.started_ms) % (1 << 31)) as i32,
             "Seq" => self.answers.sequence,
             "Re" => self.answers.answered,
             "Ep" => self.epoch.number,
             "Boot" => self.setup.boot,
             "Sum" => self.setup.checksum,
             "Mode" => self.safety.mode as i32,
-            "Flags" => self.flags(),
+            "Flags" => self.flag_bits(),
             "In" => bits(&self.setup.inputs, &self.inputs),
             "Out" => bits(&self.setup.outputs, &self.outputs),
             "Done" => self.epoch.done,
@@ -126,7 +128,7 @@ impl Controller {
         })
     }
 
-    fn flags(&self) -> i32 {
+    fn flag_bits(&self) -> i32 {
         let flags = [
             self.safety.drives_on,
             !self.safety.e_stop,

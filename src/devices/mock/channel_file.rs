@@ -1,8 +1,8 @@
-//! An EthernetKRL configuration, as far as the mock keeps to it: buffers, what is received, what is sent.
+//! An EthernetKRL configuration, as far as the mock keeps to it: buffers, flags, what is received, what is sent.
 //!
 //! Sections and attributes are those of the classic dialect. What is unknown is passed over, as the controller does.
 
-use super::fault::FileProblem;
+use super::error::FileProblem;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 
@@ -11,7 +11,29 @@ use quick_xml::{Reader, XmlVersion};
 pub(super) enum Kind {
     Int,
     Real,
+    Bool,
+    Text,
     Frame,
+}
+
+/// Which entry of a memory is read first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Order {
+    /// The oldest.
+    Fifo,
+    /// The newest.
+    Lifo,
+}
+
+/// What ends a channel, besides a new I/O configuration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Environment {
+    /// Deselecting or resetting the robot program.
+    Program,
+    /// Cancelling the submit program.
+    Submit,
+    /// Nothing else.
+    System,
 }
 
 /// A received or sent element. `Root/Child/@Name` is an attribute, without `@` it is the node itself.
@@ -21,13 +43,26 @@ pub(super) struct Element {
     pub(super) tag: String,
     /// `None` where the element only sets a flag.
     pub(super) kind: Option<Kind>,
+    /// Where it differs from the channel's.
+    pub(super) order: Option<Order>,
+    /// $FLAG and $OUT that are set when it has arrived.
+    pub(super) set_flag: Option<u16>,
+    pub(super) set_out: Option<u16>,
+    /// Where `/@` stands in the tag.
+    split: Option<usize>,
 }
 
 impl Element {
+    /// An element that raises nothing.
+    pub(super) fn new(tag: &str, kind: Option<Kind>) -> Self {
+        let split = tag.find("/@");
+        Element { tag: tag.to_owned(), kind, order: None, set_flag: None, set_out: None, split }
+    }
+
     /// The node's path and, of an attribute, its name.
     pub(super) fn address(&self) -> (&str, Option<&str>) {
-        match self.tag.split_once("/@") {
-            Some((node, attribute)) => (node, Some(attribute)),
+        match self.split {
+            Some(at) => (&self.tag[..at], Some(&self.tag[at + 2..])),
             None => (&self.tag, None),
         }
     }
@@ -36,12 +71,17 @@ impl Element {
 /// One channel's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChannelFile {
-    /// Most records that may wait for the program.
-    pub(super) limit_records: usize,
+    /// Most entries of a tag's memory; one more closes the connection.
+    pub(super) limit_entries: usize,
+    /// Which entry is read first, where a tag does not say otherwise.
+    pub(super) order: Order,
     /// Most bytes that may wait for the end of their document.
     pub(super) limit_bytes: usize,
     /// The port that the controller listens on.
     pub(super) port: u16,
+    pub(super) environment: Environment,
+    /// $FLAG and $OUT that are true while a client is connected.
+    pub(super) alive: (Option<u16>, Option<u16>),
     pub(super) received: Vec<Element>,
     pub(super) sent: Vec<Element>,
 }
@@ -55,13 +95,16 @@ impl ChannelFile {
     /// Reads a file's text.
     ///
     /// # Errors
-    /// Where it is no XML, lacks RECEIVE or SEND elements, or holds a number or type that is none.
+    /// Where it is no XML, lacks RECEIVE or SEND elements, or holds a number or word that is none.
     pub fn parse(text: &str) -> Result<Self, FileProblem> {
-        // The controller's defaults: 16 records, 16384 bytes, port 54600.
+        // The controller's defaults: 16 entries, 16384 bytes, port 54600.
         let mut file = ChannelFile {
-            limit_records: 16,
+            limit_entries: 16,
+            order: Order::Fifo,
             limit_bytes: 16_384,
             port: 54_600,
+            environment: Environment::Program,
+            alive: (None, None),
             received: Vec::new(),
             sent: Vec::new(),
         };
@@ -78,9 +121,7 @@ impl ChannelFile {
                     file.take(&path, &node)?;
                     path.pop();
                 }
-                Event::Text(text) if path.last().is_some_and(|name| name == "PORT") => {
-                    file.port = number("PORT", text.into_inner().trim())?;
-                }
+                Event::Text(text) => file.take_text(&path, text.into_inner().trim())?,
                 Event::End(_) => {
                     path.pop();
                 }
@@ -99,10 +140,14 @@ impl ChannelFile {
         let names: Vec<&str> = path.iter().map(String::as_str).collect();
         match names[..] {
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFERING"] => {
-                self.limit_records = limit(node)?.unwrap_or(self.limit_records);
+                self.limit_entries = count(node, "Limit")?.unwrap_or(self.limit_entries);
+                self.order = order(node)?.unwrap_or(self.order);
             }
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFSIZE"] => {
-                self.limit_bytes = limit(node)?.unwrap_or(self.limit_bytes);
+                self.limit_bytes = count(node, "Limit")?.unwrap_or(self.limit_bytes);
+            }
+            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "ALIVE"] => {
+                self.alive = (count(node, "Set_Flag")?, count(node, "Set_Out")?);
             }
             ["ETHERNETKRL", "RECEIVE", "XML", "ELEMENT"] => self.received.push(element(node)?),
             ["ETHERNETKRL", "SEND", "XML", "ELEMENT"] => self.sent.push(element(node)?),
@@ -110,10 +155,36 @@ impl ChannelFile {
         }
         Ok(())
     }
+
+    fn take_text(&mut self, path: &[String], text: &str) -> Result<(), FileProblem> {
+        let names: Vec<&str> = path.iter().map(String::as_str).collect();
+        match (&names[..], text) {
+            (["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "PORT"], _) => self.port = number("PORT", text)?,
+            (["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "ENVIRONMENT"], _) => {
+                self.environment = match text {
+                    "Program" => Environment::Program,
+                    "Submit" => Environment::Submit,
+                    "System" => Environment::System,
+                    _ => return Err(word("ENVIRONMENT", text, "Program, Submit or System")),
+                };
+            }
+            _ => {}
+        }
+        Ok(())
+    }
 }
 
-fn limit(node: &BytesStart<'_>) -> Result<Option<usize>, FileProblem> {
-    attribute(node, "Limit")?.map(|text| number("Limit", &text)).transpose()
+fn count<N: std::str::FromStr>(node: &BytesStart<'_>, name: &str) -> Result<Option<N>, FileProblem> {
+    attribute(node, name)?.map(|text| number(name, &text)).transpose()
+}
+
+fn order(node: &BytesStart<'_>) -> Result<Option<Order>, FileProblem> {
+    match attribute(node, "Mode")?.as_deref() {
+        None => Ok(None),
+        Some("FIFO") => Ok(Some(Order::Fifo)),
+        Some("LIFO") => Ok(Some(Order::Lifo)),
+        Some(other) => Err(word("Mode", other, "FIFO or LIFO")),
+    }
 }
 
 fn element(node: &BytesStart<'_>) -> Result<Element, FileProblem> {
@@ -122,10 +193,13 @@ fn element(node: &BytesStart<'_>) -> Result<Element, FileProblem> {
         None => None,
         Some("INT") => Some(Kind::Int),
         Some("REAL") => Some(Kind::Real),
+        Some("BOOL") => Some(Kind::Bool),
+        Some("STRING") => Some(Kind::Text),
         Some("FRAME") => Some(Kind::Frame),
         Some(other) => return Err(FileProblem::Type { tag, found: other.to_owned() }),
     };
-    Ok(Element { tag, kind })
+    let (set_flag, set_out) = (count(node, "Set_Flag")?, count(node, "Set_Out")?);
+    Ok(Element { order: order(node)?, set_flag, set_out, ..Element::new(&tag, kind) })
 }
 
 fn attribute(node: &BytesStart<'_>, name: &str) -> Result<Option<String>, FileProblem> {
@@ -145,6 +219,10 @@ fn number<N: std::str::FromStr>(name: &str, found: &str) -> Result<N, FileProble
     found.parse().map_err(|_| FileProblem::Number { name: name.to_owned(), found: found.to_owned() })
 }
 
+fn word(name: &'static str, found: &str, allowed: &'static str) -> FileProblem {
+    FileProblem::Word { name, found: found.to_owned(), allowed }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -153,13 +231,15 @@ mod tests {
     #[test]
     fn the_shipped_files_are_read() {
         let commands = ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read");
-        assert_eq!((commands.limit_records, commands.limit_bytes, commands.port), (512, 65_534, 54_600));
+        assert_eq!((commands.limit_entries, commands.limit_bytes, commands.port), (512, 65_534, 54_600));
+        assert_eq!((commands.environment, commands.alive), (Environment::Submit, (Some(850), None)));
         assert_eq!(commands.received.len(), 9);
-        assert_eq!(commands.received[7], Element { tag: "Cmd/P".to_owned(), kind: Some(Kind::Frame) });
+        assert_eq!(commands.received[7], Element::new("Cmd/P", Some(Kind::Frame)));
         assert_eq!(commands.received[7].address(), ("Cmd/P", None));
+        assert_eq!((commands.received[8].kind, commands.received[8].set_flag), (None, Some(851)));
         assert_eq!(commands.sent[4].address(), ("Ack", Some("ErrId")));
         let state = ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read");
-        assert_eq!((state.limit_records, state.port, state.sent.len()), (64, 54_601, 36));
+        assert_eq!((state.limit_entries, state.port, state.sent.len()), (64, 54_601, 36));
         assert_eq!(state.sent[35].address(), ("St/Tool", Some("C")));
     }
 
@@ -171,6 +251,8 @@ mod tests {
         assert_eq!(file(odd), Err(FileProblem::Type { tag: "A/@B".to_owned(), found: "AXIS".to_owned() }));
         let many = "<CONFIGURATION><INTERNAL><BUFFERING Limit=\"many\"/></INTERNAL></CONFIGURATION>";
         assert_eq!(file(many), Err(FileProblem::Number { name: "Limit".to_owned(), found: "many".to_owned() }));
+        let pile = "<CONFIGURATION><INTERNAL><BUFFERING Mode=\"PILE\"/></INTERNAL></CONFIGURATION>";
+        assert_eq!(file(pile), Err(word("Mode", "PILE", "FIFO or LIFO")));
         assert!(matches!(ChannelFile::parse("<a"), Err(FileProblem::Xml(_))));
     }
 }

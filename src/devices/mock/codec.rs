@@ -5,97 +5,142 @@
 //! program did not set is there and empty.
 
 use super::channel_file::{Element, Kind};
-use super::fault::EkiFault;
+use super::error::EkiFault;
 use quick_xml::events::{BytesStart, Event};
 use quick_xml::{Reader, XmlVersion};
 use std::io::Write;
 
 /// One value, in the controller's own widths.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) enum Value {
     /// Not set by the program.
     Unset,
     Int(i32),
     Real(f32),
+    Bool(bool),
+    Text(String),
     Frame([f32; 6]),
 }
 
-/// One received document: a value for each element of the file, in its order; `None` where it was not there.
-pub(super) type Record = Vec<Option<Value>>;
+/// An element of the file that a document holds, by its place there; without a value where it is empty or has no type.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Arrival {
+    pub(super) element: usize,
+    pub(super) value: Option<Value>,
+}
 
 const FRAME_ATTRIBUTES: [&str; 6] = ["X", "Y", "Z", "A", "B", "C"];
+/// Longest KRL string.
+const LONGEST_TEXT: usize = 512;
 
-/// Reads one document.
-pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Record, EkiFault> {
+/// Reads one document: what of the file it holds, in the document's order; a repeated node comes repeatedly.
+pub(super) fn decode(elements: &[Element], document: &[u8]) -> Result<Vec<Arrival>, EkiFault> {
     let text = std::str::from_utf8(document).map_err(|_| EkiFault::Malformed)?;
     let mut reader = Reader::from_str(text);
-    let mut record = vec![None; elements.len()];
-    let mut path = String::new();
+    let mut reading = Reading { elements, arrived: Vec::with_capacity(elements.len()), path: String::new() };
+    // Text of the innermost node; nodes with both text and children have none for us.
+    let mut content = String::new();
     loop {
         match reader.read_event().map_err(|_| EkiFault::Malformed)? {
             Event::Start(node) => {
-                descend(&mut path, node.name().into_inner());
-                take(elements, &mut record, &path, &node)?;
+                content.clear();
+                reading.descend(node.name().into_inner());
+                reading.take(&node)?;
             }
             Event::Empty(node) => {
-                let above = path.len();
-                descend(&mut path, node.name().into_inner());
-                take(elements, &mut record, &path, &node)?;
-                path.truncate(above);
+                let above = reading.path.len();
+                reading.descend(node.name().into_inner());
+                reading.take(&node)?;
+                reading.take_content("")?;
+                reading.path.truncate(above);
             }
-            Event::End(_) => path.truncate(path.rfind('/').unwrap_or(0)),
-            Event::Eof => return Ok(record),
+            Event::Text(text) => content.push_str(&text),
+            Event::GeneralRef(name) => content.push(predefined(&name).ok_or(EkiFault::Malformed)?),
+            Event::End(_) => {
+                reading.take_content(content.trim())?;
+                content.clear();
+                reading.path.truncate(reading.path.rfind('/').unwrap_or(0));
+            }
+            Event::Eof => return Ok(reading.arrived),
             _ => {}
         }
     }
 }
 
-fn descend(path: &mut String, name: &str) {
-    if !path.is_empty() {
-        path.push('/');
-    }
-    path.push_str(name);
+fn predefined(name: &str) -> Option<char> {
+    let known = [("lt", '<'), ("gt", '>'), ("amp", '&'), ("apos", '\''), ("quot", '"')];
+    known.iter().find(|(known, _)| *known == name).map(|&(_, character)| character)
 }
 
-fn take(elements: &[Element], record: &mut Record, path: &str, node: &BytesStart<'_>) -> Result<(), EkiFault> {
-    let mut frames: Vec<(usize, [Option<f32>; 6])> = Vec::new();
-    for (index, element) in elements.iter().enumerate() {
-        if element.kind == Some(Kind::Frame) && element.address() == (path, None) {
-            frames.push((index, [None; 6]));
+struct Reading<'a> {
+    elements: &'a [Element],
+    arrived: Vec<Arrival>,
+    path: String,
+}
+
+impl Reading<'_> {
+    fn descend(&mut self, name: &str) {
+        if !self.path.is_empty() {
+            self.path.push('/');
         }
+        self.path.push_str(name);
     }
-    for attribute in node.attributes() {
-        let attribute = attribute.map_err(|_| EkiFault::Malformed)?;
-        let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(|_| EkiFault::Malformed)?;
-        let name = attribute.key.into_inner();
-        for (index, element) in elements.iter().enumerate() {
-            if element.address() == (path, Some(name)) {
-                record[index] = scalar(element.kind, &value)?;
-            }
-        }
-        if let Some(place) = FRAME_ATTRIBUTES.iter().position(|known| *known == name) {
-            for (_, numbers) in &mut frames {
+
+    /// The node's attributes: values of their own, or the six numbers of a frame.
+    fn take(&mut self, node: &BytesStart<'_>) -> Result<(), EkiFault> {
+        let path = self.path.as_str();
+        let own = |element: &Element, attribute: Option<&str>| element.address() == (path, attribute);
+        let frame =
+            self.elements.iter().position(|element| element.kind == Some(Kind::Frame) && own(element, None));
+        let mut numbers = [None; 6];
+        for attribute in node.attributes() {
+            let attribute = attribute.map_err(|_| EkiFault::Malformed)?;
+            let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(|_| EkiFault::Malformed)?;
+            let name = attribute.key.into_inner();
+            let place = FRAME_ATTRIBUTES.iter().position(|known| *known == name);
+            if let (Some(place), true) = (place, frame.is_some()) {
                 numbers[place] = Some(real(&value)?);
             }
+            for (index, element) in self.elements.iter().enumerate().filter(|(_, element)| own(element, Some(name)))
+            {
+                self.arrived.push(Arrival { element: index, value: scalar(element.kind, &value)? });
+            }
         }
+        if let Some(element) = frame {
+            // A frame that lacks a number is none.
+            let [Some(x), Some(y), Some(z), Some(a), Some(b), Some(c)] = numbers else {
+                return Err(EkiFault::Malformed);
+            };
+            self.arrived.push(Arrival { element, value: Some(Value::Frame([x, y, z, a, b, c])) });
+        }
+        Ok(())
     }
-    for (index, numbers) in frames {
-        // A frame that lacks a number is none.
-        let whole: Option<Vec<f32>> = numbers.into_iter().collect();
-        let whole: [f32; 6] = whole.and_then(|numbers| numbers.try_into().ok()).ok_or(EkiFault::Malformed)?;
-        record[index] = Some(Value::Frame(whole));
+
+    /// The node has ended with this text.
+    fn take_content(&mut self, content: &str) -> Result<(), EkiFault> {
+        for (index, element) in self.elements.iter().enumerate() {
+            if element.kind != Some(Kind::Frame) && element.address() == (self.path.as_str(), None) {
+                self.arrived.push(Arrival { element: index, value: scalar(element.kind, content)? });
+            }
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// An empty value pushes nothing.
 fn scalar(kind: Option<Kind>, text: &str) -> Result<Option<Value>, EkiFault> {
-    match kind {
-        _ if text.is_empty() => Ok(None),
-        Some(Kind::Int) => text.parse().map(|number| Some(Value::Int(number))).map_err(|_| EkiFault::Malformed),
-        Some(Kind::Real) => real(text).map(|number| Some(Value::Real(number))),
-        Some(Kind::Frame) | None => Ok(None),
-    }
+    let value = match kind {
+        _ if text.is_empty() => return Ok(None),
+        None | Some(Kind::Frame) => return Ok(None),
+        Some(Kind::Int) => Value::Int(text.parse().map_err(|_| EkiFault::Malformed)?),
+        Some(Kind::Real) => Value::Real(real(text)?),
+        Some(Kind::Bool) if text == "1" || text.eq_ignore_ascii_case("true") => Value::Bool(true),
+        Some(Kind::Bool) if text == "0" || text.eq_ignore_ascii_case("false") => Value::Bool(false),
+        Some(Kind::Bool) => return Err(EkiFault::Malformed),
+        Some(Kind::Text) if text.len() > LONGEST_TEXT => return Err(EkiFault::TextTooLong),
+        Some(Kind::Text) => Value::Text(text.to_owned()),
+    };
+    Ok(Some(value))
 }
 
 fn real(text: &str) -> Result<f32, EkiFault> {
@@ -189,8 +234,21 @@ fn write_value(out: &mut Vec<u8>, value: Value) {
     let _ = match value {
         Value::Int(number) => write!(out, "{number}"),
         Value::Real(number) => write!(out, "{number:.6}"),
+        Value::Bool(value) => write!(out, "{}", i32::from(value)),
+        Value::Text(text) => escape(out, &text),
         Value::Unset | Value::Frame(_) => Ok(()),
     };
+}
+
+fn escape(out: &mut Vec<u8>, text: &str) -> std::io::Result<()> {
+    text.chars().try_for_each(|character| match character {
+        '&' => out.write_all(b"&amp;"),
+        '<' => out.write_all(b"&lt;"),
+        '>' => out.write_all(b"&gt;"),
+        '"' => out.write_all(b"&quot;"),
+        '\'' => out.write_all(b"&apos;"),
+        other => write!(out, "{other}"),
+    })
 }
 
 #[cfg(test)]
@@ -202,26 +260,58 @@ mod tests {
         ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read")
     }
 
+    /// What a document holds, by the file's place; of each element the last.
+    fn values(document: &str) -> [Option<Value>; 9] {
+        let mut values = [const { None }; 9];
+        for Arrival { element, value } in decode(&commands().received, document.as_bytes()).expect("decoded") {
+            values[element] = value;
+        }
+        values
+    }
+
     /// The command of the agreed wire, by hand. 0.1 is no 32-bit float; the nearest one is taken.
     #[test]
     fn a_command_becomes_its_values_in_the_files_order() {
         let document = "<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"0\" N2=\"1\" R1=\"2.000000\" R2=\"0.100000\">\
                         <P X=\"1.000000\" Y=\"-2.500000\" Z=\"0.000000\" A=\"90.000000\" B=\"0.000000\" C=\"0.100000\"></P></Cmd>";
-        let record = decode(&commands().received, document.as_bytes()).expect("decoded");
+        let values = values(document);
         let ints = [17, 3, 2, 0, 1].map(|number| Some(Value::Int(number)));
-        assert_eq!(record[..5], ints);
-        assert_eq!(record[5..7], [Some(Value::Real(2.0)), Some(Value::Real(0.1_f32))]);
-        assert_eq!(record[7], Some(Value::Frame([1.0, -2.5, 0.0, 90.0, 0.0, 0.1])));
-        assert_eq!(record[8], None);
+        assert_eq!(values[..5], ints);
+        assert_eq!(values[5..7], [Some(Value::Real(2.0)), Some(Value::Real(0.1_f32))]);
+        assert_eq!(values[7], Some(Value::Frame([1.0, -2.5, 0.0, 90.0, 0.0, 0.1])));
+        assert_eq!(values[8], None);
     }
 
     #[test]
     fn other_order_unknown_tags_and_self_closing_are_taken() {
-        let document =
-            "<Cmd Op=\"1\" New=\"x\" Id=\"2\"><Other/><P C=\"6\" B=\"5\" A=\"4\" Z=\"3\" Y=\"2\" X=\"1\"/></Cmd>";
-        let record = decode(&commands().received, document.as_bytes()).expect("decoded");
-        assert_eq!((record[0], record[1], record[2]), (Some(Value::Int(2)), None, Some(Value::Int(1))));
-        assert_eq!(record[7], Some(Value::Frame([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));
+        let values = values(
+            "<Cmd Op=\"1\" New=\"x\" Id=\"2\"><Other/><P C=\"6\" B=\"5\" A=\"4\" Z=\"3\" Y=\"2\" X=\"1\"/></Cmd>",
+        );
+        assert_eq!((&values[0], &values[1], &values[2]), (&Some(Value::Int(2)), &None, &Some(Value::Int(1))));
+        assert_eq!(values[7], Some(Value::Frame([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])));
+    }
+
+    /// Text of elements, BOOL and STRING, with the five entities that XML itself knows.
+    #[test]
+    fn element_text_is_a_value_too() {
+        let elements = [("S/Name", Kind::Text), ("S/On", Kind::Bool), ("S/N", Kind::Int)]
+            .map(|(tag, kind)| Element::new(tag, Some(kind)));
+        let document = "<S><Name> a &lt;b&gt; &amp; c </Name><On>1</On><N></N><N>4</N><N>5</N></S>";
+        let found = decode(&elements, document.as_bytes()).expect("decoded");
+        let value = |element, value| Arrival { element, value };
+        let expected = [
+            value(0, Some(Value::Text("a <b> & c".to_owned()))),
+            value(1, Some(Value::Bool(true))),
+            value(2, None),
+            value(2, Some(Value::Int(4))),
+            value(2, Some(Value::Int(5))),
+        ];
+        assert_eq!(found, expected);
+        let long = format!("<S><Name>{}</Name></S>", "x".repeat(LONGEST_TEXT + 1));
+        assert_eq!(decode(&elements, long.as_bytes()), Err(EkiFault::TextTooLong));
+        let mut out = Vec::new();
+        Template::new(&elements[..1]).write(&mut out, |_| Value::Text("a<b".to_owned()));
+        assert_eq!(out, b"<S><Name>a&lt;b</Name></S>");
     }
 
     #[test]
@@ -254,7 +344,7 @@ mod tests {
         });
         let expected = "<Ack Rx=\"17\" Done=\"-90.000031\" Free=\"\" Err=\"\" ErrId=\"\" Ep=\"-3\"></Ack>";
         assert_eq!(String::from_utf8(out).expect("text"), expected);
-        let nested = ["A/B", "A/B/@x", "A/C/D/@y"].map(|tag| Element { tag: tag.to_owned(), kind: None });
+        let nested = ["A/B", "A/B/@x", "A/C/D/@y"].map(|tag| Element::new(tag, None));
         let mut out = Vec::new();
         Template::new(&nested).write(&mut out, |_| Value::Int(1));
         assert_eq!(String::from_utf8(out).expect("text"), "<A><B x=\"1\">1</B><C><D y=\"1\"></D></C></A>");

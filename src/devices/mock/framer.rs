@@ -3,7 +3,7 @@
 //! A document ends where the tag depth is back at zero outside of quotes. Between documents white space, NUL, a byte
 //! order mark and a prolog (`<?…?>`) are passed over. The result does not depend on how the stream was cut.
 
-use super::fault::EkiFault;
+use super::error::EkiFault;
 
 /// Cuts a stream into documents.
 #[derive(Debug)]

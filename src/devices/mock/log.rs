@@ -61,6 +61,10 @@ pub enum StopCause {
     Drives,
     /// The mode switch was turned.
     Mode,
+    /// The robot program was deselected.
+    Deselected,
+    /// The controller was started again.
+    Rebooted,
 }
 
 /// A stop by the program.

@@ -1,117 +1,262 @@
-//! What a channel has received and the program has not yet read.
+//! What a channel has received and the program has not yet read: one memory for each tag that has a type.
 //!
-//! Whole records wait in one queue; the controller keeps one queue per tag instead, which differs only for documents
-//! that lack an element. Here such a document is refused as malformed when the program reads it.
+//! A document pushes one value into the memory of each tag that it holds; what is missing or empty pushes nothing, so
+//! that the memories of one channel can drift apart. Every value carries the count of its document, by which a program
+//! sees that. One value more than BUFFERING allows is stored and closes the connection. The program reads with the
+//! functions below, which are `EKI_CheckBuffer`, `EKI_Get…` and `EKI_ClearBuffer`: an empty memory is an error at once.
 
-use super::channel_file::ChannelFile;
-use super::codec::{Record, Value, decode};
-use super::fault::{EkiFault, FileProblem};
+use super::channel_file::{ChannelFile, Kind, Order};
+use super::codec::{Value, decode};
+use super::error::{EkiError, EkiFault, FileProblem};
 use super::framer::Framer;
 use std::collections::VecDeque;
+
+/// A flag or output that an element sets when it has arrived.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Raised {
+    Flag(u16),
+    Output(u16),
+}
+
+/// One value and the count of the document that brought it.
+#[derive(Debug, Clone, PartialEq)]
+struct Entry {
+    value: Value,
+    counter: u32,
+}
+
+#[derive(Debug)]
+struct TagMemory {
+    order: Order,
+    entries: VecDeque<Entry>,
+}
+
+impl TagMemory {
+    fn next(&self) -> Option<&Entry> {
+        match self.order {
+            Order::Fifo => self.entries.front(),
+            Order::Lifo => self.entries.back(),
+        }
+    }
+
+    fn pop(&mut self) {
+        match self.order {
+            Order::Fifo => self.entries.pop_front(),
+            Order::Lifo => self.entries.pop_back(),
+        };
+    }
+}
 
 /// A channel's receiving side.
 #[derive(Debug)]
 pub(super) struct Memory {
     file: ChannelFile,
     framer: Framer,
-    records: VecDeque<Record>,
+    /// One for each element of the file; those without a type stay empty.
+    tags: Vec<TagMemory>,
+    /// Documents stored.
+    counter: u32,
+    raised: Vec<Raised>,
 }
 
 impl Memory {
     pub(super) fn new(file: ChannelFile) -> Self {
-        Memory { framer: Framer::new(file.limit_bytes), records: VecDeque::new(), file }
+        let order = |element: &super::channel_file::Element| element.order.unwrap_or(file.order);
+        let empty = |order| TagMemory { order, entries: VecDeque::new() };
+        let tags = file.received.iter().map(|element| empty(order(element))).collect();
+        Memory { framer: Framer::new(file.limit_bytes), tags, counter: 0, raised: Vec::new(), file }
     }
 
-    /// Stores what these bytes complete. What came whole before a fault is kept.
-    pub(super) fn receive(&mut self, bytes: &[u8]) -> Result<(), EkiFault> {
+    /// Stores what these bytes complete, so many documents. What came whole before a fault is kept.
+    pub(super) fn receive(&mut self, bytes: &[u8]) -> Result<u32, EkiFault> {
         self.framer.push(bytes);
+        let before = self.counter;
         while let Some(document) = self.framer.next()? {
-            let record = decode(&self.file.received, &document)?;
-            // A document without any element of the file is passed over.
-            if record.iter().any(Option::is_some) {
-                self.records.push_back(record);
+            let arrived = decode(&self.file.received, &document)?;
+            self.counter = self.counter.wrapping_add(1);
+            let counter = self.counter;
+            for arrival in arrived {
+                let element = &self.file.received[arrival.element];
+                self.raised.extend(element.set_flag.map(Raised::Flag));
+                self.raised.extend(element.set_out.map(Raised::Output));
+                if let Some(value) = arrival.value {
+                    self.tags[arrival.element].entries.push_back(Entry { value, counter });
+                }
             }
-            if self.records.len() > self.file.limit_records {
+            if self.tags.iter().any(|tag| tag.entries.len() > self.file.limit_entries) {
                 return Err(EkiFault::Overflow);
             }
         }
-        Ok(())
+        Ok(self.counter.wrapping_sub(before))
     }
 
-    /// The records that wait, oldest first.
-    pub(super) fn records(&self) -> impl DoubleEndedIterator<Item = &Record> {
-        self.records.iter()
+    /// The flags and outputs that were set since this was last asked.
+    pub(super) fn take_raised(&mut self) -> Vec<Raised> {
+        std::mem::take(&mut self.raised)
     }
 
-    pub(super) fn front(&self) -> Option<&Record> {
-        self.records.front()
+    /// How many values of this tag wait.
+    pub(super) fn waiting(&self, place: usize) -> usize {
+        self.tags.get(place).map_or(0, |tag| tag.entries.len())
     }
 
-    pub(super) fn pop(&mut self) -> Option<Record> {
-        self.records.pop_front()
+    /// The next value of this tag, left where it is.
+    pub(super) fn peek(&self, place: usize) -> Result<&Value, EkiError> {
+        self.tags.get(place).and_then(TagMemory::next).map(|entry| &entry.value).ok_or(EkiError::Empty)
     }
 
-    /// Closed and opened again: half a document is forgotten, records too, as after EKI_Clear.
+    /// The value of this tag that arrived last, and the count of its document.
+    pub(super) fn newest(&self, place: usize) -> Result<(&Value, u32), EkiError> {
+        let newest = self.tags.get(place).and_then(|tag| tag.entries.back());
+        newest.map(|entry| (&entry.value, entry.counter)).ok_or(EkiError::Empty)
+    }
+
+    fn get<T>(&mut self, place: usize, read: impl Fn(&Value) -> Option<T>) -> Result<(T, u32), EkiError> {
+        let tag = self.tags.get_mut(place).ok_or(EkiError::Empty)?;
+        let entry = tag.next().ok_or(EkiError::Empty)?;
+        let found = read(&entry.value).map(|value| (value, entry.counter));
+        if found.is_some() {
+            tag.pop();
+        }
+        found.ok_or(EkiError::Type)
+    }
+
+    /// A whole number with the count of its document, taken out.
+    pub(super) fn get_int(&mut self, place: usize) -> Result<(i32, u32), EkiError> {
+        self.get(place, int)
+    }
+
+    /// A real number with the count of its document, taken out.
+    pub(super) fn get_real(&mut self, place: usize) -> Result<(f64, u32), EkiError> {
+        self.get(place, |value| if let Value::Real(number) = value { Some(f64::from(*number)) } else { None })
+    }
+
+    /// A frame's six numbers with the count of their document, taken out.
+    pub(super) fn get_frame(&mut self, place: usize) -> Result<([f64; 6], u32), EkiError> {
+        self.get(place, |value| if let Value::Frame(numbers) = value { Some(numbers.map(f64::from)) } else { None })
+    }
+
+    /// Drops what waits; the connection is kept.
+    pub(super) fn clear_buffers(&mut self) {
+        self.tags.iter_mut().for_each(|tag| tag.entries.clear());
+    }
+
+    /// Cleared, initialised and opened again: half a document is forgotten, and all that waits.
     pub(super) fn clear(&mut self) {
         self.framer = Framer::new(self.file.limit_bytes);
-        self.records.clear();
+        self.raised.clear();
+        self.clear_buffers();
     }
 
-    /// Where in a record this tag's value stands.
-    pub(super) fn place(&self, tag: &'static str) -> Result<usize, FileProblem> {
-        self.file.received.iter().position(|element| element.tag == tag).ok_or(FileProblem::NotReceived(tag))
+    /// Where this tag stands, which the program reads as this type.
+    pub(super) fn place(&self, tag: &'static str, kind: Kind) -> Result<usize, FileProblem> {
+        let found = self.file.received.iter().position(|element| element.tag == tag && element.kind == Some(kind));
+        found.ok_or(FileProblem::NotReceived(tag))
     }
 }
 
-/// The whole number at this place.
-pub(super) fn int(record: &Record, place: usize) -> Result<i32, EkiFault> {
-    match record.get(place) {
-        Some(Some(Value::Int(number))) => Ok(*number),
-        _ => Err(EkiFault::Malformed),
-    }
-}
-
-/// The real number at this place.
-pub(super) fn real(record: &Record, place: usize) -> Result<f64, EkiFault> {
-    match record.get(place) {
-        Some(Some(Value::Real(number))) => Ok(f64::from(*number)),
-        _ => Err(EkiFault::Malformed),
-    }
-}
-
-/// The frame's six numbers at this place.
-pub(super) fn frame(record: &Record, place: usize) -> Result<[f64; 6], EkiFault> {
-    match record.get(place) {
-        Some(Some(Value::Frame(numbers))) => Ok(numbers.map(f64::from)),
-        _ => Err(EkiFault::Malformed),
-    }
+pub(super) fn int(value: &Value) -> Option<i32> {
+    if let Value::Int(number) = value { Some(*number) } else { None }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    fn memory() -> Memory {
-        Memory::new(ChannelFile::parse(include_str!("../../../config/kuka/CELLSTAT.xml")).expect("read"))
+    const CELLSTAT: &str = include_str!("../../../config/kuka/CELLSTAT.xml");
+
+    fn memory(change: impl Fn(&str) -> String) -> Memory {
+        Memory::new(ChannelFile::parse(&change(CELLSTAT)).expect("read"))
+    }
+
+    fn shipped() -> Memory {
+        memory(str::to_owned)
+    }
+
+    fn request(id: i32) -> String {
+        format!("<Req Id=\"{id}\" Ep=\"0\" Op=\"9\" N1=\"0\"></Req>")
     }
 
     /// Limit 64: the 65th closes the channel and is stored all the same.
     #[test]
-    fn one_record_too_many_is_stored_and_closes() {
-        let mut memory = memory();
-        let request = b"<Req Id=\"1\" Ep=\"0\" Op=\"9\" N1=\"0\"></Req><Else/>";
-        assert_eq!(memory.receive(&request.repeat(64)), Ok(()));
-        assert_eq!(memory.receive(request), Err(EkiFault::Overflow));
-        assert_eq!(memory.records().count(), 65);
+    fn one_entry_too_many_is_stored_and_closes() {
+        let mut memory = shipped();
+        let id = memory.place("Req/@Id", Kind::Int).expect("received");
+        assert_eq!(memory.receive(format!("{}<Else/>", request(1)).repeat(64).as_bytes()), Ok(128));
+        assert_eq!(memory.receive(request(2).as_bytes()), Err(EkiFault::Overflow));
+        assert_eq!(memory.waiting(id), 65);
+        // A file without a limit has room for 16.
+        let mut memory = super::tests::memory(|file| file.replace(" Limit=\"64\"", ""));
+        assert_eq!(memory.receive(request(1).repeat(16).as_bytes()), Ok(16));
+        assert_eq!(memory.receive(request(1).as_bytes()), Err(EkiFault::Overflow));
     }
 
+    /// 15 and 20 of the manual: nothing is waited for, and a wrong type stays where it is.
     #[test]
-    fn what_came_before_a_fault_stays() {
-        let mut memory = memory();
+    fn an_empty_memory_and_a_wrong_type_are_errors_at_once() {
+        let mut memory = shipped();
+        let id = memory.place("Req/@Id", Kind::Int).expect("received");
+        assert_eq!(memory.get_int(id), Err(EkiError::Empty));
         assert_eq!(memory.receive(b"<Req Id=\"7\"></Req>oops"), Err(EkiFault::Malformed));
-        let record = memory.pop().expect("one");
-        let id = memory.place("Req/@Id").expect("received");
-        assert_eq!(int(&record, id), Ok(7));
-        assert_eq!(memory.place("Req/@R1"), Err(FileProblem::NotReceived("Req/@R1")));
+        assert_eq!(memory.get_real(id), Err(EkiError::Type));
+        assert_eq!(memory.get_int(id), Ok((7, 1)), "what came before a fault stays");
+        assert_eq!(memory.get_int(id), Err(EkiError::Empty));
+        assert_eq!(memory.place("Req/@R1", Kind::Real), Err(FileProblem::NotReceived("Req/@R1")));
+        assert_eq!(memory.place("Req/@Id", Kind::Real), Err(FileProblem::NotReceived("Req/@Id")));
+    }
+
+    /// The second document lacks N1: its row holds the third's, and only the counts tell.
+    #[test]
+    fn a_missing_element_lets_the_memories_drift() {
+        let mut memory = shipped();
+        let [id, n1] = ["Req/@Id", "Req/@N1"].map(|tag| memory.place(tag, Kind::Int).expect("received"));
+        let without = "<Req Id=\"2\" Ep=\"0\" Op=\"9\"></Req><Req Id=\"3\" Ep=\"0\" Op=\"9\" N1=\"\"></Req>";
+        memory.receive(format!("{}{without}{}", request(1), request(4)).as_bytes()).expect("good XML");
+        assert_eq!((memory.waiting(id), memory.waiting(n1)), (4, 2));
+        assert_eq!((memory.get_int(id), memory.get_int(n1)), (Ok((1, 1)), Ok((0, 1))));
+        assert_eq!((memory.get_int(id), memory.get_int(n1)), (Ok((2, 2)), Ok((0, 4))));
+        assert_eq!(memory.get_int(n1), Err(EkiError::Empty));
+        memory.clear_buffers();
+        assert_eq!(memory.waiting(id), 0);
+    }
+
+    /// The channel is LIFO, one tag of it FIFO.
+    #[test]
+    fn the_newest_comes_first_where_the_file_says_so() {
+        let mut memory = memory(|file| {
+            let file = file.replace("Mode=\"FIFO\"", "Mode=\"LIFO\"");
+            file.replace("Tag=\"Req/@N1\" Type=\"INT\"", "Tag=\"Req/@N1\" Type=\"INT\" Mode=\"FIFO\"")
+        });
+        let [id, n1] = ["Req/@Id", "Req/@N1"].map(|tag| memory.place(tag, Kind::Int).expect("received"));
+        for number in 1..=3 {
+            let document = format!("<Req Id=\"{number}\" N1=\"{number}\"></Req>");
+            memory.receive(document.as_bytes()).expect("good XML");
+        }
+        let mut all = |place| [0; 3].map(|_| memory.get_int(place).map(|(number, _)| number));
+        assert_eq!(all(id), [Ok(3), Ok(2), Ok(1)]);
+        assert_eq!(all(n1), [Ok(1), Ok(2), Ok(3)]);
+    }
+
+    /// The root's flag with the whole structure, a leaf's only where the leaf is there.
+    #[test]
+    fn flags_are_raised_by_what_arrived() {
+        let mut memory = memory(|file| {
+            let leaf = "Tag=\"Req/@N1\" Type=\"INT\"";
+            file.replace(leaf, &format!("{leaf} Set_Flag=\"860\" Set_Out=\"12\""))
+        });
+        memory.receive(b"<Req Id=\"1\"></Req>").expect("good XML");
+        assert_eq!(memory.take_raised(), [Raised::Flag(854)]);
+        memory.receive(b"<Req Id=\"1\" N1=\"4\"></Req><Else/>").expect("good XML");
+        assert_eq!(memory.take_raised(), [Raised::Flag(860), Raised::Output(12), Raised::Flag(854)]);
+        assert_eq!(memory.take_raised(), []);
+    }
+
+    /// 16384 bytes of one document may wait; the next one is too many.
+    #[test]
+    fn buffsize_bounds_what_is_not_interpreted() {
+        let mut memory = shipped();
+        let open = format!("<Req Id=\"{}", " ".repeat(16_384 - 9));
+        assert_eq!(memory.receive(open.as_bytes()), Ok(0));
+        assert_eq!(memory.receive(b" "), Err(EkiFault::TooLong));
     }
 }

@@ -8,10 +8,10 @@
 //! - the arm: `kinematics`, `ramp` and `corner` (speed and shape of a path), `mover` (the main run)
 //! - the programs: `model` (one tick), `submit` (intake, watchdog, stop), `epoch`, `program` (advance run), `contact`
 //!   (retract), `answer` (what is told)
-//! - around it: `setup`, `world` (inputs and outputs), `log` (what happened), `server` (TCP)
+//! - around it: `setup`, `world` (inputs and outputs), `fault` (what goes wrong, and when), `log` (what happened), `server`
+//!   (TCP) with `late` (slow ways)
 //!
-//! Not yet: a memory for each tag, RAW channels, LIFO, flags and EKI error numbers towards KRL, broken or slow links,
-//! deselecting and rebooting, path-synchronous outputs, approximated PTP.
+//! Not modelled: RAW channels and UDP, path-synchronous outputs, approximated PTP.
 
 mod answer;
 mod channel_file;
@@ -19,9 +19,11 @@ mod codec;
 mod contact;
 mod corner;
 mod epoch;
+mod error;
 mod fault;
 mod framer;
 mod kinematics;
+mod late;
 mod log;
 mod memory;
 mod model;
@@ -38,11 +40,12 @@ mod world;
 mod tests;
 
 pub use channel_file::ChannelFile;
-pub use fault::{EkiFault, FileProblem, MockError};
+pub use error::{EkiError, EkiFault, FileProblem, MockError};
+pub use fault::{Fault, FaultSpec, FaultSpecError, Planned, Side, When};
 pub use kinematics::{Arm, Unreachable};
 pub use log::{Executed, Sample, Stop, StopCause};
 pub use model::Controller;
 pub use server::{MockHandle, MockServer, Ports};
-pub use setup::{Clock, Mode, Setup};
+pub use setup::{Clock, Mode, Rule, Setup};
 pub use wire::{Channel, Refusal};
 pub use world::{Unwired, World};

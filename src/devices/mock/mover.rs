@@ -87,6 +87,8 @@ pub(super) enum Blocked {
 pub(super) struct Override {
     pub(super) tool_mm_s: f64,
     pub(super) axis_share: f64,
+    /// $OV_PRO, of every programmed speed, 0…1.
+    pub(super) share: f64,
 }
 
 /// $VEL.ORI1: how fast the tool may turn.
@@ -272,7 +274,7 @@ impl Mover {
         };
         let limits = Limits {
             to_stop: lead_deg - self.gone,
-            speed: if self.braking { 0.0 } else { pace(ptp.speed_share.min(allowed.axis_share)) },
+            speed: if self.braking { 0.0 } else { pace((ptp.speed_share * allowed.share).min(allowed.axis_share)) },
             acceleration: pace(if self.braking { 1.0 } else { ptp.acceleration_share }) / AXIS_RAMP_S,
         };
         let (further, speed) = if lead_deg > 0.0 { ramp::step(self.speed, limits, step_s) } else { (0.0, 0.0) };
@@ -328,7 +330,7 @@ impl Mover {
         for leg in legs {
             // Slow enough here, one step on, to be down to that leg's speed where it begins.
             let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
-            let own_mm_s = leg.lin().speed_mm_s.min(allowed.tool_mm_s);
+            let own_mm_s = (leg.lin().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
             speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
             ahead_mm += leg.length_mm();
         }

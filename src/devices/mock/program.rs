@@ -59,8 +59,13 @@ impl Controller {
             }
             // These stop the advance run.
             _ if !self.mover.stands() => return Ok(false),
-            wire::SET_BASE => self.epoch.base = Some(kuka_pose(p)),
-            wire::SET_TCP => self.epoch.tool = Some(ActiveTool { pose: kuka_pose(p), sanding: n1 == 1 }),
+            wire::SET_BASE => {
+                self.epoch.base = self.troubles.spoil(command).map(kuka_pose).or(self.epoch.base);
+            }
+            wire::SET_TCP => {
+                let set = self.troubles.spoil(command).map(kuka_pose);
+                self.epoch.tool = set.map(|pose| ActiveTool { pose, sanding: n1 == 1 }).or(self.epoch.tool);
+            }
             wire::SET_DIGOUT => self.set_output(u16::try_from(n1).unwrap_or_default(), n2 == 1),
             _ => return Ok(self.run_subroutine(n1)),
         }
@@ -123,11 +128,12 @@ impl Controller {
 
     fn allowed(&self) -> Override {
         if !self.safety.motion_possible() {
-            return Override { tool_mm_s: 0.0, axis_share: 0.0 };
+            return Override { tool_mm_s: 0.0, axis_share: 0.0, share: 1.0 };
         }
+        let share = self.troubles.slow_share.unwrap_or(1.0);
         match self.safety.mode {
-            Mode::T1 => Override { tool_mm_s: 250.0, axis_share: 0.1 },
-            Mode::T2 | Mode::Aut | Mode::Ext => Override { tool_mm_s: f64::INFINITY, axis_share: 1.0 },
+            Mode::T1 => Override { tool_mm_s: 250.0, axis_share: 0.1, share },
+            Mode::T2 | Mode::Aut | Mode::Ext => Override { tool_mm_s: f64::INFINITY, axis_share: 1.0, share },
         }
     }
 

@@ -3,7 +3,8 @@
 //! One thread accepts clients and, on the wall clock, lets time pass; one thread per client reads. Whatever a call to
 //! the controller makes it say is written before the next call, acknowledgements first.
 
-use super::fault::MockError;
+use super::error::MockError;
+use super::late::Way;
 use super::model::{Controller, TICK_MS};
 use super::setup::Clock;
 use super::wire::Channel;
@@ -42,6 +43,9 @@ struct Shared {
     controller: Controller,
     command: Option<TcpStream>,
     state: Option<TcpStream>,
+    /// Slow ways in and out, by channel.
+    ways_in: [Way; 2],
+    ways_out: [Way; 2],
 }
 
 impl Shared {
@@ -52,18 +56,35 @@ impl Shared {
         }
     }
 
-    /// Sends what the controller has said, and hangs up where it closed the channel.
+    /// Hands over what has arrived, sends what the controller has said, and hangs up where it closed the channel.
     fn flush(&mut self) {
+        let now = Instant::now();
+        for channel in [Channel::Command, Channel::State] {
+            while let Some(bytes) = self.ways_in[channel as usize].take(now) {
+                self.deliver(channel, &bytes);
+            }
+        }
         for channel in [Channel::Command, Channel::State] {
             let bytes = self.controller.take_output(channel);
-            let stream = self.stream(channel);
-            let sent = match stream {
-                Some(stream) => stream.write_all(&bytes).is_ok(),
-                None => continue,
-            };
+            if self.stream(channel).is_none() {
+                continue;
+            }
+            self.ways_out[channel as usize].put(now, &bytes);
+            let mut sent = true;
+            while let Some(piece) = self.ways_out[channel as usize].take(now) {
+                let stream = self.stream(channel).as_mut();
+                sent &= stream.is_some_and(|stream| stream.write_all(&piece).is_ok());
+            }
             if !sent || !self.controller.is_connected(channel) {
                 self.hang_up(channel);
             }
+        }
+    }
+
+    fn deliver(&mut self, channel: Channel, bytes: &[u8]) {
+        match channel {
+            Channel::Command => self.controller.command_bytes(bytes),
+            Channel::State => self.controller.state_bytes(bytes),
         }
     }
 
@@ -72,6 +93,8 @@ impl Shared {
             // It may be gone already.
             let _ = stream.shutdown(Shutdown::Both);
         }
+        self.ways_in[channel as usize].clear();
+        self.ways_out[channel as usize].clear();
         self.controller.disconnect(channel);
     }
 }
@@ -120,7 +143,10 @@ impl MockServer {
         let clock = controller.clock();
         let (command, command_address) = listen(SocketAddr::new(ports.host, ports.command))?;
         let (state, state_address) = listen(SocketAddr::new(ports.host, ports.state))?;
-        let shared = Shared { controller, command: None, state: None };
+        let (delay_ms, fragment, seed) = controller.wire_faults();
+        let way = |index: u64| Way::new(delay_ms, fragment, seed.wrapping_add(index));
+        let (ways_in, ways_out) = ([way(0), way(1)], [way(2), way(3)]);
+        let shared = Shared { controller, command: None, state: None, ways_in, ways_out };
         let handle = MockHandle { shared: Arc::new(Mutex::new(shared)) };
         let ends = Arc::new(AtomicBool::new(false));
         let rounds = Rounds {
@@ -189,6 +215,7 @@ impl Rounds {
                     passed_ms = now_ms;
                 }
             }
+            self.handle.lock().flush();
             std::thread::sleep(ROUND);
         }
         for (channel, _) in &self.listeners {
@@ -224,11 +251,16 @@ fn take_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Opti
         .and_then(|()| stream.try_clone());
     let reading = prepared.ok()?;
     let reader = handle.clone();
+    if !shared.controller.connect(channel) {
+        return None; // it does not listen again yet
+    }
     let thread = std::thread::Builder::new().name(format!("mock {channel:?} channel"));
-    let thread = thread.spawn(move || read(&reader, channel, reading)).ok()?;
-    *shared.stream(channel) = Some(stream);
-    shared.controller.connect(channel);
-    Some(thread)
+    let thread = thread.spawn(move || read(&reader, channel, reading)).ok();
+    match thread {
+        Some(_) => *shared.stream(channel) = Some(stream),
+        None => shared.controller.disconnect(channel),
+    }
+    thread
 }
 
 /// Reads until the client hangs up or the controller does.
@@ -242,10 +274,7 @@ fn read(handle: &MockHandle, channel: Channel, mut stream: TcpStream) {
             Err(_) => break,
         };
         let mut shared = handle.lock();
-        match channel {
-            Channel::Command => shared.controller.command_bytes(&bytes[..count]),
-            Channel::State => shared.controller.state_bytes(&bytes[..count]),
-        }
+        shared.ways_in[channel as usize].put(Instant::now(), &bytes[..count]);
         shared.flush();
         if shared.stream(channel).is_none() {
             return;

@@ -1,6 +1,7 @@
 //! What a mock controller is made of: its arm, its channels, its clock, what its inputs and outputs are.
 
 use super::channel_file::ChannelFile;
+use super::fault::FaultSpec;
 use super::kinematics::Arm;
 use crate::geometry::Joints;
 
@@ -24,6 +25,21 @@ pub enum Mode {
     Aut = 3,
     /// Automatic, started from outside.
     Ext = 4,
+}
+
+/// A rule that the controller's programs keep. One can be left out, to see that the tests notice.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// Commands of ended epochs are dropped.
+    EpochCheck,
+    /// Silence stops what is queued, and closes the channels.
+    Watchdog,
+    /// A lost connection ends the epoch.
+    LinkLoss,
+    /// A stop discards what is queued.
+    Discard,
+    /// A stop in contact retracts.
+    Retract,
 }
 
 /// A mock controller's configuration.
@@ -51,6 +67,12 @@ pub struct Setup {
     pub tool_output: Option<u16>,
     /// How long each user subroutine takes, ms; its index is its place here, from 0.
     pub subroutines_ms: Vec<u64>,
+    /// The count of the last state before the start.
+    pub first_state: i32,
+    /// What goes wrong.
+    pub faults: FaultSpec,
+    /// A rule that is not kept; for tests of tests.
+    pub left_out: Option<Rule>,
 }
 
 impl Setup {
@@ -70,6 +92,9 @@ impl Setup {
             outputs: (1..=8).collect(),
             tool_output: Some(5),
             subroutines_ms: vec![100],
+            first_state: 0,
+            faults: FaultSpec::default(),
+            left_out: None,
         }
     }
 }

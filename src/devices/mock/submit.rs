@@ -1,9 +1,10 @@
 //! The submit interpreter's share: requests, the intake of commands into the ring, the watchdog, the stop.
 
 use super::epoch::{Epoch, RING};
+use super::error::EkiFault;
 use super::log::{Stop, StopCause};
 use super::model::Controller;
-use super::setup::{Clock, Mode};
+use super::setup::{Clock, Mode, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
 /// Commands read in one tick, at most.
@@ -12,22 +13,33 @@ const COMMANDS_PER_TICK: usize = 8;
 const GRANT_MS: u64 = 100;
 /// Silence that stops what is queued.
 const WATCHDOG_MS: u64 = 400;
+/// Silence after which the program takes its channels for dead, clears them and listens again: a client that is gone
+/// without a word would else hold its place for ever.
+const SILENCE_MS: u64 = 1_000;
+/// How long clearing, initialising and opening a channel takes.
+pub(super) const REOPEN_MS: u64 = 24;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
 const MOST: [f64; 2] = [2.0, 10.0];
 
 impl Controller {
     /// Answers what was asked, in order. In lock step a heartbeat waits for the commands that it names.
     pub(super) fn serve_requests(&mut self) {
-        while let Some(record) = self.states.memory.front() {
-            let request = match self.request_places.request(record) {
+        if self.troubles.stalled() {
+            return;
+        }
+        self.reset_flags(Channel::State);
+        while self.states.connected && self.request_places.waits(&self.states.memory) {
+            let is_grant =
+                |request: &Request| self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
+            let next = self.request_places.next(&self.states.memory);
+            if next.is_some_and(|next| is_grant(&next) && !self.is_delivered(&next)) {
+                return;
+            }
+            let grants = next.as_ref().is_some_and(is_grant);
+            let request = match self.request_places.take(&mut self.states.memory) {
                 Ok(request) => request,
                 Err(fault) => return self.close(Channel::State, fault),
             };
-            let grants = self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
-            if grants && !self.is_delivered(&request) {
-                return;
-            }
-            self.states.memory.pop();
             self.last_frame_ms = self.now_ms;
             match request.operation {
                 wire::ABORT => self.abort(request.n1),
@@ -70,19 +82,23 @@ impl Controller {
         self.stopped = false;
     }
 
-    /// Reads commands out of the channel's memory.
+    /// Reads commands out of the channel's memories.
     pub(super) fn read_commands(&mut self) {
+        if !self.commands.connected || !self.command_places.waits(&self.commands.memory) {
+            return;
+        }
+        self.reset_flags(Channel::Command);
         for _ in 0..COMMANDS_PER_TICK {
-            let Some(record) = self.commands.memory.front() else { return };
-            let order = self.command_places.order(record);
-            if let (Some(last), Ok(order)) = (self.read_up_to, order)
-                && order > last
+            if !self.command_places.waits(&self.commands.memory) {
+                return;
+            }
+            let next = self.command_places.next_order(&self.commands.memory);
+            if let (Some(last), Some(next)) = (self.read_up_to, next)
+                && next > last
             {
                 return;
             }
-            let command = self.command_places.command(record);
-            self.commands.memory.pop();
-            match command {
+            match self.command_places.take(&mut self.commands.memory) {
                 Ok(command) => self.take(command),
                 Err(fault) => return self.close(Channel::Command, fault),
             }
@@ -90,11 +106,17 @@ impl Controller {
     }
 
     fn take(&mut self, command: Command) {
-        if command.epoch < self.epoch.number {
+        let left_out = self.setup.left_out;
+        if command.epoch < self.epoch.number && left_out != Some(Rule::EpochCheck) {
             self.stale += 1; // in flight when its epoch ended
             return;
         }
-        match self.judge(&command) {
+        let judged = match (left_out, self.troubles.take_refusal()) {
+            (_, Some(refusal)) => Err(refusal),
+            (Some(Rule::EpochCheck), None) => Ok(()),
+            (_, None) => self.judge(&command),
+        };
+        match judged {
             Ok(()) => {
                 self.epoch.received = command.id;
                 self.epoch.ring.push_back(command);
@@ -155,13 +177,23 @@ impl Controller {
 
     /// Silence while something is queued ends the epoch.
     pub(super) fn watch(&mut self) {
-        if self.epoch.open && self.is_busy() && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
+        let silence_ms = self.now_ms - self.last_frame_ms;
+        let watches = self.setup.left_out != Some(Rule::Watchdog);
+        if self.epoch.open && self.is_busy() && watches && silence_ms >= WATCHDOG_MS {
             self.stop(StopCause::Watchdog, String::new());
+        }
+        if (self.commands.connected || self.states.connected) && watches && silence_ms >= SILENCE_MS {
+            for channel in [Channel::Command, Channel::State] {
+                self.troubles.behind_cable[channel as usize].clear();
+                self.troubles.hung_up[channel as usize] = false;
+                self.drop_client(channel, EkiFault::NoContact);
+            }
         }
     }
 
+    /// An epoch ends with its link, busy or not: a tool that runs in the air is switched off, too.
     pub(super) fn link_lost(&mut self) {
-        if self.epoch.open && self.is_busy() {
+        if self.epoch.open && self.setup.left_out != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
         }
     }
@@ -175,7 +207,7 @@ impl Controller {
         self.count_done();
         let contact = self.contact.touches(self.mover.front());
         // A retract ends an epoch; it is never made up for later.
-        let may_retract = self.epoch.open && self.safety.drives_on;
+        let may_retract = self.epoch.open && self.safety.drives_on && self.setup.left_out != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
@@ -183,11 +215,21 @@ impl Controller {
         if let Some(number) = self.setup.tool_output {
             self.set_output(number, false);
         }
-        self.epoch.ring.clear();
+        if self.setup.left_out != Some(Rule::Discard) {
+            self.epoch.ring.clear();
+        }
         self.epoch.subroutine_until_ms = None;
         self.epoch.open = false;
         self.stopped = true;
-        let at_once = matches!(cause, StopCause::EStop | StopCause::Guard | StopCause::Drives | StopCause::Mode);
+        let at_once = matches!(
+            cause,
+            StopCause::EStop
+                | StopCause::Guard
+                | StopCause::Drives
+                | StopCause::Mode
+                | StopCause::Deselected
+                | StopCause::Rebooted
+        );
         if at_once {
             self.contact.stop(self.mover.front(), false);
             self.mover.freeze();

@@ -1,8 +1,8 @@
 //! What the cell's programs understand: commands, requests, refusals; their numbers on the wire.
 
-use super::codec::Record;
-use super::fault::{EkiFault, FileProblem};
-use super::memory::{Memory, frame, int, real};
+use super::channel_file::Kind;
+use super::error::{EkiFault, FileProblem};
+use super::memory::{Memory, int};
 
 /// A channel of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -38,6 +38,25 @@ pub enum Refusal {
     Stopped = 10,
 }
 
+impl Refusal {
+    /// The one of this number.
+    pub(super) fn of(number: u8) -> Option<Self> {
+        let all = [
+            Refusal::IdGap,
+            Refusal::WrongEpoch,
+            Refusal::RingFull,
+            Refusal::UnknownOperation,
+            Refusal::OutOfRange,
+            Refusal::NoBaseOrTool,
+            Refusal::ReadOnly,
+            Refusal::Unreachable,
+            Refusal::NoMotion,
+            Refusal::Stopped,
+        ];
+        all.into_iter().find(|refusal| *refusal as u8 == number)
+    }
+}
+
 /// A command as it was received.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Command {
@@ -71,7 +90,7 @@ pub(super) const HEARTBEAT: i32 = 10;
 pub(super) const ABORT: i32 = 11;
 pub(super) const RESET: i32 = 12;
 
-/// Where a command's values stand in a record.
+/// Where a command's values stand in a channel's memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CommandPlaces {
     ints: [usize; 5],
@@ -82,37 +101,97 @@ pub(super) struct CommandPlaces {
 impl CommandPlaces {
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
         let ints = ["Cmd/@Id", "Cmd/@Ep", "Cmd/@Op", "Cmd/@N1", "Cmd/@N2"];
-        let [id, epoch, operation, n1, n2] = ints.map(|tag| memory.place(tag));
-        let (r1, r2) = (memory.place("Cmd/@R1")?, memory.place("Cmd/@R2")?);
+        let [id, epoch, operation, n1, n2] = ints.map(|tag| memory.place(tag, Kind::Int));
+        let (r1, r2) = (memory.place("Cmd/@R1", Kind::Real)?, memory.place("Cmd/@R2", Kind::Real)?);
         let ints = [id?, epoch?, operation?, n1?, n2?];
-        Ok(CommandPlaces { ints, reals: [r1, r2], frame: memory.place("Cmd/P")? })
+        Ok(CommandPlaces { ints, reals: [r1, r2], frame: memory.place("Cmd/P", Kind::Frame)? })
     }
 
-    pub(super) fn command(&self, record: &Record) -> Result<Command, EkiFault> {
-        let [id, epoch, operation, n1, n2] = self.ints.map(|place| int(record, place));
-        let [r1, r2] = self.reals.map(|place| real(record, place));
-        let (n, r) = ([n1?, n2?], [r1?, r2?]);
-        Ok(Command { id: id?, epoch: epoch?, operation: operation?, n, r, p: frame(record, self.frame)? })
+    /// True where a command waits, whole or not.
+    pub(super) fn waits(&self, memory: &Memory) -> bool {
+        memory.waiting(self.ints[0]) > 0
     }
 
-    /// Epoch and id, which order the commands.
-    pub(super) fn order(&self, record: &Record) -> Result<(i32, i32), EkiFault> {
-        Ok((int(record, self.ints[1])?, int(record, self.ints[0])?))
+    /// The next command, taken out: eight reads, whose counts must be one document's.
+    pub(super) fn take(&self, memory: &mut Memory) -> Result<Command, EkiFault> {
+        let mut row = Row::default();
+        let [id, epoch, operation, n1, n2] = self.ints.map(|place| row.keep(memory.get_int(place)));
+        let [r1, r2] = self.reals.map(|place| row.keep(memory.get_real(place)));
+        let p = row.keep(memory.get_frame(self.frame));
+        row.checked()?;
+        Ok(Command { id, epoch, operation, n: [n1, n2], r: [r1, r2], p })
+    }
+
+    /// Epoch and id of the next command, which order the commands.
+    pub(super) fn next_order(&self, memory: &Memory) -> Option<(i32, i32)> {
+        let number = |place| memory.peek(place).ok().and_then(int);
+        Some((number(self.ints[1])?, number(self.ints[0])?))
+    }
+
+    /// Epoch and id of the command that arrived last; `None` where it lacked one of them.
+    pub(super) fn newest_order(&self, memory: &Memory) -> Option<(i32, i32)> {
+        let [(id, of_id), (epoch, of_epoch)] =
+            [memory.newest(self.ints[0]).ok()?, memory.newest(self.ints[1]).ok()?];
+        let one_document = of_id == of_epoch;
+        Some((int(epoch)?, int(id)?)).filter(|_| one_document)
     }
 }
 
-/// Where a request's values stand in a record.
+/// Where a request's values stand in a channel's memory.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RequestPlaces([usize; 4]);
 
 impl RequestPlaces {
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
-        let [id, epoch, operation, n1] = ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"].map(|tag| memory.place(tag));
+        let tags = ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"];
+        let [id, epoch, operation, n1] = tags.map(|tag| memory.place(tag, Kind::Int));
         Ok(RequestPlaces([id?, epoch?, operation?, n1?]))
     }
 
-    pub(super) fn request(&self, record: &Record) -> Result<Request, EkiFault> {
-        let [id, epoch, operation, n1] = self.0.map(|place| int(record, place));
-        Ok(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
+    /// True where a request waits, whole or not.
+    pub(super) fn waits(&self, memory: &Memory) -> bool {
+        memory.waiting(self.0[0]) > 0
+    }
+
+    /// Operation, epoch and N1 of the next request, left where it is; `None` where it lacks one.
+    pub(super) fn next(&self, memory: &Memory) -> Option<Request> {
+        let [id, epoch, operation, n1] = self.0.map(|place| memory.peek(place).ok().and_then(int));
+        Some(Request { id: id?, epoch: epoch?, operation: operation?, n1: n1? })
+    }
+
+    /// The next request, taken out.
+    pub(super) fn take(&self, memory: &mut Memory) -> Result<Request, EkiFault> {
+        let mut row = Row::default();
+        let [id, epoch, operation, n1] = self.0.map(|place| row.keep(memory.get_int(place)));
+        row.checked()?;
+        Ok(Request { id, epoch, operation, n1 })
+    }
+}
+
+/// What a program finds in one row of reads.
+#[derive(Default)]
+struct Row {
+    fault: Option<EkiFault>,
+    counter: Option<u32>,
+}
+
+impl Row {
+    fn keep<T: Default>(&mut self, read: Result<(T, u32), super::error::EkiError>) -> T {
+        match read {
+            Ok((value, counter)) => {
+                if *self.counter.get_or_insert(counter) != counter {
+                    self.fault.get_or_insert(EkiFault::Drifted);
+                }
+                value
+            }
+            Err(error) => {
+                self.fault.get_or_insert(EkiFault::Unread(error));
+                T::default()
+            }
+        }
+    }
+
+    fn checked(self) -> Result<(), EkiFault> {
+        self.fault.map_or(Ok(()), Err)
     }
 }

@@ -6,6 +6,7 @@
 use crate::eki::Report;
 use std::collections::VecDeque;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 use tokio::sync::Notify;
 
 #[derive(Debug, Default)]
@@ -19,6 +20,8 @@ struct Inside {
     waiting: VecDeque<Report>,
     told: u64,
     closed: bool,
+    /// Since when something waits that nobody has asked for.
+    unread_since: Option<Instant>,
 }
 
 /// There is nothing to take.
@@ -48,6 +51,7 @@ impl ReportQueue {
             inside.waiting.remove(at);
         }
         inside.waiting.push_back(report);
+        inside.unread_since.get_or_insert_with(Instant::now);
         inside.told += 1;
         drop(inside);
         self.changed.notify_one();
@@ -55,7 +59,13 @@ impl ReportQueue {
 
     pub(super) fn take(&self) -> Result<Report, Empty> {
         let mut inside = self.lock();
+        inside.unread_since = (inside.waiting.len() > 1).then(Instant::now);
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
+    }
+
+    /// For how long nobody has taken what waits.
+    pub(super) fn unread_for(&self) -> Duration {
+        self.lock().unread_since.map_or(Duration::ZERO, |since| since.elapsed())
     }
 
     pub(super) fn told(&self) -> u64 {

@@ -4,7 +4,7 @@ use super::connect::{connect, failed};
 use super::order::Order;
 use super::queue::ReportQueue;
 use super::{Address, is_same};
-use crate::eki::{Channel, LinkLoss, Pace, Report, Session, Time};
+use crate::eki::{Channel, LinkLoss, Pace, Report, Session, StopCause, Time};
 use std::io::{Error as IoError, ErrorKind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -18,6 +18,9 @@ const LAST_PAUSE: Duration = Duration::from_secs(1);
 const FAREWELL: Duration = Duration::from_millis(100);
 /// In lock step no deadline passes; a controller that does not answer for this long by the wall clock is gone.
 const LOCK_STEP_SILENCE: Duration = Duration::from_secs(10);
+/// Reports that nobody takes for this long, while anything is queued, end the epoch: heartbeats say that the program
+/// looks after the robot, not that this thread runs.
+const UNATTENDED: Duration = Duration::from_secs(1);
 
 pub(super) struct Link {
     address: Address,
@@ -95,7 +98,9 @@ impl Link {
                     }
                 }
             }
-            if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause)).await {
+            // Not all clients of a controller that comes back at once: up to a quarter more.
+            let jitter = pause * (self.started.elapsed().subsec_nanos() % 256) / 1024;
+            if let Err(Deserted) = self.meanwhile(tokio::time::sleep(pause + jitter)).await {
                 return;
             }
             pause = (2 * pause).min(LAST_PAUSE);
@@ -117,6 +122,9 @@ impl Link {
     async fn serve(&mut self, streams: &mut Streams) -> Result<(), Deserted> {
         let mut heard = Instant::now();
         loop {
+            if self.pace == Pace::Wall && self.reports.unread_for() >= UNATTENDED {
+                self.session.interrupt(StopCause::Unattended);
+            }
             while let Some((channel, bytes)) = self.session.poll_transmit(self.now()) {
                 match channel {
                     Channel::Command => streams.command_out.extend_from_slice(&bytes),
@@ -204,7 +212,8 @@ impl Link {
             if count == 0 {
                 return Ok(());
             }
-            self.session.push_command_bytes(&bytes[..count]);
+            let now = self.now();
+            self.session.push_command_bytes(&bytes[..count], now);
         }
     }
 

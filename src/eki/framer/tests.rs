@@ -54,7 +54,7 @@ fn no_cut_matters() {
 
 #[test]
 fn what_no_controller_sends_breaks_the_stream_where_it_stands() {
-    let cases: [(&[u8], FrameError); 22] = [
+    let cases: [(&[u8], FrameError); 24] = [
         (b"x", FrameError::Stray { at: 0, byte: b'x' }),
         (b"<a/>x", FrameError::Stray { at: 4, byte: b'x' }),
         (b"\xEF\xBBx", FrameError::Stray { at: 2, byte: b'x' }),
@@ -75,6 +75,8 @@ fn what_no_controller_sends_breaks_the_stream_where_it_stands() {
         (b"<1/>", FrameError::Tag { at: 1, byte: b'1' }),
         (b"<a/ >", FrameError::Tag { at: 3, byte: b' ' }),
         (b"<a b=\"<\"/>", FrameError::Tag { at: 6, byte: b'<' }),
+        (b"<a b=\"1\"c=\"2\"/>", FrameError::Tag { at: 8, byte: b'c' }),
+        (b"<a b=\"1\"\"2\"/>", FrameError::Tag { at: 8, byte: b'"' }),
         (b"<a></>", FrameError::Tag { at: 5, byte: b'>' }),
         (b"</a>", FrameError::Unopened { at: 1 }),
     ];

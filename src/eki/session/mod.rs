@@ -17,7 +17,7 @@ mod tests;
 
 use super::command::{Command, CommandError, MoveLin, Request};
 use super::framer::Framer;
-use super::report::{Channel, LinkLoss, Report};
+use super::report::{Channel, LinkLoss, Report, StopCause};
 use super::time::Time;
 use super::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
 use flow::Flow;
@@ -53,6 +53,9 @@ impl Default for LinkLimits {
 
 /// Silence after which a connection is given up, queued commands or not.
 const SILENCE: Duration = Duration::from_secs(1);
+
+/// A message that takes longer from its first byte to its last is none.
+const UNFINISHED: Duration = Duration::from_millis(200);
 
 /// Whose clock runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -127,6 +130,8 @@ pub struct Session {
     phase: Phase,
     command_framer: Framer,
     state_framer: Framer,
+    /// When the message at hand began, by channel.
+    begun: [Option<Time>; 2],
     requests: VecDeque<Vec<u8>>,
     reports: VecDeque<Report>,
     /// Boot and programs' checksum of the controller that was last seen.
@@ -156,6 +161,7 @@ impl Session {
             phase: Phase::Offline,
             command_framer: Framer::default(),
             state_framer: Framer::default(),
+            begun: [None; 2],
             requests: VecDeque::new(),
             reports: VecDeque::new(),
             identity: None,
@@ -175,6 +181,7 @@ impl Session {
     pub fn connected(&mut self, now: Time) {
         self.command_framer = Framer::default();
         self.state_framer = Framer::default();
+        self.begun = [None; 2];
         self.requests.clear();
         (self.asked, self.answered, self.last_sequence) = (0, 0, None);
         self.named.clear();
@@ -309,7 +316,8 @@ impl Session {
         let silence = self.heard + SILENCE;
         let watchdog = self.watchdog().map(|(_, at)| at);
         let heartbeat = (!self.is_greeting()).then_some(self.next_heartbeat);
-        [heartbeat, Some(silence), watchdog].into_iter().flatten().min()
+        let unfinished = self.begun.iter().flatten().map(|&begun| begun + UNFINISHED);
+        [heartbeat, Some(silence), watchdog].into_iter().flatten().chain(unfinished).min()
     }
 
     /// Does what is due: heartbeat, watchdog, giving up a silent connection.
@@ -326,7 +334,10 @@ impl Session {
             };
             self.fault(Report::WatchdogExpired { channel, silence });
         }
-        if now.since(self.heard) >= SILENCE {
+        if let Some((channel, waited)) = self.unfinished(now) {
+            let waited_ms = u64::try_from(waited.as_millis()).unwrap_or(u64::MAX);
+            self.disconnected(LinkLoss::Unfinished { channel, waited_ms });
+        } else if now.since(self.heard) >= SILENCE {
             let silence_ms = u64::try_from(now.since(self.heard).as_millis()).unwrap_or(u64::MAX);
             self.disconnected(LinkLoss::Silent { channel: Channel::State, silence_ms });
         } else if now >= self.next_heartbeat && !self.is_greeting() {
@@ -346,6 +357,21 @@ impl Session {
     /// The next thing to tell.
     pub fn poll_report(&mut self) -> Option<Report> {
         self.reports.pop_front()
+    }
+
+    /// A message that should have ended by now.
+    fn unfinished(&self, now: Time) -> Option<(Channel, Duration)> {
+        let waited =
+            |begun: Option<Time>| begun.map(|begun| now.since(begun)).filter(|waited| *waited >= UNFINISHED);
+        let channels = [Channel::Command, Channel::State].into_iter().zip(self.begun);
+        channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
+    }
+
+    /// Ends the epoch for this cause, where anything of it is left.
+    pub fn interrupt(&mut self, cause: StopCause) {
+        if matches!(&self.phase, Phase::Open(flow) if flow.is_busy()) {
+            self.fault(Report::Interrupted { cause });
+        }
     }
 
     /// The earliest moment at which silence is too long, and of which channel.
@@ -390,6 +416,12 @@ impl Session {
     }
 
     fn ask(&mut self, request: Request) -> u32 {
+        if self.asked >= LAST_NUMBER {
+            // The connection ends, and by that the epoch on the controller.
+            self.phase = Phase::Offline;
+            self.reports.push_back(Report::LinkLost { why: LinkLoss::RequestsExhausted { most: LAST_NUMBER } });
+            return self.asked;
+        }
         self.asked += 1;
         let bytes = self.wire.encode_request(self.asked, self.current_epoch(), &request);
         self.requests.push_back(bytes);

@@ -3,6 +3,7 @@
 use super::flow::Flow;
 use super::{Phase, Session};
 use crate::eki::ack::Ack;
+use crate::eki::framer::Framer;
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
 use crate::eki::state::State;
 use crate::eki::time::Time;
@@ -10,26 +11,35 @@ use crate::eki::wire::{CommandId, LAST_NUMBER};
 
 impl Session {
     /// Bytes from the command channel.
-    pub fn push_command_bytes(&mut self, bytes: &[u8]) {
+    pub fn push_command_bytes(&mut self, bytes: &[u8], now: Time) {
         self.command_framer.push(bytes);
+        let mut has_ended = false;
         while self.is_connected() {
             match self.command_framer.next_document() {
-                Ok(None) => return,
+                Ok(None) => {
+                    self.begun[0] = begun(self.begun[0], &self.command_framer, has_ended, now);
+                    return;
+                }
                 Ok(Some(document)) => match self.wire.decode_ack(&document) {
                     Ok(ack) => self.on_ack(&ack),
                     Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::Command, error }),
                 },
                 Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::Command, error }),
             }
+            has_ended = true;
         }
     }
 
     /// Bytes from the state channel.
     pub fn push_state_bytes(&mut self, bytes: &[u8], now: Time) {
         self.state_framer.push(bytes);
+        let mut has_ended = false;
         while self.is_connected() {
             match self.state_framer.next_document() {
-                Ok(None) => return,
+                Ok(None) => {
+                    self.begun[1] = begun(self.begun[1], &self.state_framer, has_ended, now);
+                    return;
+                }
                 Ok(Some(document)) => match self.wire.decode_state(&document) {
                     Ok(state) => {
                         self.heard = now;
@@ -39,6 +49,7 @@ impl Session {
                 },
                 Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::State, error }),
             }
+            has_ended = true;
         }
     }
 
@@ -67,6 +78,7 @@ impl Session {
             }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
+                self.last_epoch = self.last_epoch.max(ack.epoch);
                 self.fault(Report::SequenceError(error));
             }
             _ => self.stale += u64::from(ack.epoch < self.last_epoch),
@@ -138,7 +150,7 @@ impl Session {
                 self.reports.push_back(Report::EpochNotOpened { asked: *epoch, found: state.epoch });
                 self.phase = Phase::Idle;
             }
-            Phase::Stopping { next, done, .. } if state.epoch == *next && !state.moving => {
+            Phase::Stopping { next, done, .. } if state.epoch >= *next && !state.moving => {
                 self.reports.push_back(Report::Standstill { done: *done });
                 self.phase = Phase::Idle;
             }
@@ -181,4 +193,9 @@ impl Session {
             self.fault(Report::Interrupted { cause });
         }
     }
+}
+
+/// When the message at hand began: with these bytes, where another ended in them.
+fn begun(before: Option<Time>, framer: &Framer, has_ended: bool, now: Time) -> Option<Time> {
+    framer.is_inside().then(|| before.filter(|_| !has_ended).unwrap_or(now))
 }

@@ -212,7 +212,7 @@ impl Cell {
         let (command, state) =
             (std::mem::take(&mut self.controller.command_bytes), std::mem::take(&mut self.controller.state_bytes));
         if !self.controller.silent {
-            self.session.push_command_bytes(&command);
+            self.session.push_command_bytes(&command, now);
             self.session.push_state_bytes(&state, now);
         }
         while let Some(report) = self.session.poll_report() {
@@ -527,11 +527,11 @@ fn messages_of_ended_epochs_are_dropped_and_counted() {
     let mut cell = Cell::ready();
     cell.pass(300);
     let late = "<Ack Rx=\"90\" Done=\"80\" Free=\"1\" Err=\"8\" ErrId=\"81\" Ep=\"5\"></Ack>";
-    cell.session.push_command_bytes(late.as_bytes());
+    cell.session.push_command_bytes(late.as_bytes(), Time::at_ms(400));
     assert_eq!(cell.session.stale_messages(), 1);
     let own = late.replace("Ep=\"5\"", "Ep=\"7\"").replace("Rx=\"90\"", "Rx=\"2\"");
     assert!(cell.session.poll_report().is_none());
-    cell.session.push_command_bytes(own.as_bytes());
+    cell.session.push_command_bytes(own.as_bytes(), Time::at_ms(400));
     assert!(
         matches!(cell.session.poll_report(), Some(Report::SequenceError(_))),
         "the same of our epoch is a fault"
@@ -637,4 +637,52 @@ fn in_lock_step_only_heartbeats_pass_time() {
     assert!(!cell.session.awaits_answer());
     cell.session.heartbeat(Time::at_ms(0));
     assert!(cell.session.awaits_answer());
+}
+
+/// A state that begins at 300 ms and has not ended at 500 never will; one that ends in time is one.
+#[test]
+fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
+    let mut cell = Cell::ready();
+    cell.pass(100);
+    let now_ms = cell.now_ms;
+    cell.session.push_command_bytes(b"<Ack Rx=\"0\"", Time::at_ms(now_ms));
+    let at = |session: &Session| session.deadline().expect("connected").since_start().as_millis() as u64;
+    assert!(at(&cell.session) <= now_ms + 200);
+    cell.session.time_passed(Time::at_ms(now_ms + 199));
+    assert!(cell.session.is_connected());
+    cell.session.time_passed(Time::at_ms(now_ms + 200));
+    cell.exchange();
+    let unfinished = LinkLoss::Unfinished { channel: Channel::Command, waited_ms: 200 };
+    assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unfinished }));
+}
+
+/// Request 2³¹ − 1 is the last: the connection ends, and the next one counts from 1.
+#[test]
+fn requests_do_not_wrap() {
+    let mut cell = Cell::ready();
+    cell.pass(100);
+    cell.session.asked = LAST_NUMBER;
+    cell.session.heartbeat(Time::at_ms(cell.now_ms));
+    assert!(!cell.session.is_connected());
+    let exhausted = LinkLoss::RequestsExhausted { most: LAST_NUMBER };
+    assert_eq!(cell.session.poll_report(), Some(Report::LinkLost { why: exhausted }));
+    cell.session.connected(Time::at_ms(cell.now_ms));
+    let (_, request) = cell.session.poll_transmit(Time::at_ms(cell.now_ms)).expect("asks");
+    assert!(request.starts_with(b"<Req Id=\"1\""));
+}
+
+/// An acknowledgement of an epoch that is not ours ends ours, and the abort's number is above it.
+#[test]
+fn another_clients_epoch_is_told_and_left_behind() {
+    let mut cell = Cell::ready();
+    cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+    cell.pass(500);
+    let foreign = "<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"20\"></Ack>";
+    cell.session.push_command_bytes(foreign.as_bytes(), Time::at_ms(cell.now_ms));
+    cell.pass(300);
+    assert!(matches!(
+        cell.events()[2..],
+        [Report::SequenceError(SequenceError::Epoch { .. }), Report::Standstill { .. }]
+    ));
+    assert_eq!(cell.controller.epoch, 21);
 }

@@ -61,6 +61,7 @@ fn a_heartbeat_waits_for_the_commands_that_it_names() {
 fn a_heartbeat_waits_for_a_channel_that_is_not_yet_open() {
     let mut rig = Rig::before_reset(Clock::LockStep);
     rig.controller.disconnect(Channel::Command);
+    rig.controller.disconnect(Channel::State);
     rig.controller.connect(Channel::State);
     rig.open();
     let document = rig.document(6, [1, 1], [0.0; 2], [0.0; 6]);
@@ -214,7 +215,7 @@ fn what_cannot_be_read_closes_the_channel() {
     rig.controller.command_bytes(b"<Cmd Id=\"1\"></Cmd>"); // lacks the rest
     rig.id = 1;
     rig.beat();
-    assert_eq!(rig.controller.fault(Channel::Command), Some(EkiFault::Malformed));
+    assert_eq!(rig.controller.fault(Channel::Command), Some(EkiFault::Unread(EkiError::Empty)));
     assert!(!rig.controller.is_connected(Channel::Command));
     assert_eq!(rig.controller.time_ms(), 96, "and nothing waits for it");
     rig.controller.state_bytes(b"<Req Id=\"x\"></Req>");

@@ -106,11 +106,15 @@ fn silence_stops_what_is_queued() {
     // Off the surface within 500 ms of the last frame: the first sample behind the stop is none.
     let last = rig.controller.trace().last().expect("some").time_ms;
     assert!(last <= heard_ms + 500, "{last} {heard_ms}");
+    assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::NoContact));
+    assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
     assert_retracted(&mut rig);
-    // With nothing queued nobody needs to speak.
+    // With nothing queued it takes a second until the client is taken for gone.
     let mut quiet = Rig::ready(Clock::Free);
-    quiet.controller.advance_ms(5000);
+    quiet.controller.advance_ms(860);
     assert_eq!(quiet.causes(), []);
+    quiet.controller.advance_ms(200);
+    assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));
 }
 
 #[test]
@@ -118,7 +122,9 @@ fn a_lost_link_stops_what_is_queued() {
     for channel in [Channel::Command, Channel::State] {
         let mut rig = sanding(Clock::Free);
         rig.controller.disconnect(channel);
-        rig.controller.connect(channel);
+        assert!(!rig.controller.connect(channel), "the program has not opened it again");
+        rig.controller.advance_ms(24);
+        assert!(rig.controller.connect(channel));
         assert_retracted(&mut rig);
         assert_eq!(rig.causes(), [StopCause::LinkLost]);
     }
@@ -200,7 +206,7 @@ fn drives_guard_and_mode_end_the_epoch_at_once() {
 #[test]
 fn done_is_what_was_executed() {
     let mut rig = sanding(Clock::Free);
-    rig.controller.advance_ms(2000);
+    rig.controller.advance_ms(900);
     rig.beat();
     let ids = rig.ids();
     assert!(ids.windows(2).all(|pair| pair[1] == pair[0] + 1));

@@ -1,0 +1,105 @@
+//! What EthernetKRL says to the program, what it closes a channel for, and what keeps the mock from starting.
+
+/// What `Msg_No` tells a program that reads a memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum EkiError {
+    /// Nothing waits in this memory: that is told at once, not waited for.
+    #[error("15: access to an empty memory")]
+    Empty,
+    /// The memory holds another type.
+    #[error("20: the memory holds another type")]
+    Type,
+}
+
+/// Why a channel was closed; reception errors have the number that the controller logs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum EkiFault {
+    /// The connection was disrupted.
+    #[error("512: connection disrupted")]
+    Disrupted,
+    /// Nobody answers at the other end.
+    #[error("768: no contact with the other end")]
+    NoContact,
+    /// Not XML, or a value that is not of its element's type.
+    #[error("1024: error reading received XML")]
+    Malformed,
+    /// More bytes than BUFFSIZE without the end of a document.
+    #[error("1024: more bytes than BUFFSIZE without the end of a document")]
+    TooLong,
+    /// One entry more than BUFFERING allows, in the memory of some tag.
+    #[error("1280: memory limit reached")]
+    Overflow,
+    /// A text that no KRL string holds.
+    #[error("1536: string too long")]
+    TextTooLong,
+    /// The program could not read what it needs, and closed the channel itself.
+    #[error("the program closed the channel: {0}")]
+    Unread(EkiError),
+    /// The program found values of different documents in one row, and closed the channel itself.
+    #[error("the program closed the channel: an element was missing, the tags' memories have drifted apart")]
+    Drifted,
+}
+
+/// Why the mock controller cannot start.
+#[derive(Debug, thiserror::Error)]
+pub enum MockError {
+    /// The EthernetKRL file is not what the mock needs.
+    #[error("{channel}.xml: {problem}")]
+    File {
+        /// CELLCMD or CELLSTAT.
+        channel: &'static str,
+        /// What is wrong.
+        problem: FileProblem,
+    },
+    /// A port cannot be listened on.
+    #[error("cannot listen on {address}: {reason}")]
+    Listen {
+        /// Where.
+        address: std::net::SocketAddr,
+        /// What the system says.
+        reason: std::io::Error,
+    },
+    /// The system gives no thread.
+    #[error("cannot start a thread: {0}")]
+    Thread(std::io::Error),
+}
+
+/// What is wrong with an EthernetKRL file.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FileProblem {
+    /// Not XML.
+    #[error("is not XML: {0}")]
+    Xml(String),
+    /// A section that must be there is not.
+    #[error("has no {0}")]
+    Missing(&'static str),
+    /// A number is not one.
+    #[error("{name} is \"{found}\"; a whole number is needed")]
+    Number {
+        /// Of which attribute or element.
+        name: String,
+        /// What stands there.
+        found: String,
+    },
+    /// A word that means nothing here.
+    #[error("{name} is \"{found}\"; {allowed} is known")]
+    Word {
+        /// Of which attribute or element.
+        name: &'static str,
+        /// What stands there.
+        found: String,
+        /// What may.
+        allowed: &'static str,
+    },
+    /// An element of a type that the controller does not know.
+    #[error("the element {tag} has the type \"{found}\"; INT, REAL, BOOL, STRING, FRAME or none is known")]
+    Type {
+        /// The element.
+        tag: String,
+        /// Its type.
+        found: String,
+    },
+    /// An element that the controller's program reads is not received.
+    #[error("does not receive {0} as the program reads it")]
+    NotReceived(&'static str),
+}

@@ -1,0 +1,270 @@
+//! Makes faults happen to a controller, and ends them.
+
+use super::super::log::StopCause;
+use super::super::model::Controller;
+use super::super::setup::{Clock, Mode};
+use super::super::submit::REOPEN_MS;
+use super::super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
+use super::{Fault, Planned, Side, When};
+
+const REBOOT_MS: u64 = 3_000;
+/// How far off a wrong base is, mm.
+const WRONG_MM: f64 = 1.0;
+
+/// The faults of a controller: what is still to come, and what lasts.
+#[derive(Debug, Default)]
+pub(in super::super) struct Troubles {
+    planned: Vec<Planned>,
+    commands_arrived: u64,
+    /// What ends by itself, and when.
+    ends: Vec<(u64, Fault)>,
+    unplugged: bool,
+    mute: bool,
+    no_acks: bool,
+    stalled: bool,
+    pub(in super::super) slow_share: Option<f64>,
+    /// Of the next `set_base` or `set_tcp`.
+    lost: Option<i32>,
+    wrong_base: bool,
+    refusal: Option<Refusal>,
+    skips_state: bool,
+    /// Bytes and hang-ups that wait for the cable, by channel.
+    pub(in super::super) behind_cable: [Vec<u8>; 2],
+    pub(in super::super) hung_up: [bool; 2],
+}
+
+impl Troubles {
+    pub(in super::super) fn new(planned: Vec<Planned>) -> Self {
+        Troubles { planned, ..Troubles::default() }
+    }
+
+    /// The cable is out.
+    pub(in super::super) fn unplugged(&self) -> bool {
+        self.unplugged
+    }
+
+    /// Nothing is told on this channel.
+    pub(in super::super) fn silences(&self, channel: Channel) -> bool {
+        self.mute || (self.no_acks && channel == Channel::Command)
+    }
+
+    /// The submit interpreter stands still.
+    pub(in super::super) fn stalled(&self) -> bool {
+        self.stalled
+    }
+
+    /// A reason to refuse the next command.
+    pub(in super::super) fn take_refusal(&mut self) -> Option<Refusal> {
+        self.refusal.take()
+    }
+
+    /// One more, where a state's number is to be left out.
+    pub(in super::super) fn take_skip(&mut self) -> i32 {
+        i32::from(std::mem::take(&mut self.skips_state))
+    }
+
+    /// What becomes of a frame that is being set; `None` where it has no effect.
+    pub(in super::super) fn spoil(&mut self, command: &Command) -> Option<[f64; 6]> {
+        let mut numbers = command.p;
+        if self.lost == Some(command.operation) {
+            self.lost = None;
+            return None;
+        }
+        if command.operation == SET_BASE && std::mem::take(&mut self.wrong_base) {
+            numbers[0] += WRONG_MM;
+        }
+        Some(numbers)
+    }
+}
+
+impl Controller {
+    /// Makes this happen now.
+    pub fn inject(&mut self, fault: Fault) {
+        let for_ms = self.set(fault, true);
+        let for_ms = if let Fault::Reboot { for_ms: None } = fault { Some(REBOOT_MS) } else { for_ms };
+        if let Some(for_ms) = for_ms {
+            self.troubles.ends.push((self.now_ms + for_ms, fault));
+        }
+    }
+
+    /// At the start of a tick: what begins, and what ends.
+    pub(in super::super) fn pass_faults(&mut self) {
+        let now_ms = self.now_ms;
+        let arrived = self.troubles.commands_arrived;
+        let is_due = |when: When| match when {
+            When::AtMs(at_ms) => at_ms <= now_ms,
+            When::AtCommand(number) => number <= arrived,
+        };
+        if self.troubles.planned.iter().any(|planned| is_due(planned.when)) {
+            let all = std::mem::take(&mut self.troubles.planned);
+            let (due, later): (Vec<_>, Vec<_>) = all.into_iter().partition(|planned| is_due(planned.when));
+            self.troubles.planned = later;
+            due.iter().for_each(|planned| self.inject(planned.fault));
+        }
+        while let Some(at) = self.troubles.ends.iter().position(|(end_ms, _)| *end_ms <= now_ms) {
+            let (_, fault) = self.troubles.ends.swap_remove(at);
+            self.set(fault, false);
+        }
+    }
+
+    /// Commands that have arrived, for faults that wait for one.
+    pub(in super::super) fn count_arrived(&mut self, commands: u64) {
+        self.troubles.commands_arrived += commands;
+        if !self.troubles.planned.is_empty() {
+            self.pass_faults();
+        }
+    }
+
+    /// Begins or ends a fault; how long it lasts comes back.
+    fn set(&mut self, fault: Fault, begins: bool) -> Option<u64> {
+        let troubles = &mut self.troubles;
+        match fault {
+            Fault::Cut(side) => {
+                channels(side).iter().for_each(|&channel| self.disconnect(channel));
+                None
+            }
+            Fault::Garbage(side) => {
+                channels(side).iter().for_each(|&channel| self.write_garbage(channel));
+                None
+            }
+            Fault::Unplug { for_ms } => {
+                troubles.unplugged = begins;
+                if !begins {
+                    self.plug_in();
+                }
+                for_ms
+            }
+            Fault::Mute { for_ms } => {
+                troubles.mute = begins;
+                for_ms
+            }
+            Fault::NoAcks { for_ms } => {
+                troubles.no_acks = begins;
+                for_ms
+            }
+            Fault::Stall { for_ms } => {
+                troubles.stalled = begins;
+                for_ms
+            }
+            Fault::SkipState => {
+                troubles.skips_state = true;
+                None
+            }
+            Fault::LoseBase | Fault::LoseTool => {
+                troubles.lost = Some(if fault == Fault::LoseBase { SET_BASE } else { SET_TCP });
+                None
+            }
+            Fault::WrongBase => {
+                troubles.wrong_base = true;
+                None
+            }
+            Fault::Refuse(number) => {
+                troubles.refusal = Refusal::of(number);
+                None
+            }
+            Fault::Slow { percent, for_ms } => {
+                troubles.slow_share = begins.then_some(f64::from(percent) / 100.0);
+                for_ms
+            }
+            _ => self.press(fault, begins),
+        }
+    }
+
+    /// What people, the safety controller and the mains do.
+    fn press(&mut self, fault: Fault, begins: bool) -> Option<u64> {
+        match fault {
+            Fault::EStop { for_ms } => {
+                if begins {
+                    self.press_e_stop();
+                } else {
+                    self.release_e_stop();
+                    self.switch_drives(true);
+                }
+                for_ms
+            }
+            Fault::Guard { for_ms } => {
+                self.set_guard(!begins);
+                for_ms
+            }
+            Fault::Drives { for_ms } => {
+                self.switch_drives(!begins);
+                for_ms
+            }
+            Fault::Mode { to, for_ms } => {
+                self.select_mode(if begins { to } else { Mode::Ext });
+                for_ms
+            }
+            Fault::Deselect { for_ms } => {
+                if begins {
+                    self.deselect();
+                } else {
+                    self.select();
+                }
+                for_ms
+            }
+            Fault::Reboot { for_ms } => {
+                if begins {
+                    self.reboot(for_ms.unwrap_or(REBOOT_MS));
+                }
+                for_ms
+            }
+            _ => None,
+        }
+    }
+
+    /// The cable is in again: what waited arrives, hang-ups last.
+    fn plug_in(&mut self) {
+        for (index, channel) in [Channel::Command, Channel::State].into_iter().enumerate() {
+            let bytes = std::mem::take(&mut self.troubles.behind_cable[index]);
+            match channel {
+                Channel::Command => self.command_bytes(&bytes),
+                Channel::State => self.state_bytes(&bytes),
+            }
+            if std::mem::take(&mut self.troubles.hung_up[index]) {
+                self.disconnect(channel);
+            }
+        }
+    }
+
+    /// The robot program is deselected: the arm stands, and channels of its environment are closed.
+    pub fn deselect(&mut self) {
+        if std::mem::replace(&mut self.safety.selected, false) {
+            self.stop(StopCause::Deselected, String::new());
+        }
+        for channel in [Channel::Command, Channel::State] {
+            if self.lives_with_program(channel) {
+                self.disconnect(channel);
+                self.link(channel).listens_at_ms = u64::MAX;
+            }
+        }
+    }
+
+    /// The robot program is selected and started; nothing moves by it.
+    pub fn select(&mut self) {
+        self.safety.selected = true;
+        for channel in [Channel::Command, Channel::State] {
+            if self.lives_with_program(channel) {
+                self.link(channel).listens_at_ms = self.now_ms + REOPEN_MS;
+            }
+        }
+    }
+
+    /// The controller starts again: channels, epochs and counts are gone, the arm stands, outputs are off.
+    pub fn reboot(&mut self, down_ms: u64) {
+        self.stop(StopCause::Rebooted, String::new());
+        for channel in [Channel::Command, Channel::State] {
+            self.disconnect(channel);
+            let instant = self.setup.clock == Clock::LockStep;
+            self.link(channel).listens_at_ms = if instant { self.now_ms } else { self.now_ms + down_ms };
+        }
+        self.forget_all();
+    }
+}
+
+fn channels(side: Side) -> &'static [Channel] {
+    match side {
+        Side::Command => &[Channel::Command],
+        Side::State => &[Channel::State],
+        Side::Both => &[Channel::Command, Channel::State],
+    }
+}

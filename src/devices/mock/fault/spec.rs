@@ -1,0 +1,418 @@
+//! A fault specification from text.
+
+use super::super::setup::Mode;
+use super::{Fault, FaultSpec, Planned, Side, When};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::str::FromStr;
+
+/// Why a text is no fault specification. Each names the item and what may stand there.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum FaultSpecError {
+    /// Nothing between two commas.
+    #[error("an item is empty; items are separated by single commas")]
+    Empty,
+    /// No such fault or setting.
+    #[error("\"{item}\": there is no {name}{}; known are {}", nearest(name), known())]
+    Unknown {
+        /// The whole item.
+        item: String,
+        /// Its name.
+        name: String,
+    },
+    /// A value that is missing or means nothing.
+    #[error("\"{item}\": the value is {found}, allowed is {allowed}")]
+    Value {
+        /// The whole item.
+        item: String,
+        /// What stands there.
+        found: String,
+        /// What may.
+        allowed: &'static str,
+    },
+    /// A value or duration where none belongs.
+    #[error("\"{item}\": {name} takes no {what}")]
+    Needless {
+        /// The whole item.
+        item: String,
+        /// Its name.
+        name: String,
+        /// Value, duration or time.
+        what: &'static str,
+    },
+    /// A fault that does not say when.
+    #[error("\"{item}\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command")]
+    NoTime {
+        /// The whole item.
+        item: String,
+    },
+    /// A time that is none.
+    #[error("\"{item}\": {found} is no time; write 3s, 1.5s or 250ms, at most 1 day{}", command(*at))]
+    Time {
+        /// The whole item.
+        item: String,
+        /// What stands there.
+        found: String,
+        /// Whether a command's number may stand there too.
+        at: bool,
+    },
+}
+
+fn command(at: bool) -> &'static str {
+    if at { ", or #40 for the arrival of the 40th command" } else { "" }
+}
+
+const SETTINGS: [&str; 4] = ["seed", "delay", "fragment", "random"];
+const FAULTS: [&str; 18] = [
+    "cut",
+    "unplug",
+    "mute",
+    "no-acks",
+    "stall",
+    "garbage",
+    "skip-state",
+    "lose-base",
+    "lose-tool",
+    "wrong-base",
+    "refuse",
+    "slow",
+    "e-stop",
+    "guard",
+    "drives",
+    "mode",
+    "deselect",
+    "reboot",
+];
+const LONGEST_MS: f64 = 86_400_000.0;
+const MOST_RANDOM: usize = 1_000;
+
+fn known() -> String {
+    SETTINGS.iter().chain(&FAULTS).copied().collect::<Vec<_>>().join(", ")
+}
+
+fn nearest(name: &str) -> String {
+    let all = SETTINGS.iter().chain(&FAULTS);
+    let near = all.map(|known| (strsim::damerau_levenshtein(name, known), known)).min();
+    near.filter(|(far, _)| *far <= 3).map_or_else(String::new, |(_, known)| format!(" (did you mean {known}?)"))
+}
+
+impl FaultSpec {
+    /// How a specification is written.
+    pub const HELP: &'static str = "\
+Items separated by commas. A fault is NAME[=VALUE][/DURATION]@WHEN; WHEN is a time since the start (3s, 250ms) or #N,
+the arrival of the Nth command; without a duration it lasts.
+  cut[=command|state|both]@WHEN   close the connections      garbage[=command|state|both]@WHEN   send no XML
+  unplug[/D]@WHEN  cable out      mute[/D]@WHEN  say nothing       no-acks[/D]@WHEN  acknowledge nothing
+  stall[/D]@WHEN   submit stands  skip-state@WHEN  leave a number out
+  lose-base@WHEN, lose-tool@WHEN, wrong-base@WHEN    the next set_base or set_tcp has no effect, or is 1 mm off
+  refuse=1..10@WHEN   refuse the next command with that Err  slow=1..100[/D]@WHEN   percent of the speed
+  e-stop[/D]@WHEN, guard[/D]@WHEN, drives[/D]@WHEN, mode=T1|T2|AUT|EXT[/D]@WHEN, deselect[/D]@WHEN, reboot[/D]@WHEN
+Settings: seed=N   delay=20ms or delay=2ms..25ms, each way   fragment   random=N/D: N faults at random in that time
+Example: seed=7,delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40";
+}
+
+impl FromStr for FaultSpec {
+    type Err = FaultSpecError;
+
+    fn from_str(text: &str) -> Result<Self, FaultSpecError> {
+        let mut spec = FaultSpec::default();
+        let mut random = None;
+        for text in text.split(',') {
+            let item = Item::of(text.trim())?;
+            match item.name {
+                "seed" => {
+                    spec.seed = item.plain()?.value("a whole number, as seed=7", |text| text.parse().ok())?;
+                }
+                "delay" => spec.delay_ms = Some(item.plain()?.delay()?),
+                "fragment" => {
+                    item.plain()?.no_value()?;
+                    spec.fragment = true;
+                }
+                "random" => random = Some(item.random()?),
+                _ => spec.planned.push(item.planned()?),
+            }
+        }
+        if let Some((count, within_ms)) = random {
+            let mut draw = Pcg64::seed_from_u64(spec.seed);
+            spec.planned.extend((0..count).map(|_| any_fault(&mut draw, within_ms)));
+        }
+        Ok(spec)
+    }
+}
+
+/// One item, taken apart.
+struct Item<'a> {
+    whole: &'a str,
+    name: &'a str,
+    value: Option<&'a str>,
+    duration: Option<&'a str>,
+    when: Option<&'a str>,
+}
+
+impl<'a> Item<'a> {
+    fn of(whole: &'a str) -> Result<Self, FaultSpecError> {
+        if whole.is_empty() {
+            return Err(FaultSpecError::Empty);
+        }
+        let cut = |text: &'a str, at: char| match text.split_once(at) {
+            Some((before, behind)) => (before, Some(behind)),
+            None => (text, None),
+        };
+        let (what, when) = cut(whole, '@');
+        let (what, duration) = cut(what, '/');
+        let (name, value) = cut(what, '=');
+        if !SETTINGS.iter().chain(&FAULTS).any(|known| *known == name) {
+            return Err(FaultSpecError::Unknown { item: whole.to_owned(), name: name.to_owned() });
+        }
+        Ok(Item { whole, name, value, duration, when })
+    }
+
+    fn needless(&self, what: &'static str) -> FaultSpecError {
+        FaultSpecError::Needless { item: self.whole.to_owned(), name: self.name.to_owned(), what }
+    }
+
+    /// A setting, which has neither duration nor time.
+    fn plain(self) -> Result<Self, FaultSpecError> {
+        match (self.duration, self.when) {
+            (Some(_), _) => Err(self.needless("duration")),
+            (_, Some(_)) => Err(self.needless("time")),
+            _ => Ok(self),
+        }
+    }
+
+    fn no_value(&self) -> Result<(), FaultSpecError> {
+        if self.value.is_some() { Err(self.needless("value")) } else { Ok(()) }
+    }
+
+    fn value<T>(&self, allowed: &'static str, read: impl Fn(&str) -> Option<T>) -> Result<T, FaultSpecError> {
+        self.value.and_then(read).ok_or_else(|| FaultSpecError::Value {
+            item: self.whole.to_owned(),
+            found: self.value.map_or_else(|| "missing".to_owned(), |value| format!("\"{value}\"")),
+            allowed,
+        })
+    }
+
+    fn time(&self, text: &str, at: bool) -> Result<u64, FaultSpecError> {
+        milliseconds(text).ok_or_else(|| FaultSpecError::Time {
+            item: self.whole.to_owned(),
+            found: format!("\"{text}\""),
+            at,
+        })
+    }
+
+    fn delay(&self) -> Result<(u64, u64), FaultSpecError> {
+        const ALLOWED: &str = "a time or two, as 20ms or 2ms..25ms, at most 10s";
+        self.value(ALLOWED, |text| {
+            let (low, high) = text.split_once("..").unwrap_or((text, text));
+            let (low, high) = (milliseconds(low)?, milliseconds(high)?);
+            (low <= high && high <= 10_000).then_some((low, high))
+        })
+    }
+
+    fn random(&self) -> Result<(usize, u64), FaultSpecError> {
+        if self.when.is_some() {
+            return Err(self.needless("time"));
+        }
+        let within_ms = self.duration.map_or(Ok(60_000), |text| self.time(text, false))?;
+        let count = self.value("a count of 1 to 1000, as random=5/60s", |text| {
+            text.parse().ok().filter(|count| (1..=MOST_RANDOM).contains(count))
+        })?;
+        Ok((count, within_ms.max(1)))
+    }
+
+    fn side(&self) -> Result<Side, FaultSpecError> {
+        let side = |text: &str| match text {
+            "command" => Some(Side::Command),
+            "state" => Some(Side::State),
+            "both" => Some(Side::Both),
+            _ => None,
+        };
+        if self.value.is_none() { Ok(Side::Both) } else { self.value("command, state or both", side) }
+    }
+
+    fn planned(&self) -> Result<Planned, FaultSpecError> {
+        let when = match self.when {
+            None => return Err(FaultSpecError::NoTime { item: self.whole.to_owned() }),
+            Some(text) => match text.strip_prefix('#').map(str::parse) {
+                Some(Ok(number)) => When::AtCommand(number),
+                _ => When::AtMs(self.time(text, true)?),
+            },
+        };
+        let for_ms = self.duration.map(|text| self.time(text, false)).transpose()?;
+        let lasts = matches!(
+            self.name,
+            "unplug"
+                | "mute"
+                | "no-acks"
+                | "stall"
+                | "slow"
+                | "e-stop"
+                | "guard"
+                | "drives"
+                | "mode"
+                | "deselect"
+                | "reboot"
+        );
+        if for_ms.is_some() && !lasts {
+            return Err(self.needless("duration"));
+        }
+        if !matches!(self.name, "cut" | "garbage" | "refuse" | "slow" | "mode") {
+            self.no_value()?;
+        }
+        let number =
+            |low: u8, high: u8| move |text: &str| text.parse().ok().filter(|number| (low..=high).contains(number));
+        let fault = match self.name {
+            "cut" => Fault::Cut(self.side()?),
+            "garbage" => Fault::Garbage(self.side()?),
+            "unplug" => Fault::Unplug { for_ms },
+            "mute" => Fault::Mute { for_ms },
+            "no-acks" => Fault::NoAcks { for_ms },
+            "stall" => Fault::Stall { for_ms },
+            "skip-state" => Fault::SkipState,
+            "lose-base" => Fault::LoseBase,
+            "lose-tool" => Fault::LoseTool,
+            "wrong-base" => Fault::WrongBase,
+            "refuse" => Fault::Refuse(self.value("an Err of 1 to 10", number(1, 10))?),
+            "slow" => Fault::Slow { percent: self.value("1 to 100 percent", number(1, 100))?, for_ms },
+            "e-stop" => Fault::EStop { for_ms },
+            "guard" => Fault::Guard { for_ms },
+            "drives" => Fault::Drives { for_ms },
+            "mode" => Fault::Mode { to: self.value("T1, T2, AUT or EXT", mode)?, for_ms },
+            "deselect" => Fault::Deselect { for_ms },
+            _ => Fault::Reboot { for_ms },
+        };
+        Ok(Planned { when, fault })
+    }
+}
+
+fn mode(text: &str) -> Option<Mode> {
+    match text {
+        "T1" => Some(Mode::T1),
+        "T2" => Some(Mode::T2),
+        "AUT" => Some(Mode::Aut),
+        "EXT" => Some(Mode::Ext),
+        _ => None,
+    }
+}
+
+fn milliseconds(text: &str) -> Option<u64> {
+    let (number, unit_ms) = match (text.strip_suffix("ms"), text.strip_suffix('s')) {
+        (Some(number), _) => (number, 1.0),
+        (None, Some(number)) => (number, 1000.0),
+        (None, None) => return None,
+    };
+    let plain = number.starts_with(|first: char| first.is_ascii_digit())
+        && number.chars().all(|character| character.is_ascii_digit() || character == '.');
+    let ms = number.parse::<f64>().ok().filter(|_| plain)? * unit_ms;
+    (ms <= LONGEST_MS).then_some(ms.round() as u64)
+}
+
+/// A fault that passes, at some time within these ms.
+pub(super) fn any_fault(draw: &mut Pcg64, within_ms: u64) -> Planned {
+    let for_ms = Some(draw.random_range(100..3_000));
+    let side = [Side::Command, Side::State, Side::Both][draw.random_range(0..3)];
+    let faults = [
+        Fault::Cut(side),
+        Fault::Garbage(side),
+        Fault::Unplug { for_ms },
+        Fault::Mute { for_ms },
+        Fault::NoAcks { for_ms },
+        Fault::Stall { for_ms },
+        Fault::SkipState,
+        Fault::LoseBase,
+        Fault::LoseTool,
+        Fault::WrongBase,
+        Fault::Refuse(draw.random_range(1..=10)),
+        Fault::Slow { percent: draw.random_range(5..100), for_ms },
+        Fault::EStop { for_ms },
+        Fault::Guard { for_ms },
+        Fault::Drives { for_ms },
+        Fault::Mode { to: Mode::T1, for_ms },
+        Fault::Deselect { for_ms },
+        Fault::Reboot { for_ms },
+    ];
+    let fault = faults[draw.random_range(0..faults.len())];
+    Planned { when: When::AtMs(draw.random_range(0..within_ms)), fault }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<FaultSpec, FaultSpecError> {
+        text.parse()
+    }
+
+    #[test]
+    fn every_kind_of_item_is_read() {
+        let spec = read("seed=7, delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40,cut@250ms,slow=20/1.5s@3s");
+        let planned = |when, fault| Planned { when, fault };
+        let expected = FaultSpec {
+            seed: 7,
+            delay_ms: Some((5, 15)),
+            fragment: true,
+            planned: vec![
+                planned(When::AtMs(10_000), Fault::Unplug { for_ms: Some(2_000) }),
+                planned(When::AtCommand(40), Fault::Refuse(8)),
+                planned(When::AtMs(250), Fault::Cut(Side::Both)),
+                planned(When::AtMs(3_000), Fault::Slow { percent: 20, for_ms: Some(1_500) }),
+            ],
+        };
+        assert_eq!(spec, Ok(expected));
+        for name in FAULTS {
+            let value = match name {
+                "refuse" => "=8",
+                "slow" => "=50",
+                "mode" => "=T1",
+                "cut" | "garbage" => "=state",
+                _ => "",
+            };
+            assert!(read(&format!("{name}{value}@1s")).is_ok(), "{name}");
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_said_with_what_is_allowed() {
+        let cases = [
+            ("", "an item is empty; items are separated by single commas"),
+            ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),
+            ("cut", "\"cut\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"),
+            ("cut=left@1s", "\"cut=left@1s\": the value is \"left\", allowed is command, state or both"),
+            ("refuse@1s", "\"refuse@1s\": the value is missing, allowed is an Err of 1 to 10"),
+            ("refuse=11@1s", "\"refuse=11@1s\": the value is \"11\", allowed is an Err of 1 to 10"),
+            ("slow=0@1s", "\"slow=0@1s\": the value is \"0\", allowed is 1 to 100 percent"),
+            ("mode=t1@1s", "\"mode=t1@1s\": the value is \"t1\", allowed is T1, T2, AUT or EXT"),
+            ("lose-base=1@1s", "\"lose-base=1@1s\": lose-base takes no value"),
+            ("lose-base/2s@1s", "\"lose-base/2s@1s\": lose-base takes no duration"),
+            ("seed=7@1s", "\"seed=7@1s\": seed takes no time"),
+            ("seed=x", "\"seed=x\": the value is \"x\", allowed is a whole number, as seed=7"),
+            (
+                "delay=25ms..5ms",
+                "\"delay=25ms..5ms\": the value is \"25ms..5ms\", allowed is a time or two, as 20ms or 2ms..25ms, at most 10s",
+            ),
+            ("unplug/2@1s", "\"unplug/2@1s\": \"2\" is no time; write 3s, 1.5s or 250ms, at most 1 day"),
+            (
+                "unplug@-1s",
+                "\"unplug@-1s\": \"-1s\" is no time; write 3s, 1.5s or 250ms, at most 1 day, or #40 for the arrival \
+                 of the 40th command",
+            ),
+            ("random=0", "\"random=0\": the value is \"0\", allowed is a count of 1 to 1000, as random=5/60s"),
+        ];
+        for (text, message) in cases {
+            assert_eq!(read(text).expect_err(text).to_string(), message);
+        }
+        let unknown = read("unplugg@1s").expect_err("unknown").to_string();
+        let start = "\"unplugg@1s\": there is no unplugg (did you mean unplug?); known are seed, delay, fragment";
+        assert!(unknown.starts_with(start), "{unknown}");
+    }
+
+    /// Fifty random faults lie in their time, and one seed gives one row of them.
+    #[test]
+    fn random_faults_come_from_the_seed() {
+        let spec = read("random=50/20s,seed=3").expect("read");
+        assert_eq!(spec.planned.len(), 50);
+        assert!(spec.planned.iter().all(|planned| matches!(planned.when, When::AtMs(0..20_000))));
+        assert_eq!(read("seed=3,random=50/20s").expect("read"), spec);
+        assert_ne!(read("seed=4,random=50/20s").expect("read").planned, spec.planned);
+    }
+}

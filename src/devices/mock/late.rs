@@ -1,0 +1,64 @@
+//! A slow way for bytes: they arrive late, in order, in pieces that know nothing of documents.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+
+/// One direction of one connection.
+#[derive(Debug)]
+pub(super) struct Way {
+    delay_ms: Option<(u64, u64)>,
+    fragment: bool,
+    draw: Pcg64,
+    pieces: VecDeque<(Instant, Vec<u8>)>,
+}
+
+impl Way {
+    pub(super) fn new(delay_ms: Option<(u64, u64)>, fragment: bool, seed: u64) -> Self {
+        Way { delay_ms, fragment, draw: Pcg64::seed_from_u64(seed), pieces: VecDeque::new() }
+    }
+
+    /// Bytes set out.
+    pub(super) fn put(&mut self, now: Instant, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let length = if self.fragment { self.draw.random_range(1..=rest.len()) } else { rest.len() };
+            let (piece, behind) = rest.split_at(length);
+            let late_ms = self.delay_ms.map_or(0, |(low, high)| self.draw.random_range(low..=high));
+            let due = now + Duration::from_millis(late_ms);
+            let due = self.pieces.back().map_or(due, |(last, _)| due.max(*last));
+            self.pieces.push_back((due, piece.to_vec()));
+            rest = behind;
+        }
+    }
+
+    /// The next piece that has arrived.
+    pub(super) fn take(&mut self, now: Instant) -> Option<Vec<u8>> {
+        self.pieces.pop_front_if(|(due, _)| *due <= now).map(|(_, piece)| piece)
+    }
+
+    /// The connection is gone, and what was under way with it.
+    pub(super) fn clear(&mut self) {
+        self.pieces.clear();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 100 bytes with 5 to 15 ms of delay: none before 5 ms, all at 15, in order, in more than one piece.
+    #[test]
+    fn bytes_come_late_in_order_and_in_pieces() {
+        let mut way = Way::new(Some((5, 15)), true, 1);
+        let (now, bytes): (Instant, Vec<u8>) = (Instant::now(), (0..100).collect());
+        way.put(now, &bytes);
+        assert_eq!(way.take(now + Duration::from_millis(4)), None);
+        let mut found: Vec<Vec<u8>> = Vec::new();
+        while let Some(piece) = way.take(now + Duration::from_millis(15)) {
+            found.push(piece);
+        }
+        assert!(found.len() > 1 && found.concat() == bytes);
+    }
+}

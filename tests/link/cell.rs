@@ -1,0 +1,409 @@
+//! A client's session and a mock controller in virtual time, without sockets: four ways for bytes, which may be late,
+//! in pieces, or end.
+//!
+//! Time jumps from one event to the next: a tick of the controller, a deadline of the session, bytes that arrive.
+
+use panelprep::devices::mock::{self, Clock, Controller, Executed, Setup, Unwired};
+use panelprep::eki::{
+    CELLCMD, CELLSTAT, Channel, ChannelFile, Command, LinkLimits, LinkLoss, MoveLin, Pace, Report, Session,
+    SetAccSpeed, SetTcp, TcpKind, Time, Wire,
+};
+use panelprep::geometry::{Base, Joints, KukaPose, Panel, Rigid, Tool};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use std::collections::VecDeque;
+
+/// Wrist bent down: the flange is at (390, 0, 670), its Z straight down.
+pub const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 90.0, a6_deg: 0.0 };
+/// The sanding tool: 100 mm along the flange's Z.
+pub const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 100.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
+/// The panel's frame where the tool stands at the start; its Z points down, into the panel.
+pub const BASE: KukaPose = KukaPose { x_mm: 390.0, y_mm: 0.0, z_mm: 570.0, a_deg: 180.0, b_deg: 0.0, c_deg: 180.0 };
+/// The output that runs the tool.
+pub const TOOL_OUTPUT: u16 = 5;
+/// A controller's tick, ms.
+pub const TICK_MS: u64 = 12;
+
+/// The shipped files, as the client reads them.
+pub fn wire() -> Wire {
+    let [command, state] = [CELLCMD, CELLSTAT].map(|text| ChannelFile::parse(text).expect("a shipped file"));
+    Wire::new(&command, &state).expect("the shipped files fit")
+}
+
+/// A controller on these files.
+pub fn setup(clock: Clock) -> Setup {
+    let [command, state] = [CELLCMD, CELLSTAT].map(|text| mock::ChannelFile::parse(text).expect("a shipped file"));
+    Setup { clock, start: START, ..Setup::new(command, state) }
+}
+
+pub fn speed(speed_m_s: f64) -> Command {
+    Command::SetAccSpeed(SetAccSpeed {
+        speed_m_s,
+        acceleration_m_s2: 5.0,
+        axis_speed_percent: 50,
+        axis_acceleration_percent: 50,
+    })
+}
+
+pub fn sanding_tool() -> Command {
+    Command::SetTcp(SetTcp { flange_from_tool: TOOL, kind: TcpKind::Sanding })
+}
+
+/// Through the air, along the panel in contact, and off again: points so far apart, rounded by half of that.
+pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
+    let point = |index: usize| {
+        let in_air = index < 2 || index + 2 >= points;
+        let z_mm = if in_air { -10.0 } else { 0.0 };
+        // A shallow zigzag, so that every corner is one.
+        let y_mm = if index % 2 == 0 { 0.0 } else { 0.2 * step_mm };
+        let pose = KukaPose { x_mm: step_mm * index as f64 - 40.0, y_mm, z_mm, ..KukaPose::default() };
+        let blend_mm = if index + 1 == points { 0.0 } else { 0.4 * step_mm };
+        MoveLin { pose, blend_mm, contact: contact && !in_air }
+    };
+    (0..points).map(point).collect()
+}
+
+/// How far the tool's tip is above the panel, mm.
+pub fn height_mm(controller: &Controller) -> f64 {
+    let base_from_tool: Rigid<Base, Tool> = controller.flange_pose() * TOOL.to_rigid();
+    let panel_from_tool: Rigid<Panel, Tool> = BASE.to_rigid::<Base, Panel>().inverse() * base_from_tool;
+    -panel_from_tool.origin().mm.z
+}
+
+enum Piece {
+    Bytes(Vec<u8>),
+    End,
+}
+
+/// One direction of one connection.
+#[derive(Default)]
+struct Way {
+    pieces: VecDeque<(u64, Piece)>,
+}
+
+impl Way {
+    fn put(&mut self, due_ms: u64, piece: Piece) {
+        let due_ms = self.pieces.back().map_or(due_ms, |(last_ms, _)| due_ms.max(*last_ms));
+        self.pieces.push_back((due_ms, piece));
+    }
+
+    fn take(&mut self, now_ms: u64) -> Option<Piece> {
+        self.pieces.pop_front_if(|(due_ms, _)| *due_ms <= now_ms).map(|(_, piece)| piece)
+    }
+
+    fn due_ms(&self) -> Option<u64> {
+        self.pieces.front().map(|(due_ms, _)| *due_ms)
+    }
+}
+
+const CHANNELS: [(Channel, mock::Channel); 2] =
+    [(Channel::Command, mock::Channel::Command), (Channel::State, mock::Channel::State)];
+
+/// Who closes a connection.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    Client,
+    Robot,
+}
+
+/// What came and went, for whoever judges it.
+pub trait Watch {
+    /// A command's epoch and id, as they leave the client.
+    fn sent(&mut self, _epoch: u32, _id: u32, _now_ms: u64) {}
+    /// What the session told.
+    fn told(&mut self, _report: &Report, _cell: &Insides<'_>) {}
+    /// After each step.
+    fn look(&mut self, _cell: &Insides<'_>) {}
+}
+
+/// Nobody watches.
+pub struct Blind;
+impl Watch for Blind {}
+
+/// What can be seen of a cell.
+pub struct Insides<'a> {
+    pub session: &'a Session,
+    pub controller: &'a Controller,
+    pub now_ms: u64,
+    /// When bytes of the state channel last reached the client.
+    pub heard_ms: u64,
+    /// The client's process stands still.
+    pub stalled: bool,
+}
+
+/// Client and controller.
+pub struct Cell {
+    pub session: Session,
+    pub controller: Controller,
+    pub now_ms: u64,
+    /// How late bytes are, each way.
+    pub delay_ms: (u64, u64),
+    pub fragment: bool,
+    /// Until then the client's process does nothing.
+    pub client_stalls_until_ms: u64,
+    /// Until then what the client says does not arrive.
+    pub deaf_until_ms: u64,
+    /// Messages that were put on any way.
+    pub messages: usize,
+    draw: Pcg64,
+    to_robot: [Way; 2],
+    to_client: [Way; 2],
+    /// The client has two connections; the controller has its end of each.
+    up: bool,
+    robot_open: [bool; 2],
+    retry_at_ms: u64,
+    pause_ms: u64,
+    heard_ms: u64,
+    reports: VecDeque<Report>,
+}
+
+impl Cell {
+    /// Not yet connected.
+    pub fn new(setup: Setup, limits: LinkLimits, seed: u64) -> Self {
+        Cell {
+            session: Session::new(wire(), limits, Pace::Wall),
+            controller: Controller::new(setup, Box::new(Unwired)).expect("the shipped files fit"),
+            now_ms: 0,
+            delay_ms: (1, 1),
+            fragment: false,
+            client_stalls_until_ms: 0,
+            deaf_until_ms: 0,
+            messages: 0,
+            draw: Pcg64::seed_from_u64(seed),
+            to_robot: Default::default(),
+            to_client: Default::default(),
+            up: false,
+            robot_open: [false; 2],
+            retry_at_ms: 0,
+            pause_ms: 100,
+            heard_ms: 0,
+            reports: VecDeque::new(),
+        }
+    }
+
+    /// With an epoch open, base, tool and speed set and seen.
+    pub fn ready(setup: Setup, speed_m_s: f64) -> Self {
+        let mut cell = Cell::new(setup, LinkLimits::default(), 1);
+        cell.open(speed_m_s);
+        cell
+    }
+
+    pub fn open(&mut self, speed_m_s: f64) {
+        assert!(self.until(8_000, |report| matches!(report, Report::Connected { .. })), "connects");
+        self.open_connected(speed_m_s);
+    }
+
+    pub fn open_connected(&mut self, speed_m_s: f64) {
+        self.session.open_epoch().expect("connected and standing");
+        assert!(self.until(1_000, |report| matches!(report, Report::EpochOpened { .. })), "opens");
+        for command in [Command::SetBase(BASE), sanding_tool(), speed(speed_m_s)] {
+            self.session.queue(command).expect("good");
+        }
+        self.run(400, &mut Blind);
+    }
+
+    /// Lets time pass until this was told; false where it was not.
+    pub fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> bool {
+        let end_ms = self.now_ms + patience_ms;
+        loop {
+            while let Some(report) = self.reports.pop_front() {
+                if found(&report) {
+                    return true;
+                }
+            }
+            if self.now_ms >= end_ms {
+                return false;
+            }
+            self.step(end_ms, &mut Blind);
+        }
+    }
+
+    pub fn next_report(&mut self) -> Option<Report> {
+        self.reports.pop_front()
+    }
+
+    pub fn run(&mut self, ms: u64, watch: &mut impl Watch) {
+        let end_ms = self.now_ms + ms;
+        while self.now_ms < end_ms {
+            self.step(end_ms, watch);
+        }
+    }
+
+    pub fn executed(&self) -> &[Executed] {
+        self.controller.executed()
+    }
+
+    fn next_event_ms(&self, end_ms: u64) -> u64 {
+        let deadline = self.session.deadline().map(|at| at.since_start().as_micros().div_ceil(1_000) as u64);
+        let client = deadline.into_iter().chain(self.to_client.iter().filter_map(Way::due_ms));
+        let retry = (!self.up).then_some(self.retry_at_ms);
+        let client = client.chain(retry).map(|at| at.max(self.client_stalls_until_ms));
+        let robot = self.to_robot.iter().filter_map(Way::due_ms).map(|at| at.max(self.deaf_until_ms));
+        let tick_ms = (self.now_ms / TICK_MS + 1) * TICK_MS;
+        let next = client.chain(robot).chain([tick_ms]).min().unwrap_or(end_ms);
+        next.clamp(self.now_ms + 1, end_ms.max(self.now_ms + 1))
+    }
+
+    /// To the next event, and through it.
+    pub fn step(&mut self, end_ms: u64, watch: &mut impl Watch) {
+        let next_ms = self.next_event_ms(end_ms);
+        self.controller.advance_ms(next_ms - self.now_ms);
+        self.now_ms = next_ms;
+        self.reach_robot();
+        self.leave_robot();
+        if self.now_ms >= self.client_stalls_until_ms {
+            self.connect();
+            self.reach_client();
+            let now = Time::at_ms(self.now_ms);
+            if self.session.deadline().is_some_and(|at| at <= now) {
+                self.session.time_passed(now);
+            }
+            self.leave_client(watch);
+        }
+        let Cell { session, controller, now_ms, heard_ms, .. } = self;
+        let stalled = *now_ms < self.client_stalls_until_ms;
+        let insides = Insides { session, controller, now_ms: *now_ms, heard_ms: *heard_ms, stalled };
+        watch.look(&insides);
+    }
+
+    fn connect(&mut self) {
+        if self.up || self.now_ms < self.retry_at_ms {
+            return;
+        }
+        let opened = CHANNELS.map(|(_, end)| self.controller.connect(end));
+        if opened == [true; 2] {
+            (self.up, self.robot_open) = (true, [true; 2]);
+            self.to_robot = Default::default();
+            self.to_client = Default::default();
+            self.heard_ms = self.now_ms;
+            self.session.connected(Time::at_ms(self.now_ms));
+            return;
+        }
+        for ((_, end), opened) in CHANNELS.into_iter().zip(opened) {
+            if opened {
+                self.controller.disconnect(end);
+            }
+        }
+        let refused = LinkLoss::Refused { channel: Channel::Command, address: "the mock".to_owned() };
+        self.session.disconnected(refused);
+        self.back_off();
+    }
+
+    fn back_off(&mut self) {
+        self.retry_at_ms = self.now_ms + self.pause_ms;
+        self.pause_ms = (2 * self.pause_ms).min(1_000);
+    }
+
+    fn reach_robot(&mut self) {
+        if self.now_ms < self.deaf_until_ms {
+            return;
+        }
+        for (index, (_, end)) in CHANNELS.into_iter().enumerate() {
+            while let Some(piece) = self.to_robot[index].take(self.now_ms) {
+                match (piece, end) {
+                    (Piece::Bytes(bytes), mock::Channel::Command) => self.controller.command_bytes(&bytes),
+                    (Piece::Bytes(bytes), mock::Channel::State) => self.controller.state_bytes(&bytes),
+                    (Piece::End, _) => self.controller.disconnect(end),
+                }
+            }
+        }
+    }
+
+    fn leave_robot(&mut self) {
+        for (index, (_, end)) in CHANNELS.into_iter().enumerate() {
+            let bytes = self.controller.take_output(end);
+            if !bytes.is_empty() && self.up {
+                self.messages += 1;
+                self.put(false, index, &bytes);
+            }
+            if self.robot_open[index] && !self.controller.is_connected(end) {
+                self.robot_open[index] = false;
+                let due_ms = self.now_ms + self.delay_ms.0;
+                self.to_client[index].put(due_ms, Piece::End);
+            }
+        }
+    }
+
+    fn put(&mut self, to_robot: bool, index: usize, bytes: &[u8]) {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            let length = if self.fragment { self.draw.random_range(1..=rest.len()) } else { rest.len() };
+            let (piece, behind) = rest.split_at(length);
+            let due_ms = self.now_ms + self.draw.random_range(self.delay_ms.0..=self.delay_ms.1);
+            let way = if to_robot { &mut self.to_robot[index] } else { &mut self.to_client[index] };
+            way.put(due_ms, Piece::Bytes(piece.to_vec()));
+            rest = behind;
+        }
+    }
+
+    fn reach_client(&mut self) {
+        for (index, (channel, _)) in CHANNELS.into_iter().enumerate() {
+            while let Some(piece) = self.to_client[index].take(self.now_ms) {
+                if !self.session.is_connected() {
+                    continue;
+                }
+                let now = Time::at_ms(self.now_ms);
+                match (piece, channel) {
+                    (Piece::Bytes(bytes), Channel::Command) => self.session.push_command_bytes(&bytes, now),
+                    (Piece::Bytes(bytes), Channel::State) => {
+                        self.heard_ms = self.now_ms;
+                        self.session.push_state_bytes(&bytes, now);
+                    }
+                    (Piece::End, _) => self.session.disconnected(LinkLoss::Closed { channel }),
+                }
+            }
+        }
+    }
+
+    fn leave_client(&mut self, watch: &mut impl Watch) {
+        while let Some((channel, bytes)) = self.session.poll_transmit(Time::at_ms(self.now_ms)) {
+            if channel == Channel::Command {
+                let (epoch, id) = epoch_and_id(&bytes);
+                watch.sent(epoch, id, self.now_ms);
+            }
+            if self.up {
+                self.messages += 1;
+                self.put(true, usize::from(channel == Channel::State), &bytes);
+            }
+        }
+        if self.up && !self.session.is_connected() {
+            self.up = false;
+            self.to_robot.iter_mut().for_each(|way| way.put(self.now_ms + self.delay_ms.0, Piece::End));
+            self.to_client = Default::default();
+            self.back_off();
+        }
+        while let Some(report) = self.session.poll_report() {
+            if matches!(report, Report::Connected { .. }) {
+                self.pause_ms = 100;
+            }
+            let Cell { session, controller, now_ms, heard_ms, .. } = &*self;
+            let insides = Insides { session, controller, now_ms: *now_ms, heard_ms: *heard_ms, stalled: false };
+            watch.told(&report, &insides);
+            self.reports.push_back(report);
+        }
+    }
+
+    /// One end closes one connection; what is under way arrives, or is lost.
+    pub fn cut(&mut self, channel: Channel, side: Side, loses: bool) {
+        if !self.up {
+            return;
+        }
+        let index = usize::from(channel == Channel::State);
+        if loses {
+            (self.to_robot[index], self.to_client[index]) = Default::default();
+        }
+        match side {
+            Side::Robot => self.controller.disconnect(CHANNELS[index].1),
+            Side::Client => self.session.disconnected(LinkLoss::Closed { channel }),
+        }
+    }
+}
+
+/// Both from a command's own bytes: `<Cmd Id="17" Ep="3" …`.
+fn epoch_and_id(bytes: &[u8]) -> (u32, u32) {
+    let text = std::str::from_utf8(bytes).expect("ASCII");
+    let mut values = text.split('"').skip(1).step_by(2).map(|value| value.parse::<u32>().expect("a number"));
+    let id = values.next().expect("an id");
+    (values.next().expect("an epoch"), id)
+}

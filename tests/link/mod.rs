@@ -1,0 +1,10 @@
+//! The robot link as a whole: the client's session against the mock controller, in virtual time and over sockets.
+
+mod cell;
+mod corpus;
+mod cuts;
+mod fuzz;
+mod oracles;
+mod paths;
+mod sockets;
+mod walks;

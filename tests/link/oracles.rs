@@ -1,0 +1,264 @@
+//! What must hold at every moment of every run, whatever goes wrong. Judged by the arm and by what was sent, not by what
+//! either program believes.
+
+use super::cell::{BASE, Insides, TICK_MS, TOOL, TOOL_OUTPUT, Watch, height_mm};
+use panelprep::devices::mock::{Executed, Stop, StopCause};
+use panelprep::eki::{CommandId, Epoch, MoveLin, Refusal, Report};
+use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
+use std::collections::BTreeMap;
+
+/// From full speed to standing.
+const BRAKE_MS: u64 = 260;
+/// And 50 mm away from the panel.
+const RETRACT_MS: u64 = 800;
+/// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
+const END_MS: u64 = 400 + 400 + BRAKE_MS + RETRACT_MS;
+/// Off the surface after a stop in contact.
+const LEAVE_MS: u64 = 100;
+/// Contact without motion.
+const DWELL_MS: u64 = 200;
+const WINDOW_MS: f64 = 1_000.0;
+
+/// The first thing that was wrong.
+pub type Violation = Option<String>;
+
+#[derive(Default)]
+pub struct Oracles {
+    pub violation: Violation,
+    /// For how long the submit program stood still in all, which is when no watchdog runs.
+    pub stall_ms: u64,
+    /// The longest way of a byte.
+    pub delay_ms: u64,
+    points: BTreeMap<(u32, u32), (MoveLin, f64)>,
+    sent: BTreeMap<u32, u32>,
+    ended_ms: BTreeMap<u32, u64>,
+    open: Option<Epoch>,
+    told_done: CommandId,
+    joints: Option<Joints>,
+    moved_ms: u64,
+    /// When standing on the panel was last nobody's fault: the drives were off, or a key was released.
+    exempt_ms: u64,
+    executed: usize,
+    last_executed: BTreeMap<i32, i32>,
+    traced: usize,
+}
+
+impl Oracles {
+    /// Nothing seen yet; bytes take at most so long.
+    pub fn new(delay_ms: u64) -> Self {
+        Oracles { delay_ms, ..Oracles::default() }
+    }
+
+    /// Watching begins in this epoch, behind this command.
+    pub fn before(&mut self, epoch: Epoch, last: CommandId) {
+        self.open = Some(epoch);
+        self.sent.insert(epoch.0, last.0);
+        self.told_done = last;
+    }
+
+    /// A path was queued: these are its points, the last with this id, and how long each lasts.
+    pub fn queued(&mut self, epoch: Epoch, last: CommandId, points: &[MoveLin], speed_m_s: f64) {
+        let first = last.0 + 1 - points.len() as u32;
+        let mut before = points[0].pose;
+        for (point, id) in points.iter().zip(first..) {
+            let way =
+                before.to_rigid::<Base, Tool>().origin().distance_mm(point.pose.to_rigid::<Base, Tool>().origin());
+            self.points.insert((epoch.0, id), (*point, way / speed_m_s));
+            before = point.pose;
+        }
+    }
+
+    fn wrong(&mut self, now_ms: u64, what: String) {
+        self.violation.get_or_insert_with(|| format!("{now_ms} ms: {what}"));
+    }
+
+    /// Executed once, in order, as sent, where it was sent to, and not after its epoch's end.
+    fn judge_executed(&mut self, step: &Executed, stops: &[Stop]) {
+        let (epoch, id) = (step.epoch.cast_unsigned(), step.id.cast_unsigned());
+        let now_ms = step.time_ms;
+        if self.sent.get(&epoch).is_none_or(|last| *last < id) {
+            self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed and never sent"));
+        }
+        let before = self.last_executed.insert(step.epoch, step.id).unwrap_or(0);
+        if step.id <= before {
+            self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed after command {before}"));
+        }
+        if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch)
+            && now_ms > stop.time_ms + BRAKE_MS
+        {
+            self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
+        }
+        if let Some(ended_ms) = self.ended_ms.get(&epoch)
+            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+        {
+            self.wrong(
+                now_ms,
+                format!("command {id} of epoch {epoch} was executed, which the client ended at {ended_ms}"),
+            );
+        }
+        if let Some((point, _)) = self.points.get(&(epoch, id)) {
+            let base_from_tool: Rigid<Base, Tool> = step.base_from_flange * TOOL.to_rigid();
+            let target: Rigid<Base, Tool> = BASE.to_rigid::<Base, Panel>() * point.pose.to_rigid::<Panel, Tool>();
+            let off_mm = base_from_tool.origin().distance_mm(target.origin());
+            if off_mm > point.blend_mm + 0.01 {
+                self.wrong(now_ms, format!("command {id} of epoch {epoch} ended {off_mm:.3} mm off its point"));
+            }
+        }
+    }
+
+    fn judge_motion(&mut self, cell: &Insides<'_>) {
+        let controller = cell.controller;
+        let (now_ms, joints) = (cell.now_ms, controller.joints());
+        if self.joints.replace(joints).is_none_or(|before| before == joints) {
+            return;
+        }
+        self.moved_ms = now_ms;
+        let (received, done) = controller.counts();
+        let last_stop = controller.stops().last();
+        let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
+        let contact = last_stop.is_some_and(|stop| stop.contact);
+        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + RETRACT_MS);
+        let epoch = controller.epoch();
+        let just = controller
+            .executed()
+            .last()
+            .is_some_and(|step| step.epoch == epoch && now_ms - step.time_ms <= TICK_MS);
+        let has_work = !controller.is_stopped() && (received > done || just);
+        if !has_work && !ends {
+            self.wrong(now_ms, format!("the arm moves {after_ms} ms after its last stop with nothing to do"));
+        }
+        if let Some(ended_ms) = self.ended_ms.get(&epoch.cast_unsigned())
+            && has_work
+            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+        {
+            self.wrong(now_ms, format!("the arm moves in epoch {epoch}, which the client ended at {ended_ms} ms"));
+        }
+    }
+
+    /// Nobody stands on the panel: not on the way, not after a stop where the drives stay on.
+    fn judge_contact(&mut self, cell: &Insides<'_>) {
+        let trace = cell.controller.trace();
+        let fresh = &trace[self.traced..];
+        self.traced = trace.len();
+        let Some(sample) = fresh.last() else { return };
+        let now_ms = sample.time_ms;
+        let last_stop = cell.controller.stops().last();
+        let at_once = |stop: &Stop| {
+            matches!(
+                stop.cause,
+                StopCause::EStop
+                    | StopCause::Guard
+                    | StopCause::Drives
+                    | StopCause::Mode
+                    | StopCause::Deselected
+                    | StopCause::Rebooted
+            )
+        };
+        if last_stop.is_some_and(at_once) || !cell.controller.can_move() {
+            self.exempt_ms = now_ms;
+            return;
+        }
+        let low = height_mm(cell.controller) < 1.0;
+        if low && now_ms > self.exempt_ms.max(self.moved_ms) + DWELL_MS {
+            self.wrong(now_ms, "the tool stands on the panel".to_owned());
+        }
+        if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
+            && low
+            && now_ms > stop.time_ms + LEAVE_MS
+        {
+            self.wrong(now_ms, format!("on the panel {LEAVE_MS} ms after {stop:?}"));
+        }
+    }
+
+    /// What the robot still does on its own is at most a second, or five points.
+    fn judge_window(&mut self, cell: &Insides<'_>) {
+        let (received, done) = cell.controller.counts();
+        let ahead = (received - done).max(0);
+        if ahead > 50 {
+            self.wrong(cell.now_ms, format!("{ahead} commands wait at the robot"));
+        }
+        let epoch = cell.controller.epoch().cast_unsigned();
+        let keys = (epoch, done.cast_unsigned() + 1)..=(epoch, received.cast_unsigned());
+        if ahead > 6 {
+            let motion_ms: f64 = self.points.range(keys).map(|(_, (_, ms))| ms).sum();
+            if motion_ms > WINDOW_MS + 100.0 {
+                self.wrong(cell.now_ms, format!("{motion_ms:.0} ms of motion wait at the robot"));
+            }
+        }
+    }
+
+    /// Silence while something is under way has ended the epoch.
+    fn judge_client(&mut self, cell: &Insides<'_>) {
+        let open = cell.session.epoch();
+        if let Some(ended) = self.open.filter(|ended| Some(*ended) != open) {
+            self.ended_ms.insert(ended.0, cell.now_ms);
+            self.told_done = CommandId(0);
+        }
+        self.open = open;
+        let Some(epoch) = open else { return };
+        let sent = self.sent.get(&epoch.0).copied().unwrap_or(0);
+        let silence_ms = cell.now_ms - cell.heard_ms;
+        if sent > self.told_done.0 && silence_ms > 405 && !cell.stalled {
+            self.wrong(cell.now_ms, format!("nothing was heard for {silence_ms} ms and the epoch is open"));
+        }
+    }
+}
+
+impl Watch for Oracles {
+    fn sent(&mut self, epoch: u32, id: u32, now_ms: u64) {
+        let before = self.sent.insert(epoch, id).unwrap_or(0);
+        if id != before + 1 {
+            self.wrong(now_ms, format!("command {id} of epoch {epoch} was sent after command {before}"));
+        }
+        if self.ended_ms.contains_key(&epoch) {
+            self.wrong(now_ms, format!("command {id} of the ended epoch {epoch} was sent"));
+        }
+    }
+
+    fn told(&mut self, report: &Report, cell: &Insides<'_>) {
+        match report {
+            Report::EpochOpened { .. } => self.told_done = CommandId(0),
+            Report::Progress { done } => {
+                if *done < self.told_done {
+                    self.wrong(cell.now_ms, format!("progress went back from {} to {done}", self.told_done));
+                }
+                self.told_done = *done;
+            }
+            Report::PathDone { last } => {
+                let epoch = self.open.map_or(0, |open| open.0);
+                let is_it =
+                    |step: &Executed| (step.epoch.cast_unsigned(), step.id.cast_unsigned()) == (epoch, last.0);
+                if !cell.controller.executed().iter().rev().any(is_it) {
+                    self.wrong(
+                        cell.now_ms,
+                        format!("a path was told done, its last command {last} was not executed"),
+                    );
+                }
+            }
+            Report::Refused { refusal, id } if !MAY_BE_REFUSED.contains(refusal) => {
+                self.wrong(cell.now_ms, format!("the controller refused command {id}: {refusal}"));
+            }
+            _ => {}
+        }
+    }
+
+    fn look(&mut self, cell: &Insides<'_>) {
+        let controller = cell.controller;
+        self.judge_client(cell);
+        let fresh = self.executed..controller.executed().len();
+        for index in fresh {
+            self.judge_executed(&controller.executed()[index], controller.stops());
+        }
+        self.executed = controller.executed().len();
+        self.judge_motion(cell);
+        self.judge_contact(cell);
+        self.judge_window(cell);
+        if controller.is_stopped() && controller.outputs().get(&TOOL_OUTPUT) == Some(&true) {
+            self.wrong(cell.now_ms, "the tool runs after a stop".to_owned());
+        }
+    }
+}
+
+/// What a good client's commands are refused for: the robot does not move, it has stopped, it was told to refuse.
+const MAY_BE_REFUSED: [Refusal; 4] =
+    [Refusal::NoMotionMode, Refusal::Stopped, Refusal::WrongEpoch, Refusal::NotReachable];

@@ -1,0 +1,124 @@
+//! Whole paths: long ones without a stop, a slow robot, a base that is lost, numbers at their end.
+
+use super::cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
+use panelprep::devices::mock::{Clock, Fault, Setup, StopCause};
+use panelprep::eki::{Command, EchoMismatch, LinkLimits, MoveLin, Report};
+use panelprep::geometry::KukaPose;
+
+/// Back and forth over 120 mm in steps of 3 mm, at 150 mm/s: 20 ms each, as long as the round trip.
+fn meander(points: usize) -> Vec<MoveLin> {
+    let point = |index: usize| {
+        let (row, column) = (index / 40, index % 40);
+        let column = if row % 2 == 0 { column } else { 39 - column };
+        let x_mm = 3.0 * column as f64 - 60.0;
+        let y_mm = 3.0 * (row % 20) as f64 + if column % 2 == 0 { 0.0 } else { 0.3 };
+        MoveLin { pose: KukaPose { x_mm, y_mm, ..KukaPose::default() }, blend_mm: 1.2, contact: false }
+    };
+    let mut points: Vec<MoveLin> = (0..points).map(point).collect();
+    if let Some(last) = points.last_mut() {
+        last.blend_mm = 0.0;
+    }
+    points
+}
+
+/// 10,000 points at 20 ms round trip: none starves, and the arm stands nowhere before the end.
+#[test]
+fn ten_thousand_points_run_without_a_stop() {
+    let mut cell = Cell::ready(setup(Clock::Free), 0.15);
+    cell.delay_ms = (10, 10);
+    let last = cell.session.queue_path(&meander(10_000)).expect("a good path");
+    let mut stood = 0;
+    let mut before = cell.controller.joints();
+    while cell.executed().len() < 10_000 {
+        cell.run(12, &mut Blind);
+        let now = cell.controller.joints();
+        stood += usize::from(now == before && !cell.executed().is_empty() && cell.executed().len() < 10_000);
+        before = now;
+        assert!(cell.controller.stops().is_empty(), "{:?}", cell.controller.stops());
+        assert!(cell.now_ms < 400_000, "{} points in 400 s", cell.executed().len());
+    }
+    assert_eq!((cell.controller.underruns(), stood), (0, 0));
+    assert!(cell.until(200, |report| *report == Report::PathDone { last }));
+    // By hand: 10,000 · 3.015 mm at 150 mm/s are 201 s; corners are cut, rows are changed in 3 mm.
+    let took_ms = cell.executed()[9_999].time_ms - cell.executed()[0].time_ms;
+    assert!((190_000..206_000).contains(&took_ms), "{took_ms} ms");
+}
+
+/// At a fifth of its speed the robot is late and nothing else: all is executed once, nothing starves, nothing times out.
+#[test]
+fn a_slow_robot_is_waited_for() {
+    let mut cell = Cell::ready(setup(Clock::Free), 0.15);
+    cell.controller.inject(Fault::Slow { percent: 20, for_ms: None });
+    let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
+    assert!(cell.until(20_000, |report| *report == Report::PathDone { last }));
+    assert_eq!((cell.executed().len(), cell.controller.underruns(), cell.controller.stops().len()), (60, 0, 0));
+    // 57 steps and the ends at 30 mm/s are a good 6 s.
+    assert!(cell.now_ms > 6_000);
+}
+
+/// The controller stops by itself where the client is too slow in contact, and away from the panel.
+#[test]
+fn a_client_that_stands_still_in_contact_is_not_waited_for() {
+    let mut cell = Cell::ready(setup(Clock::Free), 0.1);
+    cell.session.queue_path(&pass(80, 3.0, true)).expect("a good path");
+    cell.run(600, &mut Blind);
+    cell.client_stalls_until_ms = cell.now_ms + 3_000;
+    cell.run(1_500, &mut Blind);
+    let causes: Vec<StopCause> = cell.controller.stops().iter().map(|stop| stop.cause).collect();
+    assert_eq!(causes, [StopCause::Watchdog]);
+    assert!(super::cell::height_mm(&cell.controller) > 40.0);
+}
+
+/// A lost `set_base` is a crash that looks plausible: no line is sent, and the epoch ends.
+#[test]
+fn no_line_follows_a_base_that_was_lost_or_is_wrong() {
+    for fault in [Fault::LoseBase, Fault::WrongBase, Fault::LoseTool] {
+        let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), 1);
+        cell.delay_ms = (10, 10);
+        assert!(cell.until(8_000, |report| matches!(report, Report::Connected { .. })));
+        cell.session.open_epoch().expect("connected");
+        assert!(cell.until(1_000, |report| matches!(report, Report::EpochOpened { .. })));
+        cell.controller.inject(fault);
+        for command in [Command::SetBase(BASE), sanding_tool(), speed(0.1)] {
+            cell.session.queue(command).expect("good");
+        }
+        cell.session.queue_path(&pass(20, 3.0, true)).expect("a good path");
+        let mismatch = |report: &Report| match report {
+            Report::EchoMismatch(mismatch) => match **mismatch {
+                EchoMismatch::NotSet { .. } => fault != Fault::WrongBase,
+                EchoMismatch::Differs { distance_mm, .. } => {
+                    fault == Fault::WrongBase && (distance_mm - 1.0).abs() < 1e-3
+                }
+            },
+            _ => false,
+        };
+        assert!(cell.until(1_000, mismatch), "{fault:?}");
+        cell.run(2_000, &mut Blind);
+        assert!(cell.executed().is_empty() && cell.session.epoch().is_none(), "{fault:?}");
+    }
+}
+
+/// Counts of 32 bits end: a state's number goes on from 0, and a used-up epoch is an error and no wrap.
+#[test]
+fn a_states_number_goes_on_from_zero() {
+    let mut cell = Cell::new(Setup { first_state: i32::MAX - 20, ..setup(Clock::Free) }, LinkLimits::default(), 1);
+    cell.open(0.15);
+    let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
+    assert!(cell.until(4_000, |report| *report == Report::PathDone { last }));
+    cell.run(3_000, &mut Blind);
+    assert!(cell.session.epoch().is_some() && cell.controller.stops().is_empty());
+}
+
+/// Pieces of any size and 2 to 25 ms of jitter change nothing but the time it takes.
+#[test]
+fn pieces_and_jitter_change_nothing() {
+    for seed in 0..20 {
+        let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), seed);
+        cell.delay_ms = (2, 25);
+        cell.fragment = true;
+        cell.open(0.15);
+        let last = cell.session.queue_path(&pass(60, 3.0, true)).expect("a good path");
+        assert!(cell.until(4_000, |report| *report == Report::PathDone { last }), "seed {seed}");
+        assert_eq!((cell.executed().len(), cell.controller.underruns()), (60, 0), "seed {seed}");
+    }
+}

@@ -1,0 +1,114 @@
+//! The link and the mock over loopback, on the wall clock: what only sockets show. No test depends on how fast the machine is
+//! beyond the link's own deadlines.
+
+use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, setup, speed};
+use panelprep::devices::mock::{self, Clock, Fault, FaultSpec, MockServer, Ports, Setup, StopCause as Stop};
+use panelprep::devices::robot::{Address, BlockingLink};
+use panelprep::eki::{Command, CommandId, LinkLimits, LinkLoss, Pace, QueueError, Report, Signal, StopCause};
+use std::time::Duration;
+
+fn cell(faults: &str) -> (MockServer, BlockingLink) {
+    let faults: FaultSpec = if faults.is_empty() { FaultSpec::default() } else { faults.parse().expect("good") };
+    let setup = Setup { faults, ..setup(Clock::Free) };
+    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
+    let server = MockServer::start(controller, Ports::free()).expect("starts");
+    let address = Address {
+        host: "127.0.0.1".to_owned(),
+        command_port: server.command_address().port(),
+        state_port: server.state_address().port(),
+    };
+    (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
+}
+
+/// Waits for the first report of which this is something.
+fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
+    for _ in 0..5_000 {
+        let report = link.next(Duration::from_secs(20)).expect("the link goes on");
+        if let Some(found) = found(&report) {
+            return found;
+        }
+    }
+    panic!("five thousand reports and not the one");
+}
+
+/// Connected, an epoch open, base, tool and speed on their way.
+fn open(link: &mut BlockingLink, speed_m_s: f64) {
+    wait(link, |report| matches!(report, Report::Connected { .. }).then_some(()));
+    link.open_epoch().expect("connected");
+    wait(link, |report| matches!(report, Report::EpochOpened { .. }).then_some(()));
+    for command in [Command::SetBase(BASE), sanding_tool(), speed(speed_m_s)] {
+        link.send(command).expect("good");
+    }
+}
+
+fn path_done(link: &mut BlockingLink, last: CommandId) {
+    wait(link, |report| match report {
+        Report::PathDone { last: done } => Some(assert_eq!(*done, last)),
+        Report::State(_) | Report::Progress { .. } => None,
+        other => panic!("unexpected: {other:?}"),
+    });
+}
+
+/// 500 points of 20 ms each with 20 ms round trip, in pieces: all executed, none starved, no stop.
+#[test]
+fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
+    let (server, mut link) = cell("seed=3,delay=10ms,fragment");
+    open(&mut link, 0.15);
+    let back_and_forth = |index: usize| {
+        let column = if index / 40 % 2 == 0 { index % 40 } else { 39 - index % 40 };
+        let mut point = pass(41, 3.0, false)[column];
+        point.pose.y_mm += 3.0 * (index / 40) as f64;
+        (point.pose.z_mm, point.blend_mm) = (-10.0, if index == 499 { 0.0 } else { 1.2 });
+        point
+    };
+    let last = link.send_path((0..500).map(back_and_forth).collect()).expect("a good path");
+    path_done(&mut link, last);
+    server.handle().with(|controller| {
+        assert_eq!((controller.executed().len(), controller.underruns(), controller.stops().len()), (500, 0, 0));
+    });
+}
+
+/// The cable is out in contact: both ends stop by themselves, the link comes back by itself and moves nothing.
+#[test]
+fn a_half_open_connection_is_noticed_on_both_ends() {
+    let (server, mut link) = cell("");
+    open(&mut link, 0.1);
+    link.send(Command::SetDigout(Signal { number: TOOL_OUTPUT, on: true })).expect("good");
+    link.send_path(pass(200, 1.0, true)).expect("a good path");
+    wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 > 30).then_some(()));
+    server.handle().with(|controller| controller.inject(Fault::Unplug { for_ms: Some(2_500) }));
+    wait(&mut link, |report| matches!(report, Report::WatchdogExpired { .. }).then_some(()));
+    let why = wait(&mut link, |report| match report {
+        Report::LinkLost { why } => Some(why.clone()),
+        _ => None,
+    });
+    assert!(matches!(why, LinkLoss::Silent { silence_ms: 1_000.., .. }), "{why}");
+    wait(&mut link, |report| matches!(report, Report::Connected { .. }).then_some(()));
+    let executed = server.handle().with(|controller| {
+        let stop = controller.stops()[0].clone();
+        assert_eq!((stop.cause, stop.contact), (Stop::Watchdog, true));
+        assert!(super::cell::height_mm(controller) > 40.0 && controller.outputs()[&TOOL_OUTPUT] == false);
+        controller.executed().len()
+    });
+    for _ in 0..10 {
+        wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
+    }
+    server.handle().with(|controller| assert_eq!(controller.executed().len(), executed));
+    assert_eq!(link.send(speed(0.1)), Err(QueueError::NoEpoch));
+}
+
+/// Whoever holds the link and asks for no news does not look after the robot: it stops, heartbeats or not.
+#[test]
+fn a_link_that_nobody_reads_ends_its_epoch() {
+    let (server, mut link) = cell("");
+    open(&mut link, 0.02);
+    link.send_path(pass(200, 1.0, true)).expect("a good path");
+    wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 > 5).then_some(()));
+    std::thread::sleep(Duration::from_millis(1_600));
+    server.handle().with(|controller| assert_eq!(controller.stops()[0].cause, Stop::Abort));
+    let cause = wait(&mut link, |report| match report {
+        Report::Interrupted { cause } => Some(*cause),
+        _ => None,
+    });
+    assert_eq!(cause, StopCause::Unattended);
+}

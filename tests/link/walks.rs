@@ -1,0 +1,259 @@
+//! Seeded walks: a client that sends path after path, and everything that can go wrong on the way, in virtual time.
+//!
+//! A walk has at least 100 commands, 3 faults and 20 s. Healthy steps are far more likely than faults, so that the walk
+//! reaches motion; at its end everything is mended, and the link must come back and execute a path.
+
+use super::cell::{self, Cell, Side, pass, sanding_tool, setup, speed};
+use super::oracles::Oracles;
+use panelprep::devices::mock::{Clock, Fault, Mode, Rule, Setup, Side as End};
+use panelprep::eki::{Channel, Command, CommandId, Epoch, LinkLimits, MoveJ, MoveLin, QueueError, Report, Signal};
+use panelprep::geometry::Joints;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use rayon::prelude::*;
+use std::time::Duration;
+
+const WALKS: u64 = 300;
+const COMMANDS: usize = 100;
+const FAULTS: usize = 3;
+const LENGTH_MS: u64 = 20_000;
+/// From mended to connected, opened and executed.
+const RECOVERY_MS: u64 = 12_000;
+
+/// What is weakened, to see that the walks notice.
+#[derive(Debug, Clone, Copy, Default)]
+struct Weak {
+    rule: Option<Rule>,
+    limits: Option<LinkLimits>,
+}
+
+struct Walk {
+    cell: Cell,
+    oracles: Oracles,
+    draw: Pcg64,
+    commands: usize,
+    faults: usize,
+    /// When the next fault strikes.
+    next_fault_ms: u64,
+    mended: bool,
+}
+
+/// One walk; what was wrong.
+fn walk(seed: u64, weak: Weak) -> Result<(), String> {
+    let mut draw = Pcg64::seed_from_u64(seed);
+    let setup = Setup { left_out: weak.rule, ..setup(Clock::Free) };
+    let mut cell = Cell::new(setup, weak.limits.unwrap_or_default(), seed);
+    cell.delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
+    cell.fragment = draw.random_bool(0.3);
+    let oracles = Oracles::new(cell.delay_ms.1);
+    let next_fault_ms = draw.random_range(300..4_000);
+    let mut walk = Walk { cell, oracles, draw, commands: 0, faults: 0, next_fault_ms, mended: false };
+    while !(walk.commands >= COMMANDS && walk.faults >= FAULTS && walk.cell.now_ms >= LENGTH_MS) {
+        walk.round()?;
+        if walk.cell.now_ms > 20 * LENGTH_MS {
+            return Err(format!("{} commands and {} faults in 400 s", walk.commands, walk.faults));
+        }
+    }
+    walk.recover()
+}
+
+impl Walk {
+    fn pass_time(&mut self, ms: u64) -> Result<(), String> {
+        let end_ms = self.cell.now_ms + ms;
+        while self.cell.now_ms < end_ms {
+            if !self.mended && self.cell.now_ms >= self.next_fault_ms {
+                self.strike();
+            }
+            let next_ms =
+                if self.mended { end_ms } else { end_ms.min(self.next_fault_ms.max(self.cell.now_ms + 1)) };
+            self.cell.step(next_ms, &mut self.oracles);
+            if let Some(violation) = self.oracles.violation.take() {
+                return Err(violation);
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets time pass until this was told; false where it was not.
+    fn until(&mut self, patience_ms: u64, found: impl Fn(&Report) -> bool) -> Result<bool, String> {
+        let end_ms = self.cell.now_ms + patience_ms;
+        loop {
+            while let Some(report) = self.cell.next_report() {
+                if found(&report) {
+                    return Ok(true);
+                }
+            }
+            if self.cell.now_ms >= end_ms {
+                return Ok(false);
+            }
+            self.pass_time((end_ms - self.cell.now_ms).min(12))?;
+        }
+    }
+
+    /// An epoch and a path in it, or whatever becomes of that.
+    fn round(&mut self) -> Result<(), String> {
+        match self.cell.session.open_epoch() {
+            Ok(_) => {}
+            Err(_) => {
+                let _ = self.cell.session.abort();
+                let pause_ms = self.draw.random_range(50..400);
+                return self.pass_time(pause_ms);
+            }
+        }
+        let ends = |report: &Report| {
+            matches!(report, Report::EpochOpened { .. } | Report::EpochNotOpened { .. } | Report::LinkLost { .. })
+        };
+        if !self.until(1_000, ends)? || self.cell.session.epoch().is_none() {
+            return self.pass_time(100);
+        }
+        let speed_m_s = [0.15, 0.3][self.draw.random_range(0..2)];
+        for command in [Command::SetBase(cell::BASE), sanding_tool(), speed(speed_m_s)] {
+            self.queue(command);
+        }
+        if self.draw.random_bool(0.2) {
+            let swing_deg = self.draw.random_range(-4.0..4.0);
+            let joints = Joints { a1_deg: swing_deg, ..cell::START };
+            self.queue(Command::MoveJ(MoveJ { joints, axis_speed_percent: 60.0 }));
+        }
+        for _ in 0..self.draw.random_range(0..12) {
+            let signal = Signal { number: self.draw.random_range(1..9), on: self.draw.random_bool(0.5) };
+            self.queue(Command::SetDigout(signal));
+        }
+        if self.draw.random_bool(0.1) {
+            self.queue(Command::CallSubroutine { index: 0 });
+        }
+        for _ in 0..self.draw.random_range(1..3) {
+            let points = pass(self.draw.random_range(5..45), 3.0, self.draw.random_bool(0.6));
+            self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: true }));
+            let Some(last) = self.queue_path(&points, speed_m_s) else { break };
+            self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: false }));
+            let over = |report: &Report| match report {
+                Report::PathDone { last: done } => *done == last,
+                Report::Standstill { .. } | Report::LinkLost { .. } | Report::Rebooted { .. } => true,
+                _ => false,
+            };
+            let patience_ms = self.draw.random_range(500..4_000);
+            if !self.until(patience_ms, over)? {
+                // The person in front of it has seen enough.
+                let _ = self.cell.session.abort();
+            }
+        }
+        let pause_ms = self.draw.random_range(50..1_500);
+        self.pass_time(pause_ms)
+    }
+
+    fn queue(&mut self, command: Command) {
+        // Refused where something has just gone wrong; the next round begins anew.
+        self.commands += usize::from(self.cell.session.queue(command).is_ok());
+    }
+
+    fn queue_path(&mut self, points: &[MoveLin], speed_m_s: f64) -> Option<CommandId> {
+        let epoch: Epoch = self.cell.session.epoch()?;
+        let last: Result<CommandId, QueueError> = self.cell.session.queue_path(points);
+        let last = last.ok()?;
+        self.oracles.queued(epoch, last, points, speed_m_s);
+        self.commands += points.len();
+        Some(last)
+    }
+
+    fn strike(&mut self) {
+        let draw = &mut self.draw;
+        self.faults += 1;
+        self.next_fault_ms = self.cell.now_ms + draw.random_range(500..8_000);
+        let lasts_ms = draw.random_range(20..2_500);
+        let for_ms = Some(lasts_ms);
+        let side = [Side::Client, Side::Robot][draw.random_range(0..2)];
+        let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
+        let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
+        let until_ms = self.cell.now_ms + lasts_ms;
+        let fault = match draw.random_range(0..23) {
+            0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
+            3 => return self.cell.client_stalls_until_ms = until_ms,
+            4 => return self.cell.deaf_until_ms = until_ms,
+            5 => {
+                let _ = self.cell.session.abort();
+                return;
+            }
+            6 => Fault::Garbage(end),
+            7..9 => Fault::Unplug { for_ms },
+            9 => Fault::Mute { for_ms },
+            10 => Fault::NoAcks { for_ms },
+            11 => {
+                self.oracles.stall_ms += lasts_ms + 1_000;
+                Fault::Stall { for_ms }
+            }
+            12 => Fault::SkipState,
+            13 => Fault::LoseBase,
+            14 => Fault::LoseTool,
+            15 => Fault::WrongBase,
+            16 => Fault::Refuse(8),
+            17 => Fault::Slow { percent: draw.random_range(20..100), for_ms },
+            18 => Fault::EStop { for_ms },
+            19 => Fault::Guard { for_ms },
+            20 => Fault::Mode { to: Mode::T1, for_ms },
+            21 => Fault::Deselect { for_ms },
+            _ => Fault::Reboot { for_ms },
+        };
+        self.cell.controller.inject(fault);
+    }
+
+    /// Nothing goes wrong any more: the link comes back and a path is executed.
+    fn recover(&mut self) -> Result<(), String> {
+        self.mended = true;
+        self.pass_time(3_000)?;
+        let end_ms = self.cell.now_ms + RECOVERY_MS;
+        while self.cell.now_ms < end_ms {
+            // What was set to happen to the next base or command may still happen, once.
+            if self.cell.session.open_epoch().is_err() {
+                let _ = self.cell.session.abort();
+                self.pass_time(100)?;
+                continue;
+            }
+            if !self.until(1_000, |report| matches!(report, Report::EpochOpened { .. }))? {
+                continue;
+            }
+            for command in [Command::SetBase(cell::BASE), sanding_tool(), speed(0.3)] {
+                self.queue(command);
+            }
+            let Some(last) = self.queue_path(&pass(8, 3.0, true), 0.3) else { continue };
+            let done = |report: &Report| matches!(report, Report::PathDone { last: done } if *done == last);
+            if self.until(2_500, done)? {
+                return Ok(());
+            }
+        }
+        Err(format!("not back {RECOVERY_MS} ms after everything was mended: {:?}", self.cell.session))
+    }
+}
+
+fn first_violation(seeds: u64, weak: Weak) -> Option<(u64, String)> {
+    (0..seeds).into_par_iter().find_map_any(|seed| walk(seed, weak).err().map(|violation| (seed, violation)))
+}
+
+#[test]
+fn no_walk_violates_a_rule() {
+    let found = first_violation(WALKS, Weak::default());
+    assert_eq!(found, None);
+}
+
+/// Each rule that is taken out, on the controller or at the client, is missed within two thousand walks.
+#[test]
+fn a_missing_rule_turns_a_walk_red() {
+    let of = |rule| Weak { rule: Some(rule), limits: None };
+    let patient = LinkLimits { watchdog: Duration::from_secs(3_600), ..LinkLimits::default() };
+    let greedy = LinkLimits { window: Duration::from_secs(60), window_commands: 1_000, ..LinkLimits::default() };
+    let client = |limits| Weak { rule: None, limits: Some(limits) };
+    let cases = [
+        ("epoch check", of(Rule::EpochCheck)),
+        ("watchdog", of(Rule::Watchdog)),
+        ("link loss", of(Rule::LinkLoss)),
+        ("discard", of(Rule::Discard)),
+        ("retract", of(Rule::Retract)),
+        ("client's watchdog", client(patient)),
+        ("client's window", client(greedy)),
+    ];
+    for (name, weak) in cases {
+        let found = first_violation(2_000, weak);
+        println!("without the {name}: {found:?}");
+        assert!(found.is_some(), "without the {name} every walk is green");
+    }
+}
