@@ -104,7 +104,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
 
     let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args("mock-robot --config . --cell cell.toml".split_whitespace())
+        .args("mock-robot --config . --cell cell.toml --fault refuse=8@#2".split_whitespace())
         .current_dir(folder)
         .stderr(Stdio::piped())
         .spawn()
@@ -118,6 +118,11 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert_eq!(exit, 0, "{told}");
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{told}");
+    // The fault that was asked for, once.
+    let (exit, told, _) = robot(folder, "call 0");
+    assert_eq!((exit, codes(&told)), (3, vec!["robot"]), "{told}");
+    let (exit, told, _) = robot(folder, "call 0");
+    assert_eq!(exit, 0, "{told}");
     let said: Vec<String> = lines.map_while(Result::ok).take(2).collect();
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }

@@ -1,5 +1,6 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
+use crate::devices::mock::FaultSpec;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -55,7 +56,9 @@ pub enum Command {
     )]
     Robot(Robot),
     /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
-    #[command(after_help = "Example:\n  panelprep mock-robot --config config/kuka")]
+    #[command(after_help = format!(
+        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\n--fault SPEC:\n{}", FaultSpec::HELP
+    ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
@@ -285,6 +288,9 @@ pub struct MockRobot {
     /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
+    /// What goes wrong, and when: see below.
+    #[arg(long, value_name = "SPEC")]
+    pub fault: Option<FaultSpec>,
     /// Address to listen at.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,

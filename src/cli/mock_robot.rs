@@ -5,7 +5,7 @@ use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports};
+use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
 use crate::sim;
@@ -32,7 +32,8 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     let ports = Ports { host: args.host, command: commands.port(), state: states.port() };
     // Only its water, light and tool matter here: no camera looks at it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
-    let setup = crate::devices::mock::Setup { clock: Clock::Free, ..world.setup(&files.cell, commands, states) };
+    let faults = args.fault.clone().unwrap_or_default();
+    let setup = Setup { clock: Clock::Free, faults, ..world.setup(&files.cell, commands, states) };
     let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
     let server = MockServer::start(controller, ports).map_err(Fault::stage)?;
     tell(&format!(
