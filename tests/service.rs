@@ -2,7 +2,8 @@
 //! end that no program can catch.
 
 use super::commands::{TEACH, json, rendered};
-use panelprep::cycle::{At, Event, Report, Request};
+use panelprep::cycle::Path::Corner;
+use panelprep::cycle::{At, Event, Report, Request, State};
 use panelprep::store::Store;
 use rand::{RngExt, SeedableRng};
 use serde_json::Value;
@@ -310,20 +311,51 @@ fn a_service_killed_anywhere_leaves_a_cell_at_rest() {
     kills(24, 2);
 }
 
-/// A store with an open motion is refused by the command that runs one cycle, and the way out is named.
+/// The journal of a cycle that broke off on its way to the corner, in a store of its own.
+fn broken_off(folder: &Path) -> PathBuf {
+    let (store, left) = (folder.join("cell/store"), folder.join("left"));
+    std::fs::create_dir_all(left.join("blobs")).expect("a folder");
+    for part in ["", "blobs"] {
+        for entry in std::fs::read_dir(store.join(part)).expect("the store") {
+            let entry = entry.expect("an entry");
+            if entry.path().is_file() {
+                std::fs::copy(entry.path(), left.join(part).join(entry.file_name())).expect("copied");
+            }
+        }
+    }
+    let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+    let (exit, whole) = json(folder, cycle);
+    assert_eq!(exit, 0, "{whole}");
+    let mut state = State::NEW;
+    let mut copy = Store::create(&left).expect("nobody holds it");
+    for event in journal(folder) {
+        copy.append(&event, None).expect("written");
+        state = panelprep::cycle::step(state, event).0;
+        if state.intent.is_some_and(|intent| matches!(intent.motion.path, Corner { .. })) {
+            return left;
+        }
+    }
+    panic!("no way to the corner in {:?}", journal(folder));
+}
+
+/// A store with an open motion is refused by the command that runs one cycle, which names the way out; that is one.
 #[test]
-fn one_cycle_refuses_a_store_with_an_open_motion() {
+fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let folder = taught("clean");
     let folder = folder.path();
-    let service = Service::start(folder);
-    service.reset();
-    service.done(START);
-    service.wait("a motion begins", |_| panelprep::cycle::fold(journal(folder)).intent.is_some());
-    service.killed();
-    if panelprep::cycle::fold(journal(folder)).intent.is_none() {
-        return; // The motion ended before the process did; other tests kill at many moments.
-    }
-    let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --recipe cell/recipe.toml");
+    let left = broken_off(folder);
+    let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --store left --recipe cell/recipe.toml");
     let words = refused["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && words.contains("motion is open") && words.contains("panelprep ctl clear"), "{refused}");
+
+    std::fs::remove_dir_all(folder.join("cell/store")).expect("removed");
+    std::fs::rename(left, folder.join("cell/store")).expect("in its place");
+    let service = Service::start(folder);
+    let found = service.done("state");
+    let words = found["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(found["state"] == "aborted" && words.contains("while a motion was open"), "{found}");
+    service.refused("reset", 2, "possible now: clear");
+    service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+    service.reach("stopped");
+    service.reset();
 }
