@@ -214,6 +214,18 @@ impl Budget {
         Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
 
+    /// Without the parts that are no number: they were not measured.
+    pub fn finite(self) -> Budget {
+        let part = |mm: Option<f64>| mm.filter(|mm| mm.is_finite());
+        Budget {
+            hand_eye_mm: part(self.hand_eye_mm),
+            locate_mm: part(self.locate_mm),
+            fit_mm: part(self.fit_mm),
+            robot_mm: part(self.robot_mm),
+            stated_mm: part(self.stated_mm),
+        }
+    }
+
     /// With the parts that `newer` knows in the place of these.
     pub fn renewed(self, newer: Budget) -> Budget {
         Budget {
@@ -295,6 +307,8 @@ mod tests {
             stated_mm: part(0.5),
         };
         assert_eq!(budget.total_mm(), Some(85.0));
+        let infinite = Budget { locate_mm: part(f64::INFINITY), ..budget };
+        assert_eq!(infinite.finite(), Budget { locate_mm: None, ..budget });
         let renewed = budget.renewed(Budget { locate_mm: part(0.0), ..Budget::default() });
         assert_eq!(renewed, Budget { locate_mm: part(0.0), ..budget });
         budget.fit_mm = None;

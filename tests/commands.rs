@@ -305,5 +305,8 @@ fn the_demo_rejects_a_wrong_panel_without_a_move_toward_it() {
     assert_eq!((exit, result["verdict"].as_str()), (1, Some("reject")), "{result}");
     assert!(result["reasons"].as_array().is_some_and(|reasons| !reasons.is_empty()), "{result}");
     let page = std::fs::read_to_string(folder.path().join("demo/index.html")).expect("the page");
-    assert!(page.contains("<td>park, epoch") && !page.contains("<td>corner"), "only to the park pose: {page}");
+    assert!(
+        page.contains("<td>to the park pose, epoch") && !page.contains("<td>to corner pose"),
+        "only to the park pose: {page}"
+    );
 }

@@ -3,9 +3,9 @@
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::fmt;
 
-/// Begins to log; `PANELPREP_LOG` may name another level than `info`: `error`, `warn`, `debug`, `trace`, `off`.
-pub fn start() {
-    let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(LevelFilter::INFO);
+/// Begins to log; `PANELPREP_LOG` may name another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`, `off`.
+pub fn start(usual: LevelFilter) {
+    let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
     let log = fmt().with_writer(std::io::stderr).with_ansi(false).with_target(false).with_max_level(level);
     // Set once for each process; a second one changes nothing.
     let _ = match std::env::var_os("JOURNAL_STREAM") {

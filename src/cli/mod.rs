@@ -33,10 +33,16 @@ pub use outcome::Outcome;
 
 use args::{Arguments, Command};
 use std::process::ExitCode;
+use tracing::level_filters::LevelFilter;
 
 /// Runs a command and prints what it found; gives the process's exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
-    log::start();
+    // Commands that tell their progress log only what is wrong.
+    let usual = match &arguments.command {
+        Command::Demo(_) | Command::Cycle(_) => LevelFilter::WARN,
+        _ => LevelFilter::INFO,
+    };
+    log::start(usual);
     let common = &arguments.common;
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),

@@ -108,15 +108,16 @@ impl Kept {
     /// The strip: each picture with what had broken by then.
     pub fn strip(&self, inspection: &Inspection, whole: &ColorPicture) -> Figure {
         let broke_s = inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
-        let chosen = strip_times_s(broke_s, inspection.observation.observed_s).into_iter().filter_map(|time_s| {
-            let later = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TICK_S);
-            later.or(self.cuts.last())
-        });
-        let bounds = self.bounds.unwrap_or_default();
-        let pictures: Vec<StripPicture> = chosen
-            .map(|(time_s, picture)| {
-                let (_, broken) = cut(whole, &inspection.mask_at(*time_s), bounds);
-                StripPicture { picture: picture.clone(), broken, label: format!("{time_s:.1} s") }
+        let (end_s, bounds) = (inspection.observation.observed_s, self.bounds.unwrap_or_default());
+        let pictures: Vec<StripPicture> = strip_times_s(broke_s, end_s)
+            .into_iter()
+            .map(|time_s| {
+                let kept = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TICK_S);
+                // After the last that was kept there is the film's last picture.
+                let shown_s = kept.map_or(end_s, |(kept_s, _)| *kept_s);
+                let (last, broken) = cut(whole, &inspection.mask_at(shown_s), bounds);
+                let picture = kept.map_or(last, |(_, picture)| picture.clone());
+                StripPicture { picture, broken, label: format!("{shown_s:.1} s") }
             })
             .collect();
         let caption = "The film in time, seconds after the panel was wholly wet: broken film tinted orange";

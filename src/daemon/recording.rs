@@ -120,7 +120,10 @@ impl Record for StoreRecord<'_> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         self.pages.reasons.clone_from(&finding.judgement.reasons);
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
-        self.store.note(cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
+        let mut kept = Finding { pictures, shots, ..finding.clone() };
+        // What is no number was not measured; a fit that failed must not stop the record of its rejection.
+        kept.numbers.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
+        self.store.note(cycle, &kept).map_err(failed)
     }
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
@@ -142,7 +145,7 @@ impl Record for StoreRecord<'_> {
 
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
-        self.pages.budget = self.pages.budget.renewed(*measured);
+        self.pages.budget = self.pages.budget.renewed(measured.finite());
         self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
     }
 }

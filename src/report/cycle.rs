@@ -1,7 +1,7 @@
 //! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
 
 use super::page::{Figure, Page, Row, Section};
-use crate::cycle::Request;
+use crate::cycle::{Path, Request};
 use crate::geometry::KukaPose;
 use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number, name};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -166,7 +166,13 @@ fn asked(record: &CycleRecord) -> Section {
 
 fn motions(record: &CycleRecord) -> Section {
     let rows = record.motions.iter().map(|motion| {
-        let path = format!("{:?}", motion.motion.path).to_lowercase();
+        let path = match motion.motion.path {
+            Path::Park => "to the park pose".to_owned(),
+            Path::Corner { view } => format!("to corner pose {}", view + 1),
+            Path::Approach => "to the approach".to_owned(),
+            Path::Contact => "contact".to_owned(),
+            Path::Retract => "clear of the panel".to_owned(),
+        };
         let plan = match motion.motion.plan {
             0 => String::new(),
             plan => format!(", plan {plan:016x}"),
@@ -264,7 +270,7 @@ fn utc(unix_s: i64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cycle::{Motion, Outcome, Path};
+    use crate::cycle::{Motion, Outcome};
     use crate::record::{Asked, CycleId, KeptFile, MotionRecord, Picture};
 
     fn finding(kind: Kind, pass: u8, numbers: Vec<Number>) -> Finding {
