@@ -36,8 +36,8 @@ pub struct Oracles {
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
-    /// When standing on the panel was last nobody's fault: the drives were off, or a key was released.
-    exempt_ms: u64,
+    /// Stops at the last moment when the arm could not move in contact: from there it is jogged off by hand.
+    left_there: Option<usize>,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
     traced: usize,
@@ -155,11 +155,13 @@ impl Oracles {
             )
         };
         if last_stop.is_some_and(at_once) || !cell.controller.can_move() {
-            self.exempt_ms = now_ms;
+            self.left_there = Some(cell.controller.stops().len());
+        }
+        if self.left_there == Some(cell.controller.stops().len()) {
             return;
         }
         let low = height_mm(cell.controller) < 1.0;
-        if low && now_ms > self.exempt_ms.max(self.moved_ms) + DWELL_MS {
+        if low && now_ms > self.moved_ms + DWELL_MS {
             self.wrong(now_ms, "the tool stands on the panel".to_owned());
         }
         if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
