@@ -255,6 +255,11 @@ impl Watch for Oracles {
         self.judge_motion(cell);
         self.judge_contact(cell);
         self.judge_window(cell);
+        let ends = [panelprep::devices::mock::Channel::Command, panelprep::devices::mock::Channel::State];
+        let has_link = ends.iter().all(|&end| controller.is_connected(end));
+        if controller.counts().0 > 0 && !controller.is_stopped() && !has_link {
+            self.wrong(cell.now_ms, format!("epoch {} goes on without its link", controller.epoch()));
+        }
         if controller.is_stopped() && controller.outputs().get(&TOOL_OUTPUT) == Some(&true) {
             self.wrong(cell.now_ms, "the tool runs after a stop".to_owned());
         }

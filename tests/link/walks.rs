@@ -124,7 +124,7 @@ impl Walk {
             self.queue(Command::CallSubroutine { index: 0 });
         }
         for _ in 0..self.draw.random_range(1..3) {
-            let points = pass(self.draw.random_range(5..45), 3.0, self.draw.random_bool(0.6));
+            let points = pass(self.draw.random_range(5..36), 3.0, self.draw.random_bool(0.6));
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: true }));
             let Some(last) = self.queue_path(&points, speed_m_s) else { break };
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: false }));
@@ -139,7 +139,7 @@ impl Walk {
                 let _ = self.cell.session.abort();
             }
         }
-        let pause_ms = self.draw.random_range(50..1_500);
+        let pause_ms = self.draw.random_range(100..2_500);
         self.pass_time(pause_ms)
     }
 
