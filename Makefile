@@ -6,7 +6,7 @@ DEMO_OUT := target/demo
 .PHONY: help setup demo test bench bench-seeds bench-inspect
 
 help:
-	@echo 'make demo    render a cell, locate, inspect and plan on its files, write $(DEMO_OUT)/index.html'
+	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
@@ -45,7 +45,7 @@ test: setup
 
 bench: bench-seeds bench-inspect
 
-# Ten seeds from rendering to the planned path, against the renderer's truth.
+# Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
 	cargo bench --locked --bench seeds
 

@@ -1,6 +1,9 @@
 //! What a file is, whether it is right, and what was understood: `panelprep check`.
 //!
-//! The kind is decided by the names at the top of the file, so that a file may have any name.
+//! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
+//! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other.
+
+mod eki;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount, ToolMount,
@@ -16,7 +19,9 @@ pub struct FileReport {
     pub kind: Option<&'static str>,
     /// What is wrong, in the order of the lines.
     pub problems: Vec<Problem>,
-    /// What was understood, a sentence each; empty where something is wrong.
+    /// What is allowed and a trap, in the order of the lines.
+    pub warnings: Vec<Problem>,
+    /// What was understood, a sentence each; empty where a file of ours is wrong.
     pub says: Vec<String>,
 }
 
@@ -52,23 +57,54 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
     Kind { name: M::TABLE, keys, check: |name, text| MountedPose::<M>::check(name, text).map(say_mount) }
 }
 
+/// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
+/// its text.
+pub fn check_files(files: &[(&str, &str)]) -> Vec<FileReport> {
+    let mut channels = Vec::new();
+    let mut reports = Vec::new();
+    for (place, &(name, text)) in files.iter().enumerate() {
+        if !is_eki(name, text) {
+            reports.push(check_ours(name, text));
+            continue;
+        }
+        let checked = eki::check(name, text);
+        channels.extend(checked.channel.map(|channel| (place, name, channel)));
+        let eki::Checked { problems, warnings, says, .. } = checked;
+        reports.push(FileReport { kind: Some("EthernetKRL"), problems, warnings, says });
+    }
+    let channels: Vec<_> = channels.iter().map(|(place, name, channel)| (*place, *name, channel)).collect();
+    for (place, problem) in eki::clashes(&channels) {
+        reports[place].problems.push(problem);
+        reports[place].problems.sort_by_key(|problem| problem.line);
+    }
+    reports
+}
+
 /// Checks the text of any configuration file; `name` is the file's name in messages.
 pub fn check_file(name: &str, text: &str) -> FileReport {
-    if name.to_lowercase().ends_with(".xml") {
-        return unclear("EKI files are not checked yet; cell, recipe and calibration files are".to_owned());
-    }
+    check_files(&[(name, text)]).swap_remove(0)
+}
+
+fn is_eki(name: &str, text: &str) -> bool {
+    name.to_lowercase().ends_with(".xml") || text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
+}
+
+fn check_ours(name: &str, text: &str) -> FileReport {
     let Some(kind) = kind_of(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
         return unclear(format!("not clear what this file is; its top would tell: {}", begins.join("; ")));
     };
     match (kind.check)(name, text) {
-        Ok(says) => FileReport { kind: Some(kind.name), problems: vec![], says },
-        Err(problems) => FileReport { kind: Some(kind.name), problems: problems.list, says: vec![] },
+        Ok(says) => FileReport { kind: Some(kind.name), problems: vec![], warnings: vec![], says },
+        Err(problems) => {
+            FileReport { kind: Some(kind.name), problems: problems.list, warnings: vec![], says: vec![] }
+        }
     }
 }
 
 fn unclear(message: String) -> FileReport {
-    FileReport { kind: None, problems: vec![Problem { line: 1, key: String::new(), message }], says: vec![] }
+    let problems = vec![Problem { line: 1, key: String::new(), message }];
+    FileReport { kind: None, problems, warnings: vec![], says: vec![] }
 }
 
 /// The one kind that shares most names with the file; misspelt names count where no right one is there.
@@ -248,10 +284,9 @@ mod tests {
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool)"]
         );
-        assert_eq!(
-            says("CELLCMD.XML", "<ETHERNETKRL/>"),
-            ["EKI files are not checked yet; cell, recipe and calibration files are"]
-        );
+        // Whatever it is called.
+        assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));
+        assert_eq!(check_file("CELLCMD.XML", "x = 3").kind, Some("EthernetKRL"));
     }
 
     /// By hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°.

@@ -4,7 +4,7 @@
 //! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
 //! Decides nothing.
 
-use crate::cycle::{Motion, Outcome};
+use crate::cycle::{Motion, Outcome, Request};
 use crate::verdict::Judgement;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -22,7 +22,7 @@ impl std::fmt::Display for CycleId {
 /// Which phase found something.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-#[expect(missing_docs, reason = "the names are those of the cycle's phases")]
+#[expect(missing_docs, reason = "these names are those of the cycle's phases")]
 pub enum Kind {
     Locate,
     Refine,
@@ -30,6 +30,29 @@ pub enum Kind {
     Plan,
     Verify,
     Abrade,
+    /// The gate before a motion.
+    Gate,
+    /// What the robot or its link reported.
+    Robot,
+    /// The self-test before a cycle.
+    SelfTest,
+}
+
+impl Kind {
+    /// Its word, as it is kept.
+    pub fn word(self) -> &'static str {
+        match self {
+            Kind::Locate => "locate",
+            Kind::Refine => "refine",
+            Kind::Inspect => "inspect",
+            Kind::Plan => "plan",
+            Kind::Verify => "verify",
+            Kind::Abrade => "abrade",
+            Kind::Gate => "gate",
+            Kind::Robot => "robot",
+            Kind::SelfTest => "selftest",
+        }
+    }
 }
 
 /// What is allowed of a number.
@@ -91,9 +114,25 @@ impl Number {
     }
 }
 
-/// A kept picture.
+/// Names of numbers that are read again by their name.
+pub mod name {
+    /// How long a film was watched, s.
+    pub const WATCHED: &str = "watched";
+    /// From a scan in memory to the gate's word, ms.
+    pub const SCAN_TO_VERDICT: &str = "scan to verdict";
+    /// From a decoded wet picture to its result, median, ms.
+    pub const PER_PICTURE: &str = "a picture takes, median";
+    /// Waypoints of a contact path that the robot executed.
+    pub const EXECUTED: &str = "waypoints executed";
+    /// Moves of the corner loop.
+    pub const MOVES: &str = "moves after the first picture";
+}
+
+/// A picture to show.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Picture {
+    /// Its short name, `corner_before`.
+    pub name: String,
     /// What it shows.
     pub caption: String,
     /// The JPEG's hash in the store.
@@ -113,8 +152,35 @@ pub struct Finding {
     pub numbers: Vec<Number>,
     /// What is no single number, such as `base_from_panel`, by its name in the commands' JSON.
     pub details: BTreeMap<String, serde_json::Value>,
-    /// What was seen.
+    /// What was seen, drawn for people.
     pub pictures: Vec<Picture>,
+    /// The pictures as the cameras gave them.
+    pub shots: Vec<KeptFile>,
+}
+
+impl Finding {
+    /// A finding without numbers and pictures.
+    pub fn new(kind: Kind, pass: u8, judgement: Judgement) -> Self {
+        let (numbers, details) = (Vec::new(), BTreeMap::new());
+        Finding { kind, pass, judgement, numbers, details, pictures: Vec::new(), shots: Vec::new() }
+    }
+
+    /// With these numbers beside those that are there.
+    pub fn with(mut self, numbers: impl IntoIterator<Item = Number>) -> Self {
+        self.numbers.extend(numbers);
+        self
+    }
+
+    /// With this detail.
+    pub fn detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
+        self.details.insert(name.to_owned(), value.into());
+        self
+    }
+
+    /// The value of the number with this name.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.numbers.iter().find(|number| number.name == name)?.value
+    }
 }
 
 /// A kept file: what it was used for, and its hash.
@@ -147,6 +213,17 @@ impl Budget {
         let parts = [self.hand_eye_mm?, self.locate_mm?, self.fit_mm?, self.robot_mm?];
         Some(parts.iter().map(|part| part * part).sum::<f64>().sqrt())
     }
+
+    /// With the parts that `newer` knows in the place of these.
+    pub fn renewed(self, newer: Budget) -> Budget {
+        Budget {
+            hand_eye_mm: newer.hand_eye_mm.or(self.hand_eye_mm),
+            locate_mm: newer.locate_mm.or(self.locate_mm),
+            fit_mm: newer.fit_mm.or(self.fit_mm),
+            robot_mm: newer.robot_mm.or(self.robot_mm),
+            stated_mm: newer.stated_mm.or(self.stated_mm),
+        }
+    }
 }
 
 /// A motion as it was committed before its first waypoint.
@@ -158,6 +235,15 @@ pub struct MotionRecord {
     pub outcome: Option<Outcome>,
     /// Waypoints executed, as the robot said at its end.
     pub done: u32,
+}
+
+/// What somebody asked of the cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Asked {
+    /// When, ms since 1970.
+    pub unix_ms: i64,
+    /// What.
+    pub request: Request,
 }
 
 /// All that is kept of a cycle.
@@ -187,6 +273,8 @@ pub struct CycleRecord {
     pub findings: Vec<Finding>,
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,
+    /// What was asked of the cell, in order.
+    pub asked: Vec<Asked>,
     /// Lines of the journal that belong to it.
     pub events: u64,
 }
@@ -207,6 +295,8 @@ mod tests {
             stated_mm: part(0.5),
         };
         assert_eq!(budget.total_mm(), Some(85.0));
+        let renewed = budget.renewed(Budget { locate_mm: part(0.0), ..Budget::default() });
+        assert_eq!(renewed, Budget { locate_mm: part(0.0), ..budget });
         budget.fit_mm = None;
         assert_eq!(budget.total_mm(), None);
     }

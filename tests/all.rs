@@ -3,6 +3,9 @@
 mod camera_model;
 mod commands;
 mod config_files;
+mod kuka_files;
 mod layers;
 mod link;
 mod locate;
+mod robot;
+mod service;

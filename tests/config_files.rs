@@ -1,6 +1,6 @@
 //! The configuration files that ship.
 
-use panelprep::check::check_file;
+use panelprep::check::{check_file, check_files};
 use std::fs;
 use std::path::Path;
 
@@ -23,4 +23,14 @@ fn the_files_that_ship_are_right() {
     }
     kinds.sort();
     assert_eq!(kinds, [Some("cell"), Some("cell"), Some("recipe")]);
+}
+
+/// What is loaded on the controller has neither errors nor traps, alone and side by side.
+#[test]
+fn the_channel_files_that_ship_are_right() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
+    let texts = ["CELLCMD.xml", "CELLSTAT.xml"].map(|name| fs::read_to_string(folder.join(name)).expect("it"));
+    for report in check_files(&[("CELLCMD.xml", &texts[0]), ("CELLSTAT.xml", &texts[1])]) {
+        assert_eq!((report.kind, report.problems, report.warnings), (Some("EthernetKRL"), vec![], vec![]));
+    }
 }

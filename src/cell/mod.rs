@@ -59,6 +59,7 @@ impl CalibrationFiles {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     store: PathBuf,
+    socket: Option<PathBuf>,
     scanner: Camera,
     flange_camera: Camera,
     robot: Robot,
@@ -69,8 +70,8 @@ pub struct Cell {
 }
 
 /// The keys at the top of a cell's file, by which it is told from other files.
-pub const CELL_KEYS: [&str; 8] =
-    ["store", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits"];
+pub const CELL_KEYS: [&str; 9] =
+    ["store", "socket", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits"];
 
 impl Cell {
     /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
@@ -84,6 +85,7 @@ impl Cell {
 
     fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
         let store = top.take::<String>("store", (), Some("store".to_owned()));
+        let socket = top.take::<Option<String>>("socket", (), Some(None));
         let scanner = devices::take_camera(folder, &top.section("scanner"), "zivid");
         let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), "gige");
         let robot = devices::take_robot(&top.section("robot"));
@@ -94,6 +96,7 @@ impl Cell {
         top.done();
         Some(Cell {
             store: folder.join(store?),
+            socket: socket?.map(|name| folder.join(name)),
             scanner: scanner?,
             flange_camera: flange_camera?,
             robot: robot?,
@@ -107,6 +110,11 @@ impl Cell {
     /// The folder of the store.
     pub fn store(&self) -> &Path {
         &self.store
+    }
+
+    /// The service's socket, where the file names one; else it lies in the store.
+    pub fn socket(&self) -> Option<&Path> {
+        self.socket.as_deref()
     }
 
     /// The fixed 3D camera; a device is a Zivid.

@@ -32,18 +32,45 @@ pub struct Common {
 /// The commands.
 #[derive(Debug, Subcommand)]
 pub enum Command {
-    /// Render a cell, locate the panel, inspect its film and plan the path, all on files, and write one page.
+    /// Run one whole cycle on a simulated cell, write its page and pictures, and tell how far from the truth it was.
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
     #[command(after_help = "Example:\n  panelprep render --seed 1 --out target/cell")]
     Render(Render),
-    /// Run one cycle on a simulated cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
+    /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
     Cycle(Cycle),
-    /// Check configuration files: cell, recipe, calibrations.
-    #[command(after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml")]
+    /// Fly the planned path over all grids in the air: no water, the tool off, nothing touched.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
+    AirRun(Cycle),
+    /// One function of the robot at a time, through every gate: for commissioning.
+    #[command(
+        after_help = "Examples, with the mock robot of config/cell.toml, which stands at its home pose anew each time:\n  \
+        panelprep robot state\n  panelprep robot move-j ready\n  \
+        panelprep robot move-lin --speed-mm-s 30 500,0,740,0,90,0 --json\n\
+        To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
+    )]
+    Robot(Robot),
+    /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
+    #[command(after_help = "Example:\n  panelprep mock-robot --config config/kuka")]
+    MockRobot(MockRobot),
+    /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep run --cell target/cell/cell.toml")]
+    Run(Run),
+    /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
+    #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
+        panelprep ctl reset --cell target/cell/cell.toml\n  \
+        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
+        panelprep ctl state --cell target/cell/cell.toml --json")]
+    Ctl(Ctl),
+    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
+    #[command(
+        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
+    )]
     Check(Check),
     /// Learn a panel at its nominal place from a scan and corner pictures.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
@@ -123,18 +150,191 @@ pub struct Render {
     pub reduction: u32,
 }
 
-/// Options of `cycle`.
+/// Options of `cycle` and `air-run`.
 #[derive(Debug, Clone, Args)]
 pub struct Cycle {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// What stands in a simulated cell; without effect on devices of another kind.
+#[derive(Debug, Clone, Copy, Args)]
+pub struct Simulation {
     /// Everything random in the simulated cell comes from this number.
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// What stands in the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+}
+
+/// Options of `robot`.
+#[derive(Debug, Clone, Args)]
+pub struct Robot {
+    /// Which function.
+    #[command(subcommand)]
+    pub function: RobotFunction,
+}
+
+/// The functions of thesis Table 3.1. Each has an epoch of its own: base, tool and speed hold within it only.
+#[derive(Debug, Clone, Subcommand)]
+pub enum RobotFunction {
+    /// get_current_state: what the controller says of itself.
+    State,
+    /// move_j: each axis to its angle.
+    MoveJ {
+        /// A name of the cell's [poses], or the six angles A1,…,A6 in degrees.
+        #[arg(value_name = "NAME|A1,…,A6", allow_hyphen_values = true)]
+        to: String,
+        /// Share of the axes' full speed, %.
+        #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
+        axis_speed_percent: u8,
+    },
+    /// move_lin: the tip in a straight line, cut into steps that the gate sees.
+    MoveLin {
+        /// X,Y,Z,A,B,C in mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        to: String,
+        /// The base that the pose is in, for example what `locate` printed; without it the robot's own.
+        #[arg(long, value_name = "POSE", allow_hyphen_values = true)]
+        base: Option<String>,
+        /// What the tip is.
+        #[arg(long, value_enum, default_value_t)]
+        tool: TipName,
+        /// Speed of the tip, mm/s; at most the cell's.
+        #[arg(long, value_name = "MM/S", default_value_t = 50.0)]
+        speed_mm_s: f64,
+    },
+    /// set_base: sets a base and reads it back.
+    SetBase {
+        /// X,Y,Z,A,B,C in mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        base: String,
+    },
+    /// set_tcp: sets a tool and reads it back.
+    SetTcp {
+        /// X,Y,Z,A,B,C of the tip in the flange, mm and degrees, or a POSE.json.
+        #[arg(value_name = "POSE", allow_hyphen_values = true)]
+        flange_from_tool: String,
+    },
+    /// set_acc_speed: speeds of what follows in the same epoch; shows whether the controller takes them.
+    SetSpeed {
+        /// Speed of the tip, mm/s.
+        speed_mm_s: f64,
+        /// Acceleration of the tip, m/s².
+        #[arg(long, value_name = "M/S2", default_value_t = 1.0)]
+        acceleration_m_s2: f64,
+        /// Share of the axes' full speed, %.
+        #[arg(long, value_name = "PERCENT", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=100))]
+        axis_percent: u8,
+    },
+    /// set_digout: an output by its name in the cell's [io.outputs], where its interlocks hold.
+    SetOut {
+        /// The name, `light`.
+        name: String,
+        /// On or off.
+        #[arg(value_enum)]
+        value: OnOff,
+        /// Wait so long before the epoch ends; the tool goes off with it.
+        #[arg(long, value_name = "SECONDS", default_value_t = 0)]
+        keep_s: u16,
+    },
+    /// set_digin: inputs of a KRC are read-only; says so.
+    SetIn {
+        /// The number of the input.
+        number: u16,
+        /// On or off.
+        #[arg(value_enum)]
+        value: OnOff,
+    },
+    /// call_subroutine: one of the controller's own list.
+    Call {
+        /// Its index there.
+        index: u16,
+    },
+}
+
+/// What the tip is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum TipName {
+    /// The flange itself.
+    #[default]
+    Flange,
+    /// The flange camera, as calibrated.
+    Camera,
+    /// The sanding tool, as calibrated.
+    Sanding,
+}
+
+/// A signal's value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OnOff {
+    /// On.
+    On,
+    /// Off.
+    Off,
+}
+
+/// Options of `mock-robot`.
+#[derive(Debug, Clone, Args)]
+pub struct MockRobot {
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
+    #[arg(long, value_name = "DIR")]
+    pub config: Option<PathBuf>,
+    /// Address to listen at.
+    #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
+    pub host: std::net::IpAddr,
+}
+
+/// Options of `run`.
+#[derive(Debug, Clone, Args)]
+pub struct Run {
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+/// Options of `ctl`.
+#[derive(Debug, Clone, Args)]
+pub struct Ctl {
+    /// What to ask.
+    #[command(subcommand)]
+    pub ask: CtlAsk,
+}
+
+/// What may be asked.
+#[derive(Debug, Clone, Subcommand)]
+pub enum CtlAsk {
+    /// Begin a cycle, from idle.
+    Start {
+        /// The panel's recipe.
+        #[arg(long, value_name = "FILE")]
+        recipe: PathBuf,
+    },
+    /// Leave what is going on: no further waypoint, tool off, retract.
+    Hold,
+    /// Go on after a hold, through a look at the corner.
+    Unhold {
+        /// The panel is dry: locate it again.
+        #[arg(long)]
+        dried: bool,
+    },
+    /// End the cycle.
+    Stop,
+    /// End everything at once.
+    Abort,
+    /// After an abort: the cause is gone and the pad is off the panel.
+    Clear,
+    /// From stopped or complete to idle: everything off and tested, no motion.
+    Reset,
+    /// Held for review: the result is good.
+    Accept,
+    /// How the cell stands.
+    State,
 }
 
 /// Options of `check`.

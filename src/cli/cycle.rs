@@ -1,119 +1,130 @@
-//! `panelprep cycle`: one cycle on the simulated cell, then exit.
+//! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
 
-use super::args::{Common, Cycle};
-use super::disk;
+use super::args::{Common, Cycle, Simulation};
+use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
-use super::load::{self, CellFiles};
+use super::live::{Live, Simulated};
+use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cycle::{At, Event, Refusal, Report, Request, Robot, State};
-use crate::daemon::{Ask, Calibrations, Cameras, Job, LinkedRobot, Ports, Requests, StoreRecord, run_cycle};
-use crate::devices::cameras::simulated;
-use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
-use crate::devices::robot::{Address, BlockingLink, link_limits};
-use crate::devices::world::SimulatedWorld;
-use crate::eki::{CELLCMD, CELLSTAT, Pace};
+use super::report::{self, Kept};
+use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
+use crate::daemon::{Ask, CycleOutcome, Ports, Requests, StoreRecord, run_cycle};
 use crate::geometry::KukaPose;
-use crate::sim;
-use crate::store::CycleStart;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
 
-/// Width of the simulated scanner's picture at full size, px.
-const FULL_WIDTH_PX: usize = 1944;
+/// A cycle that ran.
+pub struct Ran {
+    /// How it ended.
+    pub ended: CycleOutcome,
+    /// What the store keeps of it.
+    pub kept: Kept,
+    /// What was asked and not done.
+    pub refused: Option<(Request, Refusal)>,
+    /// What is around a mock robot, as the cycle left it.
+    pub simulated: Option<Simulated>,
+}
 
 /// Runs the cycle and tells how it ended.
 ///
 /// # Errors
 /// Where a file is not what it must be, a motion is open in the store, or the store does not write.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    once(args, common, progress, Assignment::request)
+}
+
+/// The same in the air: no water, no tool, no contact; the path goes over all grids.
+///
+/// # Errors
+/// As [`run`].
+pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    once(args, common, progress, Assignment::air_request)
+}
+
+fn once(
+    args: &Cycle,
+    common: &Common,
+    progress: &dyn Fn(&str),
+    request: fn(&Assignment) -> Request,
+) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let recipe = load::recipe(&args.recipe)?;
-    let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
-    let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
-    let tool = files.flange_from_tool()?;
-    let calibrations = Calibrations {
-        scanner: scanner.value,
-        base_from_camera: base_from_camera.value,
-        flange_camera: flange_camera.value,
-        flange_from_camera: flange_from_camera.value,
-        flange_from_tool: tool.value,
-    };
-    let job =
-        Job::new(&files.cell, &recipe, (&taught.panel, &taught.corners), calibrations).map_err(Fault::stage)?;
-    let mut store = files.store_for_writing()?;
-    let recovered = store.recover().map_err(Fault::stage)?;
-    if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-        return Err(Fault::MotionOpen);
-    }
-    if matches!(recovered.at, At::Aborted { .. }) {
-        return Err(Fault::NotCleared);
-    }
+    let assignment = Assignment::read(&files, &args.recipe)?;
+    let calibrated = Calibrated::read(&files, common)?;
+    let ran = one(&files, (&assignment, &calibrated), (args.simulation, request), progress)?;
+    let page = report::page_file(files.store_folder(), ran.kept.record.id);
+    ran.kept.write(&page, vec![])?;
+    let mut outcome = ran.outcome(ran.judgement());
+    outcome.say(format!("page: {}", page.display()));
+    outcome.put("report", json!(page));
+    Ok(outcome)
+}
+
+/// Runs one cycle.
+///
+/// # Errors
+/// As [`run`].
+pub fn one(
+    files: &CellFiles,
+    (assignment, calibrated): (&Assignment, &Calibrated),
+    (simulation, request): (Simulation, fn(&Assignment) -> Request),
+    progress: &dyn Fn(&str),
+) -> Result<Ran, Fault> {
+    let job = assignment.job(files, calibrated)?;
+    let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;
-    let texts = [
-        ("cell", disk::read_text(&common.cell)?),
-        ("scanner", scanner.text),
-        ("base_from_camera", base_from_camera.text),
-        ("flange_camera", flange_camera.text),
-        ("flange_from_camera", flange_from_camera.text),
-        ("flange_from_tool", tool.text),
-    ];
-    let start = CycleStart {
-        panel: recipe.panel().to_owned(),
-        taught_version: taught.version.clone(),
-        recipe_text: disk::read_text(&args.recipe)?,
-        file_texts: texts.map(|(name, text)| (name.to_owned(), text)).into(),
-    };
-    let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
 
-    let reduction = (FULL_WIDTH_PX / scanner.value.width_px.max(1)).max(1);
-    let simulated_cell = sim::Cell::new(args.seed, args.scene.into(), reduction);
-    let world =
-        SimulatedWorld::new(simulated_cell, &files.cell, recipe.path().disc_diameter_mm()).map_err(Fault::stage)?;
-    let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
-    let setup = world.setup(&files.cell, channel(CELLCMD)?, channel(CELLSTAT)?);
-    let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
-    let server = MockServer::start(controller, mock::Ports::free()).map_err(Fault::stage)?;
-    let address = Address {
-        host: server.command_address().ip().to_string(),
-        command_port: server.command_address().port(),
-        state_port: server.state_address().port(),
-    };
-    let link =
-        BlockingLink::start(address, link_limits(files.cell.limits()), Pace::LockStep).map_err(Fault::stage)?;
-    let (scanner, flange) = simulated(&world, &server.handle());
-    let max_passes = u8::try_from(recipe.process().max_passes_per_grid()).unwrap_or(u8::MAX);
-    let max_moves = u8::try_from(recipe.corner().max_moves()).unwrap_or(u8::MAX);
-    let mut once =
-        Once { start: Request::Start { max_passes, max_moves }, asked: 0, refused: None, told: None, progress };
+    let mut live = Live::start(&files.cell, &calibrated.values, simulation)?;
+    if let Some(simulated) = &live.simulated {
+        simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+    }
+    let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
+    let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let ports = Ports {
-        robot: &mut LinkedRobot::new(link, Pace::LockStep),
-        eyes: &mut Cameras { scanner, flange },
+        robot: &mut live.robot,
+        eyes: &mut live.eyes,
         record: &mut StoreRecord::new(&mut store, cycle),
         requests: &mut once,
     };
     let ended = run_cycle(&job, ports, journal).map_err(Fault::stage)?;
-    let verdict = ended.verdict.unwrap_or(Verdict::Aborted);
-    let reasons = store
-        .cycle(cycle)
-        .ok()
-        .and_then(|kept| kept.judgement)
-        .map(|judgement| judgement.reasons)
-        .unwrap_or_default();
-    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
-    outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
-    if let Some((request, refusal)) = once.refused {
-        outcome.say(format!("refused: {request:?}, {refusal:?}"));
+    let refused = once.refused;
+    Ok(Ran { ended, kept: Kept::read(&store, cycle)?, refused, simulated: live.simulated })
+}
+
+impl Ran {
+    /// The cycle's verdict with its reasons.
+    pub fn judgement(&self) -> Judgement {
+        let verdict = self.ended.verdict.unwrap_or(Verdict::Aborted);
+        let kept = self.kept.record.judgement.clone();
+        kept.unwrap_or(Judgement { verdict, reasons: vec![] })
     }
-    let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
-    outcome.say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
-    outcome.put("cycle_id", json!(cycle.0));
-    outcome.put("state", json!(ended.state.at.word()));
-    outcome.put("abraded", json!(passes));
-    outcome.put("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
-    Ok(outcome)
+
+    /// What is told of it, with this verdict.
+    pub fn outcome(&self, judgement: Judgement) -> Outcome {
+        let (ended, cycle) = (&self.ended, self.kept.record.id);
+        let mut outcome = Outcome::of(&judgement);
+        outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
+        if let Some((request, refusal)) = self.refused {
+            outcome.say(format!("refused: {request:?}, {refusal:?}"));
+        }
+        let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
+        outcome
+            .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
+        let budget = self.kept.record.budget.unwrap_or_default();
+        outcome.put("cycle_id", json!(cycle.0));
+        outcome.put("state", json!(ended.state.at.word()));
+        outcome.put("abraded", json!(passes));
+        outcome.put("base_from_panel", json!(ended.base_from_panel.map(|place| KukaPose::from_rigid(&place))));
+        outcome.put(
+            "budget_mm",
+            json!({
+                "hand_eye": budget.hand_eye_mm, "locate": budget.locate_mm, "fit": budget.fit_mm,
+                "robot": budget.robot_mm, "total": budget.total_mm(),
+            }),
+        );
+        outcome
+    }
 }
 
 /// Asks for one cycle and leaves where it rests.
@@ -128,7 +139,7 @@ struct Once<'a> {
 impl Requests for Once<'_> {
     fn next(&mut self, state: &State) -> Ask {
         if self.told.replace(state.at) != Some(state.at) {
-            (self.progress)(&format!("{:?}", state.at));
+            (self.progress)(&words(state.at));
         }
         let asked = self.asked;
         let mut ask = |request| {
@@ -148,5 +159,33 @@ impl Requests for Once<'_> {
 
     fn refused(&mut self, request: Request, refusal: Refusal) {
         self.refused = Some((request, refusal));
+    }
+}
+
+/// What is going on, for a terminal.
+fn words(at: At) -> String {
+    let why = |hold: Hold| match hold.why {
+        Why::Asked => "somebody asked",
+        Why::Review => "a result waits for a person",
+        Why::NotVerified => "the panel is not where it was",
+        Why::TokenOver => "the localization is too old",
+        Why::Trouble(_) => "trouble",
+    };
+    match at {
+        At::Execute(phase) => match phase {
+            Phase::Locate => "locating the panel by a 3D scan".to_owned(),
+            Phase::Refine { moves } => format!("looking at the corner, picture {}", moves + 1),
+            Phase::Dry => "picture of the dry panel".to_owned(),
+            Phase::Wet => "wetting the panel".to_owned(),
+            Phase::Inspect => "watching the film".to_owned(),
+            Phase::Plan => "planning the path over what failed".to_owned(),
+            Phase::Verify => "verifying the corner before contact".to_owned(),
+            Phase::Abrade => "abrading".to_owned(),
+            Phase::Retract => "leaving the panel".to_owned(),
+            Phase::Rinse => "rinsing".to_owned(),
+        },
+        At::Holding(hold) | At::Held(hold) => format!("{}: {}", at.word(), why(hold)),
+        At::Completing { verdict } | At::Complete { verdict } => format!("{}: {}", at.word(), verdict.word()),
+        at => at.word().to_owned(),
     }
 }

@@ -37,6 +37,56 @@ pub enum Fault {
          then `panelprep ctl clear`"
     )]
     NotCleared,
+    /// A simulated camera without a simulated world.
+    #[error(
+        "[{table}] kind = \"simulated\" looks at the world of the mock robot, but [robot] kind is \"eki\"; make both \
+         simulated, or name the real camera or a recording"
+    )]
+    SimulatedWithoutMock {
+        /// The camera's table.
+        table: &'static str,
+    },
+    /// A camera that this program cannot open.
+    #[error(
+        "[{table}] kind = \"{kind}\": this program was built without that camera's driver; allowed are \"simulated\" \
+         and \"recorded\""
+    )]
+    NoDriver {
+        /// The camera's table.
+        table: &'static str,
+        /// Its kind.
+        kind: &'static str,
+    },
+    /// A calibration that no simulated scanner fits.
+    #[error(
+        "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \
+         px: render the cell's files with `panelprep render`", found_px[0], found_px[1], nearest_px[0], nearest_px[1]
+    )]
+    NoSuchSimulatedSize {
+        /// In the calibration.
+        found_px: [usize; 2],
+        /// The nearest that is delivered.
+        nearest_px: [usize; 2],
+    },
+    /// A pose on the command line that is none.
+    #[error("\"{found}\" is no {what}: {problem}")]
+    NotSix {
+        /// What was given.
+        found: String,
+        /// What it should be.
+        what: &'static str,
+        /// What is wrong.
+        problem: String,
+    },
+    /// Nobody listens.
+    #[error(
+        "{}: no service answers; start `panelprep run` with the same --cell and --store (or `systemctl start panelprep`), \
+         then try again", socket.display()
+    )]
+    NoService {
+        /// The socket.
+        socket: PathBuf,
+    },
     /// Options that do not go together.
     #[error("{found} --corner and {flanges} --flange: each corner picture needs the flange's pose at that picture")]
     CornerWithoutFlange {

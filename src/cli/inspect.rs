@@ -12,7 +12,7 @@ use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
 use crate::panel::Grid;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::report::{StripPicture, View, cut, film_strip};
+use crate::report::{StripPicture, View, bounds, cut, film_strip, strip_times_s};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -59,7 +59,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         base_from_panel: load::located(args.located.as_ref())?,
     };
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let demands = demands(&files, &recipe);
+    let demands = Demands::of(&recipe, files.cell.limits());
     let inspected = stage(&taught, &args.clip, placed, &recipe, demands, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
@@ -71,16 +71,6 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         pictures::save(folder, "film", &inspected.strip()?)?;
     }
     Ok(inspected.outcome(mask))
-}
-
-/// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
-pub fn demands(files: &CellFiles, recipe: &Recipe) -> Demands {
-    let limits = files.cell.limits();
-    Demands {
-        observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
-        frames_per_second: recipe.process().frames_per_second(),
-        min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
-    }
 }
 
 /// Runs the test on the pictures of a clip folder.
@@ -172,8 +162,10 @@ impl Inspected {
     pub fn strip(&self) -> Result<ColorPicture, Fault> {
         let wet: Vec<&ClipEntry> = self.shots.iter().filter(|shot| shot.phase == Phase::Wet).collect();
         let Some(first) = wet.first() else { return Err(Fault::stage(files::ClipError::Empty)) };
-        let bounds = self.bounds();
-        let chosen = self.strip_times_s().map(|time_s| {
+        let edges = self.inspection.footprint.grids().iter().flat_map(|grid| grid.edge_px.iter().copied());
+        let bounds = bounds(edges, (self.camera.width_px, self.camera.height_px));
+        let opens_s = self.inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
+        let chosen = strip_times_s(opens_s, self.inspection.observation.observed_s).into_iter().map(|time_s| {
             let later = wet.iter().find(|shot| shot.time_s - first.time_s >= time_s - 1e-6);
             later.or(wet.last()).copied().unwrap_or(first)
         });
@@ -186,29 +178,6 @@ impl Inspected {
             })
             .collect::<Result<Vec<_>, Fault>>()?;
         film_strip(&pictures).map_err(Fault::stage)
-    }
-
-    /// When the strip's pictures are taken after the first fully wet one: close together while the film opens.
-    fn strip_times_s(&self) -> impl Iterator<Item = f64> + use<> {
-        let end_s = self.inspection.observation.observed_s;
-        let opens_s = self.inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
-        let steps_s = match opens_s {
-            Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
-            None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
-        };
-        steps_s.into_iter().map(move |time_s| time_s.min(end_s))
-    }
-
-    /// The box around the region in the picture.
-    fn bounds(&self) -> [(usize, usize); 2] {
-        let pixels = self.inspection.footprint.grids().iter().flat_map(|grid| &grid.edge_px);
-        let mut low = (self.camera.width_px, self.camera.height_px);
-        let mut high = (0, 0);
-        for (column, row) in pixels.filter_map(|pixel| pixel.whole(self.camera.width_px, self.camera.height_px)) {
-            low = (low.0.min(column), low.1.min(row));
-            high = (high.0.max(column), high.1.max(row));
-        }
-        [low, high]
     }
 
     fn outcome(&self, mask: Option<PathBuf>) -> Outcome {

@@ -4,6 +4,7 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cycle::At;
 use crate::files;
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
@@ -30,6 +31,8 @@ pub struct CellFiles {
 pub struct Calibrated<T> {
     /// The value.
     pub value: T,
+    /// Its error at the panel, mm, 95 %, where the file states it.
+    pub uncertainty_mm: Option<f64>,
     /// The text of its file.
     pub text: String,
 }
@@ -43,6 +46,11 @@ impl CellFiles {
         let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
         Ok(CellFiles { file: common.cell.clone(), cell, store })
+    }
+
+    /// The store's folder.
+    pub fn store_folder(&self) -> &Path {
+        &self.store
     }
 
     /// Opens the store for reading.
@@ -61,6 +69,28 @@ impl CellFiles {
         Store::create(&self.store).map_err(Fault::stage)
     }
 
+    /// Opens the store for writing, settles what an earlier program left, and refuses while something is open that a
+    /// person must look at.
+    ///
+    /// # Errors
+    /// As [`CellFiles::store_for_writing`], and where a motion is open or the last cycle was aborted.
+    pub fn settled_store(&self) -> Result<Store, Fault> {
+        let mut store = self.store_for_writing()?;
+        let recovered = store.recover().map_err(Fault::stage)?;
+        if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
+            return Err(Fault::MotionOpen);
+        }
+        if matches!(recovered.at, At::Aborted { .. }) {
+            return Err(Fault::NotCleared);
+        }
+        Ok(store)
+    }
+
+    /// The service's socket: where the cell's file says, else in the store.
+    pub fn socket(&self) -> PathBuf {
+        self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
+    }
+
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
         let file = file.ok_or_else(|| Fault::NotCalibrated { cell: self.file.clone(), key })?;
         Ok((name(file), disk::read_text(file)?))
@@ -68,12 +98,13 @@ impl CellFiles {
 
     fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
         let (name, text) = self.text(key, file)?;
-        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, text })
+        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, uncertainty_mm: None, text })
     }
 
     fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
-        Ok(Calibrated { value: MountedPose::<M>::check(&name, &text)?.rigid(), text })
+        let mount = MountedPose::<M>::check(&name, &text)?;
+        Ok(Calibrated { value: mount.rigid(), uncertainty_mm: mount.uncertainty_mm, text })
     }
 
     /// The intrinsics of the fixed 3D camera.

@@ -1,23 +1,31 @@
 //! The command line: reads files, calls the phases, writes files and words. The only place with a clock and a disk
 //! beside the store, and the one place that turns errors into words.
 //!
-//! Each command is a file of its name: `run` reads and tells, `stage` computes, so that `demo` can call one after the
-//! other on the same files.
+//! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
 pub mod args;
+mod assignment;
 mod check;
+mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
 mod fault;
 mod inspect;
+mod live;
 mod load;
 mod locate;
+mod log;
+mod mock_robot;
 mod outcome;
 mod pictures;
 mod plan;
 mod refine;
 mod render;
+mod report;
+mod robot;
+mod run;
+mod score;
 mod teach;
 
 pub use fault::Fault;
@@ -28,12 +36,18 @@ use std::process::ExitCode;
 
 /// Runs a command and prints what it found; gives the process's exit code.
 pub fn run(arguments: &Arguments) -> ExitCode {
+    log::start();
     let common = &arguments.common;
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
+        Command::AirRun(args) => cycle::air_run(args, common, &|line| eprintln!("{line}")),
+        Command::Robot(args) => robot::run(args, common),
+        Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
+        Command::Run(args) => run::run(args, common),
+        Command::Ctl(args) => ctl::run(args, common),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

@@ -3,20 +3,16 @@
 use super::args::{Common, Plan};
 use super::disk;
 use super::fault::Fault;
-use super::inspect::Inspected;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool, Vector};
+use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
 use crate::path::{self, ProgramName};
 use crate::recipe::Recipe;
 use crate::report::View;
-use crate::report::page::Row;
-use crate::sim::Truth;
 use crate::surface::{self, Deviation};
 use crate::verdict::Judgement;
-use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 /// A plan with its verdict.
@@ -86,18 +82,7 @@ pub fn stage(
     Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel) })
 }
 
-/// Largest deviations of the planned contact from the true surface.
-struct Deviations {
-    normal_deg: f64,
-    surface_mm: f64,
-}
-
 impl Planned {
-    fn contact_poses(&self) -> impl Iterator<Item = Rigid<Panel, Tool>> + '_ {
-        let waypoints = self.plan.paths.iter().flat_map(|path| &path.waypoints);
-        waypoints.filter(|waypoint| waypoint.contact).map(|waypoint| waypoint.pose.to_rigid())
-    }
-
     /// The paths drawn over a view.
     ///
     /// # Errors
@@ -110,56 +95,6 @@ impl Planned {
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
         view.planned(&taught.panel, &paths, &planned).map_err(Fault::stage)
-    }
-
-    /// The paths over the panel where it was inspected.
-    ///
-    /// # Errors
-    /// As [`Planned::over`].
-    pub fn drawn(&self, taught: &Taught, inspected: &Inspected) -> Result<ColorPicture, Fault> {
-        let (picture, camera, camera_from_panel) = inspected.last_view()?;
-        self.over(&View { picture: &picture, camera: &camera, camera_from_panel }, taught)
-    }
-
-    fn against(&self, truth: &Truth) -> Deviations {
-        let mut worst = Deviations { normal_deg: 0.0, surface_mm: 0.0 };
-        for panel_from_tool in self.contact_poses() {
-            let point = panel_from_tool.origin();
-            let outward = panel_from_tool * Vector::<Tool>::new(-Vector3::z());
-            worst.normal_deg = worst.normal_deg.max(outward.angle_to(truth.normal(point)).0);
-            worst.surface_mm = worst.surface_mm.max(truth.distance_mm(point).abs());
-        }
-        worst
-    }
-
-    /// How far the plan is from the true surface, for scripts.
-    pub fn score(&self, truth: &Truth) -> Value {
-        let worst = self.against(truth);
-        let step_over = self.plan.step_over_mm.map(|step| json!({"min": step.min_mm, "max": step.max_mm}));
-        json!({
-            "paths": self.plan.paths.len(), "coverage": self.plan.coverage, "step_over_mm": step_over,
-            "normal_error_max_deg": worst.normal_deg, "surface_error_max_mm": worst.surface_mm,
-        })
-    }
-
-    /// The plan in numbers, for a page.
-    pub fn rows(&self, truth: &Truth) -> Vec<Row> {
-        let worst = self.against(truth);
-        let mut rows = vec![
-            Row::new(
-                "surface fit",
-                format!("{:.3} mm rms, {:.3} mm at most", self.deviation.rms_mm, self.deviation.largest_mm),
-                "",
-            ),
-            Row::new("coverage of the failed grids", format!("{:.1} %", self.plan.coverage * 100.0), "≥ 95 %"),
-            Row::new("length, time", format!("{:.0} mm, {:.0} s", self.plan.length_mm, self.plan.duration_s), ""),
-            Row::new("tool axis off the true normal, largest", format!("{:.2}°", worst.normal_deg), "≤ 1°"),
-            Row::new("contact off the true surface, largest", format!("{:.2} mm", worst.surface_mm), ""),
-        ];
-        if let Some(step) = self.plan.step_over_mm {
-            rows.push(Row::new("step-over", format!("{:.2} to {:.2} mm", step.min_mm, step.max_mm), ""));
-        }
-        rows
     }
 
     /// The plan in words.

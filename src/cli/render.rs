@@ -67,23 +67,32 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Renders a cell into a folder.
+/// Renders a cell into a folder: what it is taught by, and what its cameras see later.
 ///
 /// # Errors
 /// As [`run`].
 pub fn write(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
-    claim(folder)?;
-    let rendered = Rendered { folder: folder.to_owned() };
-    write_configuration(cell, &rendered)?;
-    progress("rendering the taught scan and the scan");
-    let taught_scan = cell.taught_scan();
-    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
+    let rendered = write_taught(cell, folder, progress)?;
+    progress("rendering the scan and the corner picture");
     disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
-    progress("rendering the corner pictures");
-    write_corners(cell, &rendered)?;
+    write_corner(cell, &rendered, Place::Displaced)?;
     progress("rendering the clip");
     write_clip(cell, &rendered)?;
     write_truth(cell, &rendered)?;
+    Ok(rendered)
+}
+
+/// Renders what a cell is taught by: configuration, calibrations, recipe, scan and corner at the nominal place.
+///
+/// # Errors
+/// As [`run`].
+pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+    claim(folder)?;
+    let rendered = Rendered { folder: folder.to_owned() };
+    write_configuration(cell, &rendered)?;
+    progress("rendering the scan and the corner picture that the panel is taught by");
+    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&cell.taught_scan()))?;
+    write_corner(cell, &rendered, Place::Nominal)?;
     Ok(rendered)
 }
 
@@ -181,17 +190,15 @@ fn recipe(cell: &sim::Cell) -> String {
     )
 }
 
-fn write_corners(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(), Fault> {
     let Some(view) = cell.corner_views().into_iter().next() else { return Ok(()) };
-    let shots = [
-        ("taught_corner.png", "taught_flange.json", view.base_from_flange, Place::Nominal),
-        ("corner.png", "flange.json", cell.displaced_corner_pose(&view), Place::Displaced),
-    ];
-    shots.into_iter().try_for_each(|(picture, pose, base_from_flange, place)| {
-        let rendered_picture = cell.flange_picture(&base_from_flange, place);
-        disk::write(&rendered.file(picture), files::write_color_png(&rendered_picture).map_err(Fault::stage)?)?;
-        disk::write(&rendered.file(pose), files::write_pose(&KukaPose::from_rigid(&base_from_flange)))
-    })
+    let (picture, pose, base_from_flange) = match place {
+        Place::Nominal => ("taught_corner.png", "taught_flange.json", view.base_from_flange),
+        Place::Displaced => ("corner.png", "flange.json", cell.displaced_corner_pose(&view)),
+    };
+    let rendered_picture = cell.flange_picture(&base_from_flange, place);
+    disk::write(&rendered.file(picture), files::write_color_png(&rendered_picture).map_err(Fault::stage)?)?;
+    disk::write(&rendered.file(pose), files::write_pose(&KukaPose::from_rigid(&base_from_flange)))
 }
 
 /// When the clip's pictures are taken: from the dry panel to the end of the observation.

@@ -86,9 +86,9 @@ pub enum Act {
     DryPicture,
     /// Watch the film and judge it. `Filmed`.
     Film,
-    /// Plan a path over what this pass must still abrade. `Planned`, or `Graded` with reject.
+    /// Plan a path over what this pass must still abrade. `Planned`, `PlannedForReview`, or `Graded` with reject.
     Plan {
-        /// Which pass, from 1.
+        /// Which pass, from 1; 0 is an air-run, over all grids.
         pass: u8,
     },
 }
@@ -100,9 +100,9 @@ pub struct Motion {
     pub epoch: u32,
     /// Which path.
     pub path: Path,
-    /// The plan of a contact path; 0 for others.
+    /// The plan of a contact path, or of the same in air; 0 for others.
     pub plan: u64,
-    /// Waypoints of a contact path; 1 for others: one target, points on the way are not counted.
+    /// Waypoints of that path; 1 for others: one target, points on the way are not counted.
     pub waypoints: u32,
 }
 
@@ -121,6 +121,8 @@ pub enum Path {
     Approach,
     /// Landing, abrasion and leaving, with the tool running; ends in air.
     Contact,
+    /// The same path lifted off the panel, with the tool off.
+    Air,
     /// From the air point after the last contact, clear of the panel.
     Retract,
 }

@@ -29,6 +29,11 @@ pub enum Request {
         /// Moves of the corner loop, at most.
         max_moves: u8,
     },
+    /// Idle → the planned path over all grids in the air: no water, no tool, no contact.
+    AirRun {
+        /// Moves of the corner loop, at most.
+        max_moves: u8,
+    },
     /// Leave what is going on; ends in Held.
     Hold,
     /// Held → on, through Verify.
@@ -103,6 +108,13 @@ pub enum Answer {
         /// First eight bytes of the path's hash.
         plan: u64,
         /// Its waypoints; none when nothing is left to do.
+        waypoints: u32,
+    },
+    /// A path that a person must look at before it is used.
+    PlannedForReview {
+        /// First eight bytes of the path's hash.
+        plan: u64,
+        /// Its waypoints.
         waypoints: u32,
     },
     /// It could not be done.

@@ -48,7 +48,9 @@ impl Turn {
                 (Phase::Inspect, _) => Aim::Do(Act::Film),
                 (Phase::Plan, _) => Aim::Do(Act::Plan { pass: state.job.pass }),
                 (Phase::Verify, _) => Aim::Do(Act::Verify),
-                (Phase::Abrade, _) => Aim::Do(Act::Move(state.motion(Path::Contact))),
+                (Phase::Abrade, _) => {
+                    Aim::Do(Act::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
+                }
                 (Phase::Retract, _) => Aim::Do(Act::Move(state.motion(Path::Retract))),
             },
         }
@@ -89,7 +91,15 @@ impl Turn {
             (Act::Plan { .. }, R::Planned { plan, waypoints }) => {
                 (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
                 let verify = if self.rules.keep(Rule::VerifyFirst) { Phase::Verify } else { Phase::Abrade };
-                self.state.at = At::Execute(if waypoints == 0 { Phase::Rinse } else { verify });
+                self.state.at = match (waypoints, self.is_air()) {
+                    (0, true) => At::Completing { verdict: Verdict::Reject },
+                    (0, false) => At::Execute(Phase::Rinse),
+                    _ => At::Execute(verify),
+                };
+            }
+            (Act::Plan { .. }, R::PlannedForReview { plan, waypoints }) => {
+                (self.state.job.plan, self.state.job.waypoints) = (plan, waypoints);
+                self.graded(Grade::Review, Phase::Verify);
             }
             (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
             (Act::Verify, R::Graded(grade)) => self.verified(grade),
@@ -113,6 +123,10 @@ impl Turn {
         }
     }
 
+    fn is_air(&self) -> bool {
+        self.state.job.air && self.rules.keep(Rule::AirRun)
+    }
+
     /// The robot stands at the end of a move, or short of it.
     fn stands(&mut self, motion: Motion, done: u32) {
         if done != motion.waypoints && self.rules.keep(Rule::WholePath) {
@@ -124,7 +138,10 @@ impl Turn {
             self.facts().touching = false;
         }
         match (self.state.at, motion.path) {
-            (At::Execute(Phase::Abrade), Path::Contact) => self.state.at = At::Execute(Phase::Retract),
+            (At::Execute(Phase::Abrade), Path::Contact | Path::Air) => self.state.at = At::Execute(Phase::Retract),
+            (At::Execute(Phase::Retract), Path::Retract) if self.is_air() => {
+                self.state.at = At::Completing { verdict: Verdict::Pass };
+            }
             (At::Execute(Phase::Retract), Path::Retract) => self.state.at = At::Execute(Phase::Rinse),
             _ => {}
         }
@@ -161,6 +178,8 @@ impl Turn {
     fn graded(&mut self, grade: Grade, next: Phase) {
         self.state.at = match grade {
             Grade::Review if self.rules.keep(Rule::ReviewHolds) => {
+                // Whoever looks takes his time.
+                self.facts().token = None;
                 At::Holding(Hold { why: Why::Review, resume: next })
             }
             Grade::Reject if self.rules.keep(Rule::RejectEnds) => At::Completing { verdict: Verdict::Reject },
@@ -173,7 +192,7 @@ impl Turn {
             self.facts().token = Some(self.arm(Deadline::Token));
         }
         let dry = if self.rules.keep(Rule::DryPicture) { Phase::Dry } else { self.state.job.after_dry };
-        self.graded(grade, dry);
+        self.graded(grade, if self.is_air() { Phase::Plan } else { dry });
     }
 
     fn verified(&mut self, grade: Grade) {
@@ -220,6 +239,7 @@ impl Turn {
             Phase::Dry => Phase::Dry,
             Phase::Wet | Phase::Inspect => Phase::Wet,
             Phase::Plan | Phase::Verify | Phase::Abrade => Phase::Plan,
+            Phase::Retract | Phase::Rinse if self.is_air() => Phase::Plan,
             Phase::Retract | Phase::Rinse => Phase::Rinse,
         };
         self.state.at = At::Holding(Hold { why, resume });
@@ -229,8 +249,11 @@ impl Turn {
     pub fn unhold(&mut self, hold: Hold, dried: bool) {
         let undried = hold.why == Why::NotVerified && !self.rules.keep(Rule::DriedFirst);
         if dried || undried {
-            if matches!(hold.resume, Phase::Wet | Phase::Plan | Phase::Rinse) {
-                self.state.job.after_dry = hold.resume;
+            match hold.resume {
+                Phase::Wet | Phase::Plan | Phase::Rinse => self.state.job.after_dry = hold.resume,
+                // A path that nobody accepted is planned again.
+                Phase::Verify => self.state.job.after_dry = Phase::Plan,
+                _ => {}
             }
             self.state.at = At::Unholding { resume: Phase::Locate, verify: false };
         } else if hold.why == Why::Review {

@@ -61,6 +61,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
                 let running = (R::ToolRunning, N::ToolRunning);
                 vec![epoch, drained, extraction, token, at_approach, pad, running]
             }
+            Path::Air => vec![epoch, dry_air, tool_off, token, at_approach, pad],
             Path::Retract => vec![epoch, dry_air, tool_off, pad],
         },
     }
@@ -151,7 +152,8 @@ impl Need {
 impl State {
     /// The motion along this path in the epoch that is open.
     pub(super) fn motion(&self, path: Path) -> Motion {
-        let (plan, waypoints) = if path == Path::Contact { (self.job.plan, self.job.waypoints) } else { (0, 1) };
+        let (plan, waypoints) =
+            if matches!(path, Path::Contact | Path::Air) { (self.job.plan, self.job.waypoints) } else { (0, 1) };
         Motion { epoch: self.epoch, path, plan, waypoints }
     }
 }

@@ -76,6 +76,8 @@ pub(super) enum Rule {
     ReviewHolds,
     /// A film that says nothing ends the cycle.
     InvalidEnds,
+    /// An air-run touches nothing, and needs no water to know where.
+    AirRun,
     /// A dry picture before the first water.
     DryPicture,
     /// Verify just before each contact.

@@ -31,6 +31,7 @@ impl State {
         at: At::Stopped,
         job: Job {
             running: false,
+            air: false,
             max_passes: 0,
             max_moves: 0,
             pass: 0,
@@ -208,6 +209,9 @@ pub enum Cause {
 pub struct Job {
     /// Begun and not concluded.
     pub running: bool,
+    /// An air-run: it touches nothing.
+    #[serde(default)]
+    pub air: bool,
     /// Abrasions, at most.
     pub max_passes: u8,
     /// Moves of the corner loop, at most.

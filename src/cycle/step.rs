@@ -38,6 +38,10 @@ impl Turn {
                 self.state.job = Job { running: true, max_passes, max_moves, ..State::NEW.job };
                 self.state.at = At::Starting;
             }
+            (At::Idle, Q::AirRun { max_moves }) if ready => {
+                self.state.job = Job { running: true, air: true, max_moves, ..State::NEW.job };
+                self.state.at = At::Starting;
+            }
             (At::Held(hold), Q::Unhold { dried }) if ready => self.unhold(hold, dried),
             // A person looked at the result and stands at the panel: no Verify before the next phase.
             (At::Held(Hold { why: Why::Review, resume }), Q::Accept) if ready => {
@@ -48,7 +52,7 @@ impl Turn {
                 self.state.at = At::Clearing { cause };
             }
             (At::Stopped | At::Complete { .. }, Q::Reset)
-            | (At::Idle, Q::Start { .. })
+            | (At::Idle, Q::Start { .. } | Q::AirRun { .. })
             | (At::Held(_), Q::Unhold { .. } | Q::Accept)
             | (At::Aborted { .. }, Q::Clear) => self.refuse(request, Refusal::Robot(robot)),
             (At::Execute(phase) | At::Unholding { resume: phase, .. }, Q::Hold) => self.hold(Why::Asked, phase),
@@ -204,6 +208,11 @@ impl Turn {
         let review = matches!(self.state.at, At::Held(Hold { why: Why::Review, .. }));
         self.conclude(if review { Verdict::Review } else { Verdict::Aborted });
         self.state.due = None;
+        // At rest already, water shut and epoch ended; a robot that is not ready takes no command. Reset looks again.
+        if matches!(self.state.at, At::Held(_)) && self.state.facts.robot != Robot::Ready {
+            self.state.at = At::Stopped;
+            return;
+        }
         let until = self.arm(Deadline::Stop);
         self.state.at = At::Stopping { until };
     }

@@ -2,26 +2,27 @@
 
 use super::ports::{Finding, Record};
 use super::routes::waypoints;
-use super::sight::{grade, reason};
-use super::{DaemonError, Job};
+use super::sight::{Sight, grade, reason};
+use super::{DaemonError, Job, figures, findings};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
-use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::{self, Plan};
+use crate::record::{Budget, Kind};
 use crate::surface;
-use crate::verdict::{Judgement, Reason};
-use serde_json::json;
+use crate::verdict::Reason;
 use std::collections::BTreeMap;
 
 /// The plan and what was done of all of them.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Abrasion {
     plan: Option<(u64, Plan)>,
     /// In how many passes a grid was touched, and the last of them.
     touched: BTreeMap<GridId, (usize, u8)>,
     /// The last pass in which a grid was abraded whole.
     done: BTreeMap<GridId, u8>,
+    /// How often a grid may be abraded, as the last plan's recipe says.
+    most_passes: usize,
 }
 
 impl Abrasion {
@@ -35,17 +36,22 @@ impl Abrasion {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
-    /// Plans a path over the failed grids that this pass has not yet abraded.
+    /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
     pub fn make(
         &mut self,
         job: &Job<'_>,
-        (pass, inspection): (u8, Option<&Inspection>),
+        (pass, sight): (u8, &Sight),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        let Some(inspection) = inspection else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let failed: Vec<GridId> = match (pass, sight.inspections.last()) {
+            // An air-run has no film and shows the whole region.
+            (0, _) => job.panel.region.ids().collect(),
+            (_, Some(film)) => film.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect(),
+            (_, None) => return Ok(Answer::Failed(Trouble::Unexpected)),
+        };
         self.plan = None;
-        let most = job.recipe.process().max_passes_per_grid();
-        let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
+        self.most_passes = job.recipe.process().max_passes_per_grid();
+        let most = self.most_passes;
         let left: Vec<GridId> = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass)).collect();
         let worn: Vec<String> =
             left.iter().filter(|grid| self.is_worn(grid, pass, most)).map(ToString::to_string).collect();
@@ -59,20 +65,27 @@ impl Abrasion {
         } else {
             self.over(job, &grids)
         };
-        let (judgement, numbers, plan) = match planned {
-            Ok((plan, deviation)) => {
-                let judgement = path::judge(&plan, job.recipe.path());
-                let numbers = numbers(job, &plan, &deviation, &grids);
-                (judgement, numbers, Some(plan))
+        let (plan, deviation) = match planned {
+            Ok(planned) => planned,
+            Err(reason) => {
+                record.finding(&findings::rejected(Kind::Plan, pass, reason))?;
+                return Ok(Answer::Graded(Grade::Reject));
             }
-            Err(reason) => (Judgement::of(vec![reason], vec![]), json!({}), None),
         };
+        let judgement = path::judge(&plan, job.recipe.path());
         let grade = grade(&judgement);
-        record.finding(&Finding { stage: "plan", pass, judgement, numbers })?;
-        Ok(match plan.filter(|_| grade == Grade::Accept) {
-            Some(plan) => self.keep(plan),
-            // A doubtful plan is not executed either.
-            None => Answer::Graded(Grade::Reject),
+        if let (Some(film), Some(place)) = (&sight.film_picture, sight.place()) {
+            record.figure(&figures::planned(job, &plan, film, place))?;
+        }
+        record.finding(&findings::planned((&plan, &deviation), &grids, (pass, judgement), job))?;
+        record.budget(&Budget { fit_mm: Some(deviation.p95_mm), ..Budget::default() })?;
+        if grade == Grade::Reject {
+            return Ok(Answer::Graded(grade));
+        }
+        let (plan, waypoints) = self.keep(plan);
+        Ok(match grade {
+            Grade::Accept => Answer::Planned { plan, waypoints },
+            _ => Answer::PlannedForReview { plan, waypoints },
         })
     }
 
@@ -88,51 +101,45 @@ impl Abrasion {
         Ok((plan.map_err(|error| reason("no_path", &error))?, fit.deviation))
     }
 
-    fn keep(&mut self, plan: Plan) -> Answer {
+    /// Keeps a plan: its number, and its waypoints after the air point of the approach.
+    fn keep(&mut self, plan: Plan) -> (u64, u32) {
         let all = waypoints(&plan);
         let text: Vec<String> = all.iter().map(|waypoint| format!("{:?}", waypoint.pose)).collect();
         let hash = content_hash(text.join("\n").as_bytes());
         // Sixty-four bits of hexadecimal digits always are a number.
         let number = hash.get(..16).and_then(|digits| u64::from_str_radix(digits, 16).ok()).unwrap_or_default();
         self.plan = Some((number, plan));
-        // The first point is the air point of the approach.
-        Answer::Planned { plan: number, waypoints: u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX) }
+        (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
-    /// Of the plan's path this many waypoints were executed.
-    pub fn executed(&mut self, pass: u8, done: u32) {
-        let Some((_, plan)) = &self.plan else { return };
+    /// Of the plan's path so many waypoints of all were executed.
+    pub fn executed(&mut self, pass: u8, (waypoints, done): (u32, u32)) -> Finding {
+        let (mut whole, mut begun) = (Vec::new(), Vec::new());
+        let paths = self.plan.iter().flat_map(|(_, plan)| &plan.paths);
         // Waypoints are counted from the second one on.
         let executed = done as usize + 1;
         let mut before = 0;
-        for path in &plan.paths {
+        for path in paths {
             let contact =
                 |reached: usize| path.waypoints.iter().take(reached).filter(|waypoint| waypoint.contact).count();
             let (reached, all) = (contact(executed.saturating_sub(before)), contact(usize::MAX));
             before += path.waypoints.len();
-            for grid in path.grids.iter().filter(|_| reached > 0) {
-                let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
-                *times += usize::from(*last != pass);
-                *last = pass;
-                if reached == all {
-                    self.done.insert(*grid, pass);
-                }
+            if reached > 0 {
+                let grids = if reached == all { &mut whole } else { &mut begun };
+                grids.extend(path.grids.iter().copied());
             }
         }
+        for grid in whole.iter().chain(&begun) {
+            let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
+            *times += usize::from(*last != pass);
+            *last = pass;
+        }
+        self.done.extend(whole.iter().map(|grid| (*grid, pass)));
+        findings::abraded(pass, (waypoints, done), (&whole, &begun), self.most_passes)
     }
 
     /// In how many passes each grid was touched.
     pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
-}
-
-fn numbers(job: &Job<'_>, plan: &Plan, deviation: &surface::Deviation, grids: &[GridId]) -> serde_json::Value {
-    let grids: Vec<String> = grids.iter().map(ToString::to_string).collect();
-    json!({
-        "grids": grids, "paths": plan.paths.len(), "waypoints": waypoints(plan).len(), "length_mm": plan.length_mm,
-        "duration_s": plan.duration_s, "coverage": plan.coverage,
-        "surface_rms_mm": deviation.rms_mm, "max_rms_mm": job.recipe.surface().max_rms_mm(),
-        "max_passes_per_grid": job.recipe.process().max_passes_per_grid(),
-    })
 }

@@ -25,6 +25,12 @@ impl<S: Scanner, F: FlangeCamera> Eyes for Cameras<S, F> {
     fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
         self.flange.capture().map(|shot| shot.picture).map_err(|error| blind("the flange camera", &error))
     }
+
+    fn check(&mut self) -> Vec<SightError> {
+        let scanner = self.scanner.check().map_err(|error| blind("the scanner", &error));
+        let flange = self.flange.check().map_err(|error| blind("the flange camera", &error));
+        [scanner, flange].into_iter().filter_map(Result::err).collect()
+    }
 }
 
 fn blind(camera: &'static str, error: &CameraError) -> SightError {

@@ -7,30 +7,52 @@
 //! ```
 //!
 //! The table decides (see `cycle`), this performs. What an act works with — the scan's fit, the refined place, the
-//! film, the plan — stays here and never enters the table: it hears ids, counts and grades. Acts that compute block
-//! the loop; the robot's link runs on its own thread and its controller stops by itself where nobody feeds it.
+//! film, the plan — stays here and never enters the table: it hears ids, counts and grades. In the service acts that
+//! see and compute have a thread of their own (`computing`), and the loop goes on answering; what was abandoned
+//! meanwhile changes nothing. The robot's link has its own thread too, and its controller stops by itself where nobody
+//! feeds it.
 //!
-//! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time.
+//! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time; it
+//! stands while something is computed.
+//!
+//! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `desk` (requests, signals
+//! and systemd, seen from the loop) · `words` (states and refusals for people).
 
 mod abrasion;
 mod acts;
 mod cameras;
+mod computing;
 mod deadlines;
+mod desk;
+mod figures;
+mod findings;
+mod moves;
 mod ports;
+mod protocol;
 mod recording;
 mod routes;
 mod run;
 mod sight;
+mod single;
+mod socket;
 mod wiring;
+mod words;
 
 #[cfg(test)]
 mod tests;
 
 pub use cameras::Cameras;
-pub use ports::{Ask, Eyes, Finding, LinkedRobot, Record, RecordError, Requests, Robot, SightError};
+pub use desk::{Desk, Letter};
+pub use ports::{
+    Ask, Eyes, Figure, Finding, Journal, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
+};
+pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
 pub use recording::StoreRecord;
-pub use run::{CycleOutcome, Ports, run_cycle};
+pub use run::{CycleOutcome, Ports, Service, run_cycle, serve};
+pub use single::{Line, Single, SingleError, speeds};
+pub use socket::{Loader, Socket, SocketError};
 pub use wiring::Wiring;
+pub use words::{request_word, why};
 
 use crate::cell::{Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
@@ -51,6 +73,77 @@ pub struct Calibrations {
     pub flange_from_camera: Rigid<Flange, FlangeCamera>,
     /// Where the sanding tool's contact is.
     pub flange_from_tool: Rigid<Flange, Tool>,
+    /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
+    pub hand_eye_mm: Option<f64>,
+}
+
+/// What the cell is to every cycle, and between them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Site {
+    /// The cell's limits.
+    pub limits: Limits,
+    /// Outputs and feedbacks.
+    pub wiring: Wiring,
+    /// Where the arm parks.
+    pub park: Joints,
+    /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
+    pub ready: Option<Joints>,
+}
+
+impl Site {
+    /// Takes what the cell's file states.
+    ///
+    /// # Errors
+    /// Where the cell does not name what a cycle needs.
+    pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
+        cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
+        Ok(Site {
+            limits: cell.limits().clone(),
+            wiring: Wiring::of(cell.io())?,
+            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
+            ready: cell.pose("ready"),
+        })
+    }
+}
+
+/// What one cycle of the service works by; there is a corner.
+#[derive(Debug, Clone)]
+pub struct Task {
+    recipe: Recipe,
+    panel: TaughtPanel,
+    corners: Vec<TaughtCorner>,
+    calibrations: Calibrations,
+}
+
+impl Task {
+    /// Joins recipe, taught panel and its corners, and calibrations.
+    ///
+    /// # Errors
+    /// Where no corner was taught.
+    pub fn new(
+        recipe: Recipe,
+        (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
+        calibrations: Calibrations,
+    ) -> Result<Self, DaemonError> {
+        if corners.is_empty() {
+            return Err(DaemonError::NoCorner);
+        }
+        Ok(Task { recipe, panel, corners, calibrations })
+    }
+
+    /// The same with its cell, as the phases see it.
+    fn job<'a>(&'a self, site: &'a Site) -> Job<'a> {
+        Job {
+            recipe: &self.recipe,
+            panel: &self.panel,
+            corners: &self.corners,
+            calibrations: self.calibrations,
+            limits: &site.limits,
+            wiring: site.wiring,
+            park: site.park,
+            ready: site.ready,
+        }
+    }
 }
 
 /// What a cycle works by; nothing of it changes while it runs.
@@ -102,13 +195,14 @@ impl<'a> Job<'a> {
         })
     }
 
-    /// What is asked of a film: the recipe's values, or the cell's where it has none.
+    /// The cell alone.
+    fn site(&self) -> Site {
+        Site { limits: self.limits.clone(), wiring: self.wiring, park: self.park, ready: self.ready }
+    }
+
+    /// What is asked of a film.
     pub fn demands(&self) -> Demands {
-        Demands {
-            observation_s: self.recipe.process().observation_s().unwrap_or(self.limits.observation_s()),
-            frames_per_second: self.recipe.process().frames_per_second(),
-            min_break_mm2: self.recipe.inspect().min_break_mm2().unwrap_or(self.limits.min_break_mm2()),
-        }
+        Demands::of(self.recipe, self.limits)
     }
 }
 
@@ -132,6 +226,9 @@ pub enum DaemonError {
     /// No corner was taught.
     #[error("no corner of this panel was taught; teach it with --corner and --flange")]
     NoCorner,
+    /// The system gives no thread to compute on.
+    #[error("the thread that computes cannot start: {0}")]
+    Thread(std::io::Error),
     /// The store does not write.
     #[error(transparent)]
     Record(#[from] RecordError),

@@ -1,12 +1,16 @@
 //! What the loop needs from outside: a robot, cameras, a record, somebody who asks.
 
+use super::Task;
 use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
-use crate::verdict::{Judgement, Verdict};
-use serde_json::Value;
+use crate::record::{Budget, CycleId};
+use crate::store::CycleStart;
+use crate::verdict::{Reason, Verdict};
 use std::time::{Duration, Instant};
+
+pub use crate::record::Finding;
 
 /// The robot: commands in, reports out, and the clock that its motions run by.
 pub trait Robot {
@@ -34,6 +38,8 @@ pub trait Robot {
     fn next(&mut self) -> Option<Report>;
     /// Now: virtual in lock step.
     fn now(&self) -> Time;
+    /// Whether time passes only in [`Robot::next`].
+    fn is_lock_step(&self) -> bool;
 }
 
 /// The cameras. Each call exposes once, now.
@@ -53,6 +59,8 @@ pub trait Eyes {
     /// # Errors
     /// As [`Eyes::scan`].
     fn corner_picture(&mut self) -> Result<ColorPicture, SightError>;
+    /// Whether they would deliver; each that would not, with why. Exposes nothing that a cycle needs.
+    fn check(&mut self) -> Vec<SightError>;
 }
 
 /// A camera that gave no picture.
@@ -65,21 +73,43 @@ pub struct SightError {
     pub why: String,
 }
 
-/// What a stage found, with every number and limit used.
+/// A picture that is drawn for people.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Finding {
-    /// The stage's word, `locate`.
-    pub stage: &'static str,
-    /// The abrasion it belongs to, from 1; 0 before the first.
-    pub pass: u8,
-    /// The gate's word.
-    pub judgement: Judgement,
-    /// Numbers and limits.
-    pub numbers: Value,
+pub struct Figure {
+    /// Its short name, `corner_before`.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// The picture.
+    pub picture: ColorPicture,
+}
+
+/// What a phase leaves. Each call returns when it is kept.
+pub trait Record {
+    /// What a stage found. Pictures and figures that came since the last finding are its own.
+    ///
+    /// # Errors
+    /// Where it cannot be kept; likewise for the others.
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError>;
+    /// A picture as a camera gave it.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError>;
+    /// A picture that is drawn for people.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError>;
+    /// Parts of the error at the tool that were measured now; the others stay as they are known.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError>;
 }
 
 /// What is remembered. Each call returns when it is on disk.
-pub trait Record {
+pub trait Journal: Record {
     /// One line of the journal.
     ///
     /// # Errors
@@ -88,28 +118,27 @@ pub trait Record {
     /// A motion begins.
     ///
     /// # Errors
-    /// As [`Record::event`].
+    /// As [`Journal::event`].
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError>;
     /// A motion is over: the robot stands.
     ///
     /// # Errors
-    /// As [`Record::event`].
+    /// As [`Journal::event`].
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError>;
-    /// What a stage found.
-    ///
-    /// # Errors
-    /// As [`Record::event`].
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError>;
-    /// A picture under its name.
-    ///
-    /// # Errors
-    /// As [`Record::event`].
-    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError>;
     /// The cycle's result.
     ///
     /// # Errors
-    /// As [`Record::event`].
+    /// As [`Journal::event`].
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError>;
+    /// A cycle begins; what follows is its.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError>;
+    /// What follows belongs to no cycle.
+    fn between_cycles(&mut self);
+    /// Whether a cycle's record would find its place; else why not.
+    fn check(&mut self) -> Vec<Reason>;
 }
 
 /// The store does not write. Nothing moves without it.
@@ -117,23 +146,44 @@ pub trait Record {
 #[error("the record cannot be written: {0}")]
 pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 
-/// Somebody who asks.
+/// Somebody who asks. Who does not care for news leaves it.
 pub trait Requests {
-    /// What is asked now, seen the state.
+    /// What is asked now, seen the state. Comes round within milliseconds, whatever the loop is doing.
     fn next(&mut self, state: &State) -> Ask;
-    /// What was asked is not done.
+    /// What was asked is not done; of a reset that may come later.
     fn refused(&mut self, request: Request, refusal: Refusal);
+    /// What was asked cannot be begun.
+    fn unable(&mut self, _reasons: Vec<Reason>) {}
+    /// A cycle began.
+    fn begun(&mut self, _cycle: CycleId) {}
+    /// A cycle has its verdict.
+    fn concluded(&mut self, _verdict: Verdict) {}
+    /// What was found last is not as it should be for these reasons, or for none.
+    fn noted(&mut self, _reasons: &[Reason]) {}
 }
 
 /// What is asked now.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug)]
 pub enum Ask {
     /// Nothing.
     Nothing,
     /// This.
     For(Request),
+    /// A cycle by this.
+    Begin(Box<Order>),
     /// To leave; done where the state rests.
     Leave,
+}
+
+/// A cycle to begin.
+#[derive(Debug)]
+pub struct Order {
+    /// How the table is asked.
+    pub request: Request,
+    /// What the cycle works by.
+    pub task: Task,
+    /// What its record begins with.
+    pub start: CycleStart,
 }
 
 /// A robot at the end of a link.
@@ -152,10 +202,9 @@ impl LinkedRobot {
     }
 }
 
-/// How long the loop waits for the robot before it looks elsewhere, by the wall clock.
+/// How long the loop waits for the robot before it looks elsewhere, by the wall clock. In lock step time does not pass
+/// by looking elsewhere.
 const PATIENCE: Duration = Duration::from_millis(20);
-/// In lock step only a controller that is gone lets anyone wait; computing on a busy machine does not count.
-const LOCK_STEP_PATIENCE: Duration = Duration::from_secs(2);
 
 impl Robot for LinkedRobot {
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
@@ -175,8 +224,7 @@ impl Robot for LinkedRobot {
     }
 
     fn next(&mut self) -> Option<Report> {
-        let patience = if self.pace == Pace::LockStep { LOCK_STEP_PATIENCE } else { PATIENCE };
-        let report = self.link.next(patience);
+        let report = self.link.next(PATIENCE);
         if let Some(Report::State(state) | Report::Connected { state }) = &report {
             self.virtual_now = Time::at_ms(u64::from(state.time_ms));
         }
@@ -188,5 +236,9 @@ impl Robot for LinkedRobot {
             Pace::LockStep => self.virtual_now,
             Pace::Wall => Time::after_start(self.started.elapsed()),
         }
+    }
+
+    fn is_lock_step(&self) -> bool {
+        self.pace == Pace::LockStep
     }
 }

@@ -1,29 +1,67 @@
 //! The store as the loop's record of one cycle.
 
-use super::ports::{Finding, Record, RecordError};
-use crate::cycle::{Event, Motion, Outcome};
+use super::ports::{Figure, Finding, Journal, Record, RecordError};
+use super::words;
+use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
 use crate::files::write_color_jpeg;
 use crate::geometry::ColorPicture;
-use crate::record::{self, CycleId, Kind, Number};
-use crate::store::Store;
+use crate::record::{Budget, CycleId, KeptFile, Picture};
+use crate::store::{CycleStart, Store};
 use crate::verdict::{Reason, Verdict};
-use serde_json::Value;
-use std::collections::BTreeMap;
 
-/// One cycle's pages in a store.
+/// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
+const FLOOR_MB: u64 = 500;
+
+/// A cycle's pages in a store; between cycles only the journal is written.
 #[derive(Debug)]
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
-    cycle: CycleId,
-    /// Pictures that the next finding names.
-    seen: Vec<record::Picture>,
+    cycle: Option<CycleId>,
+    pages: Pages,
+}
+
+/// What is known of the cycle between two writings.
+#[derive(Debug, Default)]
+struct Pages {
+    budget: Budget,
+    /// What the next finding names.
+    pictures: Vec<Picture>,
+    shots: Vec<KeptFile>,
+    /// Of the last finding.
     reasons: Vec<Reason>,
+    /// The last event that can end a cycle without a result.
+    cause: Option<Reason>,
 }
 
 impl<'a> StoreRecord<'a> {
-    /// Writes to this cycle.
-    pub fn new(store: &'a mut Store, cycle: CycleId) -> Self {
-        StoreRecord { store, cycle, seen: Vec::new(), reasons: Vec::new() }
+    /// Writes to this cycle, or to none.
+    pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
+        StoreRecord { store, cycle: cycle.into(), pages: Pages::default() }
+    }
+
+    fn keep(&self, picture: &ColorPicture) -> Result<String, RecordError> {
+        self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
+    }
+}
+
+/// Why this event ends a cycle without a result, where it is one that can.
+fn cause(event: &Event) -> Option<Reason> {
+    let asked = |words: &str| Some(Reason::new("asked", words));
+    match event {
+        Event::Asked(Request::Stop) => asked("a stop was asked for before the cycle's end"),
+        Event::Asked(Request::Abort) => asked("an abort was asked for"),
+        Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
+        Event::Told(Report::Trouble(trouble) | Report::Answered { answer: Answer::Failed(trouble), .. }) => {
+            Some(words::trouble(*trouble))
+        }
+        Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
+        Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
+            Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))
+        }
+        Event::Told(Report::Robot(robot)) if !matches!(robot, Robot::Ready | Robot::Unknown) => {
+            Some(words::robot(*robot))
+        }
+        _ => None,
     }
 }
 
@@ -31,59 +69,80 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError 
     RecordError(Box::new(error))
 }
 
-impl Record for StoreRecord<'_> {
+impl Journal for StoreRecord<'_> {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.store.append(event, Some(self.cycle)).map(drop).map_err(failed)
+        self.pages.cause = cause(event).or(self.pages.cause.take());
+        self.store.append(event, self.cycle).map(drop).map_err(failed)
     }
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
-        self.store.open_intent(motion, Some(self.cycle)).map_err(failed)
+        self.store.open_intent(motion, self.cycle).map_err(failed)
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
         self.store.close_intent(motion, outcome, done).map_err(failed)
     }
 
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.reasons.clone_from(&finding.judgement.reasons);
-        let numbers = finding.numbers.as_object().into_iter().flatten();
-        let (mut single, mut details) = (Vec::new(), BTreeMap::new());
-        for (name, value) in numbers {
-            match value {
-                Value::Number(number) => single.push(Number::new(name.clone(), "", number.as_f64())),
-                other => drop(details.insert(name.clone(), other.clone())),
-            }
-        }
-        let kept = record::Finding {
-            kind: kind(finding.stage),
-            pass: finding.pass,
-            judgement: finding.judgement.clone(),
-            numbers: single,
-            details,
-            pictures: std::mem::take(&mut self.seen),
-        };
-        self.store.note(self.cycle, &kept).map_err(failed)
-    }
-
-    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        let hash = self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)?;
-        self.seen.push(record::Picture { caption: name.to_owned(), hash });
-        Ok(())
-    }
-
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
-        self.store.conclude(self.cycle, verdict, &self.reasons).map_err(failed)
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        let cause = self.pages.cause.iter().filter(|_| verdict == Verdict::Aborted);
+        let reasons: Vec<Reason> = self.pages.reasons.iter().chain(cause).cloned().collect();
+        self.store.conclude(cycle, verdict, &reasons).map_err(failed)
+    }
+
+    fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError> {
+        self.between_cycles();
+        let cycle = self.store.begin_cycle(start).map_err(failed)?;
+        self.cycle = Some(cycle);
+        Ok(cycle)
+    }
+
+    fn between_cycles(&mut self) {
+        self.cycle = None;
+        self.pages = Pages::default();
+    }
+
+    fn check(&mut self) -> Vec<Reason> {
+        match self.store.free_mb() {
+            Ok(free_mb) if free_mb >= FLOOR_MB => vec![],
+            Ok(free_mb) => {
+                let message =
+                    format!("the store's disk has {free_mb} MB left, a cycle needs {FLOOR_MB} MB; make room");
+                vec![Reason::new("disk_full", message)]
+            }
+            Err(error) => vec![Reason::new("store", error.to_string())],
+        }
     }
 }
 
-fn kind(stage: &str) -> Kind {
-    match stage {
-        "locate" => Kind::Locate,
-        "refine" | "dry" => Kind::Refine,
-        "inspect" => Kind::Inspect,
-        "plan" => Kind::Plan,
-        "verify" => Kind::Verify,
-        // Gate and robot.
-        _ => Kind::Abrade,
+impl Record for StoreRecord<'_> {
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.reasons.clone_from(&finding.judgement.reasons);
+        let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
+        self.store.note(cycle, &Finding { pictures, shots, ..finding.clone() }).map_err(failed)
+    }
+
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            let hash = self.keep(picture)?;
+            self.pages.shots.push(KeptFile { name: name.to_owned(), hash });
+        }
+        Ok(())
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            let hash = self.keep(&figure.picture)?;
+            let Figure { name, caption, .. } = figure;
+            self.pages.pictures.push(Picture { name: name.clone(), caption: caption.clone(), hash });
+        }
+        Ok(())
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.budget = self.pages.budget.renewed(*measured);
+        self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
     }
 }

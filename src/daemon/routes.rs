@@ -4,6 +4,7 @@
 //! in the panel's frame, which is the base that was set.
 
 use super::Job;
+use crate::cell::Limits;
 use crate::eki::{MoveLin, SetAccSpeed};
 use crate::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::path::{Plan, Route, Waypoint, WaypointLimits, judge_route};
@@ -56,8 +57,19 @@ pub(super) fn waypoints(plan: &Plan) -> Vec<Waypoint> {
 pub(super) fn air<Active: crate::geometry::Frame>(
     job: &Job<'_>,
     base_from_active: Rigid<Base, Active>,
+    ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
+    taught_axis: Option<Vector<Base>>,
+) -> Gated {
+    air_within(job.limits, base_from_active, ends, taught_axis, AIR_MM_S)
+}
+
+/// The same without a job, at a speed of its own.
+pub(super) fn air_within<Active: crate::geometry::Frame>(
+    limits: &Limits,
+    base_from_active: Rigid<Base, Active>,
     (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
+    speed_mm_s: f64,
 ) -> Gated {
     let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
     let steps = (length_mm / AIR_STEP_MM).max(turn.0 / AIR_TURN.0).ceil().clamp(1.0, 1_000.0) as usize;
@@ -69,8 +81,21 @@ pub(super) fn air<Active: crate::geometry::Frame>(
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
     });
-    let speed_mm_s = AIR_MM_S.min(job.limits.max_speed_mm_s());
-    gated(job, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s))
+    let speed_mm_s = speed_mm_s.min(limits.max_speed_mm_s());
+    gated(limits, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s))
+}
+
+/// The same plan with every point of contact lifted off the panel, along the tool's axis.
+pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
+    let mut lifted = plan.clone();
+    for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
+    {
+        let on_panel: Rigid<Panel, Tool> = waypoint.pose.to_rigid();
+        let up = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -height_mm));
+        waypoint.pose = KukaPose::from_rigid(&(on_panel * up));
+        waypoint.contact = false;
+    }
+    lifted
 }
 
 /// The path over the panel: all of the plan but its first point, the one in air where the arm already stands.
@@ -92,11 +117,11 @@ pub(super) fn contact(
         contact: pair[1].contact,
     });
     let speed_mm_s = job.recipe.path().feed_mm_s().min(job.limits.max_speed_mm_s());
-    gated(job, base_from_panel, (from, points.collect()), (taught_axis(plan), speed_mm_s))
+    gated(job.limits, base_from_panel, (from, points.collect()), (taught_axis(plan), speed_mm_s))
 }
 
 fn gated<Active: crate::geometry::Frame>(
-    job: &Job<'_>,
+    limits: &Limits,
     base_from_active: Rigid<Base, Active>,
     (from, points): (Rigid<Active, Tool>, Vec<MoveLin>),
     (taught_axis, speed_mm_s): (Option<Vector<Base>>, f64),
@@ -106,7 +131,7 @@ fn gated<Active: crate::geometry::Frame>(
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let route = Route { from: base_from_active * from, waypoints: &poses, taught_axis };
     Gated {
-        judgement: judge_route(&route, &WaypointLimits::from(job.limits)),
+        judgement: judge_route(&route, &WaypointLimits::from(limits)),
         points,
         speed: SetAccSpeed {
             speed_m_s: speed_mm_s / 1_000.0,

@@ -1,28 +1,46 @@
 //! The loop itself.
 
 use super::abrasion::Abrasion;
-use super::acts::{Pending, Sent};
+use super::acts::{Pending, Waits};
+use super::computing::Computing;
 use super::deadlines::{Deadlines, seconds};
-use super::ports::{Ask, Eyes, Record, Requests, Robot};
+use super::moves::Sent;
+use super::ports::{Ask, Eyes, Journal, Order, Requests, Robot};
 use super::sight::{Sight, reason};
-use super::{DaemonError, Job};
+use super::{DaemonError, Job, Site, Task, words};
 use crate::cycle::{self, Act, Answer, Deadline, Effect, Event, Id, Path, Report, State, Trouble, fold, step};
 use crate::eki::{self, Mode, StopCause};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
+use crate::record::Kind;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
+use std::sync::Arc;
 use std::time::Duration;
 
-/// What the loop stands on.
+/// What the loop of one cycle stands on. It waits while something is computed.
 pub struct Ports<'a> {
     /// The robot.
     pub robot: &'a mut dyn Robot,
     /// The cameras.
     pub eyes: &'a mut dyn Eyes,
     /// The record.
-    pub record: &'a mut dyn Record,
+    pub record: &'a mut dyn Journal,
+    /// Who asks.
+    pub requests: &'a mut dyn Requests,
+}
+
+/// What the service stands on. It sees and computes on a thread of its own.
+pub struct Service<'a> {
+    /// The robot.
+    pub robot: &'a mut dyn Robot,
+    /// The cameras.
+    pub eyes: Box<dyn Eyes + Send>,
+    /// Looks at the calibrations, for a self-test: what cannot be read.
+    pub readable: Box<dyn FnMut() -> Vec<Reason> + Send>,
+    /// The record.
+    pub record: &'a mut dyn Journal,
     /// Who asks.
     pub requests: &'a mut dyn Requests,
 }
@@ -36,13 +54,13 @@ pub struct CycleOutcome {
     pub verdict: Option<Verdict>,
     /// Where the panel stands.
     pub base_from_panel: Option<Rigid<Base, Panel>>,
-    /// The last film.
-    pub inspection: Option<Inspection>,
+    /// The films, in order.
+    pub inspections: Vec<Arc<Inspection>>,
     /// In how many passes each grid was abraded, where it was.
     pub passes: Vec<(GridId, usize)>,
 }
 
-/// Runs until whoever asks leaves a state that rests. `journal` is what the store holds.
+/// Runs one cycle, until whoever asks leaves a state that rests. `journal` is what the store holds.
 ///
 /// # Errors
 /// Where the record cannot be written: the robot is told to stop, and nothing more is done.
@@ -51,35 +69,66 @@ pub fn run_cycle(
     ports: Ports<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<CycleOutcome, DaemonError> {
-    let mut running = Running {
-        job,
-        ports,
-        state: fold(journal),
-        events: VecDeque::from([Event::Told(Report::Boot)]),
-        deadlines: Deadlines::default(),
-        sight: Sight::default(),
-        abrasion: Abrasion::default(),
-        pending: None,
-        sent: None,
-        robot_state: None,
-        condition: cycle::Robot::Unknown,
-        verdict: None,
-    };
-    let result = running.run();
-    if result.is_err() {
-        // Best effort: without a controller its own watchdog stops it.
-        let _ = running.ports.robot.abort();
-    }
-    result?;
+    let Ports { robot, eyes, record, requests } = ports;
+    let outside = Outside { robot, record, requests };
+    let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, fold(journal));
+    running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
-    Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspection: sight.inspection, passes })
+    Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
+}
+
+/// Serves from Boot until whoever asks leaves, one cycle after the other, each by what it was ordered with. `journal`
+/// is what the store holds. The state that was left comes back.
+///
+/// # Errors
+/// As [`run_cycle`], and where the system gives no thread.
+pub fn serve(
+    site: Site,
+    service: Service<'_>,
+    journal: impl IntoIterator<Item = Event>,
+) -> Result<State, DaemonError> {
+    let Service { robot, eyes, readable, record, requests } = service;
+    let computing =
+        Computing::aside(eyes, site.clone(), readable, !robot.is_lock_step()).map_err(DaemonError::Thread)?;
+    let outside = Outside { robot, record, requests };
+    let mut running = Running::new(site, Seat::Empty, computing, outside, fold(journal));
+    running.live()?;
+    Ok(running.state)
+}
+
+/// All that the loop stands on but the cameras, which are where it computes.
+pub(super) struct Outside<'a> {
+    pub robot: &'a mut dyn Robot,
+    pub record: &'a mut dyn Journal,
+    pub requests: &'a mut dyn Requests,
+}
+
+/// What the cycle works by.
+pub(super) enum Seat<'a> {
+    /// No cycle has begun yet.
+    Empty,
+    /// The service's last order.
+    Taken(Arc<Task>),
+    /// The one cycle that is run.
+    Lent(&'a Job<'a>),
+}
+
+impl Seat<'_> {
+    pub fn task(&self) -> Option<Arc<Task>> {
+        match self {
+            Seat::Taken(task) => Some(task.clone()),
+            _ => None,
+        }
+    }
 }
 
 /// The loop's own memory; the table's is [`State`].
-pub(super) struct Running<'j, 'p> {
-    pub job: &'j Job<'j>,
-    pub ports: Ports<'p>,
+pub(super) struct Running<'p> {
+    pub site: Site,
+    pub seat: Seat<'p>,
+    pub computing: Computing<'p>,
+    pub ports: Outside<'p>,
     pub state: State,
     pub events: VecDeque<Event>,
     deadlines: Deadlines,
@@ -92,8 +141,49 @@ pub(super) struct Running<'j, 'p> {
     verdict: Option<Verdict>,
 }
 
-impl Running<'_, '_> {
+impl<'p> Running<'p> {
+    fn new(site: Site, seat: Seat<'p>, computing: Computing<'p>, ports: Outside<'p>, state: State) -> Self {
+        Running {
+            site,
+            seat,
+            computing,
+            ports,
+            state,
+            events: VecDeque::from([Event::Told(Report::Boot)]),
+            deadlines: Deadlines::default(),
+            sight: Sight::default(),
+            abrasion: Abrasion::default(),
+            pending: None,
+            sent: None,
+            robot_state: None,
+            condition: cycle::Robot::Unknown,
+            verdict: None,
+        }
+    }
+
+    /// What the cycle works by.
+    pub fn job(&self) -> Option<Job<'_>> {
+        match &self.seat {
+            Seat::Empty => None,
+            Seat::Taken(task) => Some(task.job(&self.site)),
+            Seat::Lent(job) => Some((*job).clone()),
+        }
+    }
+
+    fn live(&mut self) -> Result<(), DaemonError> {
+        let ended = self.run();
+        if ended.is_err() {
+            // Best effort: without a controller its own watchdog stops it.
+            let _ = self.ports.robot.abort();
+        }
+        ended
+    }
+
     fn run(&mut self) -> Result<(), DaemonError> {
+        if self.state.job.running {
+            let message = "the program ended while this cycle ran";
+            self.note(Kind::Robot, vec![Reason::new("interrupted", message)])?;
+        }
         while let Some(event) = self.next_event()? {
             self.take(event)?;
         }
@@ -103,14 +193,22 @@ impl Running<'_, '_> {
     /// One event: journal, step, effects.
     fn take(&mut self, event: Event) -> Result<(), DaemonError> {
         self.ports.record.event(&event)?;
+        tracing::debug!(?event);
         if let Event::Told(Report::Answered { id, .. }) = event {
             self.deadlines.disarm(id);
         }
         let (state, effects) = step(self.state, event);
+        if state.at != self.state.at {
+            tracing::info!("{}", words::place(state.at));
+        }
         self.state = state;
         // What is no longer due is abandoned.
         self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id));
-        effects.into_iter().try_for_each(|effect| self.perform(effect))
+        effects.into_iter().try_for_each(|effect| self.perform(effect))?;
+        if self.state.at.rests() && !self.state.job.running && !matches!(self.seat, Seat::Lent(_)) {
+            self.ports.record.between_cycles();
+        }
+        Ok(())
     }
 
     /// The next thing that happened; `None` when it is time to leave.
@@ -119,18 +217,55 @@ impl Running<'_, '_> {
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
             }
+            if let Some(worked) = self.computing.poll(Duration::ZERO) {
+                self.computed(worked)?;
+                continue;
+            }
             match self.ports.requests.next(&self.state) {
                 Ask::For(request) => return Ok(Some(Event::Asked(request))),
+                Ask::Begin(order) => {
+                    let event = self.order(*order);
+                    self.events.extend(event);
+                    continue;
+                }
                 Ask::Leave if self.state.at.rests() => return Ok(None),
                 Ask::Leave | Ask::Nothing => {}
             }
             if let Some(report) = self.deadlines.over(self.ports.robot.now()) {
                 return Ok(Some(Event::Told(report)));
             }
+            let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
+            if computes && self.ports.robot.is_lock_step() {
+                // Time stands, so that how fast the machine is cannot matter.
+                if let Some(worked) = self.computing.poll(GLANCE) {
+                    self.computed(worked)?;
+                }
+                continue;
+            }
             if let Some(report) = self.ports.robot.next() {
                 self.hear(report)?;
             }
         }
+    }
+
+    /// Takes an order and asks the table to begin it; where the table refuses, or the record cannot begin, nothing of
+    /// the order is taken.
+    fn order(&mut self, order: Order) -> Option<Event> {
+        let event = Event::Asked(order.request);
+        let (_, effects) = step(self.state, event);
+        if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {
+            return Some(event);
+        }
+        match self.ports.record.begin(&order.start) {
+            Ok(cycle) => self.ports.requests.begun(cycle),
+            Err(error) => {
+                self.ports.requests.unable(vec![reason("store", &error)]);
+                return None;
+            }
+        }
+        self.seat = Seat::Taken(Arc::new(order.task));
+        (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
+        Some(event)
     }
 
     fn perform(&mut self, effect: Effect) -> Result<(), DaemonError> {
@@ -143,13 +278,16 @@ impl Running<'_, '_> {
             Effect::OpenIntent(motion) => self.ports.record.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => {
                 if motion.path == Path::Contact {
-                    self.abrasion.executed(self.state.job.pass, done);
+                    let finding = self.abrasion.executed(self.state.job.pass, (motion.waypoints, done));
+                    self.record(&finding)?;
                 }
                 self.ports.record.close_intent(&motion, outcome, done)?;
             }
             Effect::Conclude { verdict } => {
                 self.verdict = Some(verdict);
                 self.ports.record.conclude(verdict)?;
+                tracing::info!(verdict = verdict.word(), "the cycle is concluded");
+                self.ports.requests.concluded(verdict);
             }
             Effect::Refuse { request, refusal } => self.ports.requests.refused(request, refusal),
         }
@@ -157,15 +295,17 @@ impl Running<'_, '_> {
     }
 
     fn span(&self, deadline: Deadline) -> Duration {
-        let (process, limits) = (self.job.recipe.process(), self.job.limits);
-        seconds(match deadline {
-            Deadline::Answer => self.answer_s(),
-            Deadline::Stop => limits.stop_deadline_s(),
-            Deadline::Rinse => process.rinse_s(),
-            Deadline::Spray => process.spray_s(),
-            Deadline::Drain => process.drain_s(),
-            Deadline::Settle => process.light_settle_s(),
-            Deadline::Token => limits.token_s(),
+        let (job, limits) = (self.job(), &self.site.limits);
+        let process = job.as_ref().map(|job| job.recipe.process());
+        seconds(match (deadline, process) {
+            (Deadline::Answer, _) => self.answer_s(),
+            (Deadline::Stop, _) => limits.stop_deadline_s(),
+            (Deadline::Token, _) => limits.token_s(),
+            (Deadline::Rinse, Some(process)) => process.rinse_s(),
+            (Deadline::Spray, Some(process)) => process.spray_s(),
+            (Deadline::Drain, Some(process)) => process.drain_s(),
+            (Deadline::Settle, Some(process)) => process.light_settle_s(),
+            (_, None) => LONGEST_S,
         })
     }
 
@@ -176,10 +316,10 @@ impl Running<'_, '_> {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
                 MOVE_S + SLOWEST * path_s
             }
-            Some(Act::Film) => self.job.demands().observation_s + FILM_SPARE_S,
-            Some(Act::Locate | Act::Refine { .. } | Act::Verify | Act::Plan { .. } | Act::DryPicture) => {
-                COMPUTING_S
-            }
+            Some(Act::Film) => self.job().map_or(0.0, |job| job.demands().observation_s) + FILM_SPARE_S,
+            Some(
+                Act::Locate | Act::Refine { .. } | Act::Verify | Act::Plan { .. } | Act::DryPicture | Act::SelfTest,
+            ) => COMPUTING_S,
             _ => FEEDBACK_S,
         }
     }
@@ -196,7 +336,7 @@ impl Running<'_, '_> {
             R::LinkLost { why } => {
                 self.robot_state = None;
                 self.becomes(cycle::Robot::LinkLost);
-                self.note("robot", vec![reason("link_lost", &why)])?;
+                self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
             }
             R::EpochOpened { epoch } => {
                 self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
@@ -248,7 +388,7 @@ impl Running<'_, '_> {
     }
 
     fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
-        self.note("robot", vec![words])?;
+        self.note(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Told(Report::Trouble(trouble)));
         Ok(())
     }
@@ -260,6 +400,10 @@ const FEEDBACK_S: f64 = 5.0;
 const COMPUTING_S: f64 = 60.0;
 const MOVE_S: f64 = 120.0;
 const FILM_SPARE_S: f64 = 10.0;
+/// What no recipe says, as before the first cycle, takes the longest that a recipe may say.
+const LONGEST_S: f64 = 600.0;
+/// How long the loop waits for a computation before it looks elsewhere.
+const GLANCE: Duration = Duration::from_millis(5);
 /// A contact path may take this many times what it takes at its feed: turns are slower.
 const SLOWEST: f64 = 5.0;
 

@@ -1,40 +1,47 @@
 //! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
 
-use super::ports::{Eyes, Finding, Record, RecordError, SightError};
+use super::figures::{self, Kept, Sighting};
+use super::findings;
+use super::ports::{Eyes, Record, SightError};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::eki::Time;
-use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, Rigid};
+use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::refine::{self, CornerView, Refined};
 use crate::locate::{self, corner, gate};
 use crate::panel::TaughtCorner;
 use crate::phase::Phase;
+use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Reason, Verdict};
-use serde_json::json;
-
-/// Verify accepts a corner that stands within this of where the localization puts it, mm.
-const VERIFY_MM: f64 = 1.0;
+use std::sync::Arc;
+use std::time::Instant;
 
 /// Where the panel stands and what its film did.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Clone)]
 pub(super) struct Sight {
     /// By the 3D scan.
     located: Option<Rigid<Base, Panel>>,
     /// By the corner too.
     place: Option<Rigid<Base, Panel>>,
     dry: Option<(ColorPicture, f64)>,
-    /// The last film.
-    pub inspection: Option<Inspection>,
+    /// The films of this cycle, in order.
+    pub inspections: Vec<Arc<Inspection>>,
+    /// The last picture of the last of them.
+    pub film_picture: Option<Arc<ColorPicture>>,
 }
 
 /// A film that is being watched.
 #[derive(Debug)]
 pub(super) struct Filming {
     watch: Watch,
+    place: Rigid<Base, Panel>,
     began: Time,
     frames: u32,
     last: Option<ColorPicture>,
+    kept: Kept,
+    /// From a decoded picture to its result.
+    elapsed_ms: Vec<f64>,
 }
 
 /// What cannot be computed without what an earlier act leaves.
@@ -51,30 +58,47 @@ impl Sight {
         Some(self.place? * job.corners.first()?.teaching.panel_from_camera)
     }
 
-    /// A 3D shot, and the panel in it.
+    /// Adds what a film that was watched on its own left.
+    pub fn take_film(&mut self, film: Sight) {
+        self.inspections.extend(film.inspections);
+        if film.film_picture.is_some() {
+            self.film_picture = film.film_picture;
+        }
+    }
+
+    /// A 3D shot, and the panel in it. What films said of the panel's grids stays.
     pub fn locate(
         &mut self,
         job: &Job<'_>,
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        *self = Sight::default();
+        (self.located, self.place, self.dry) = (None, None, None);
         let scan = match eyes.scan() {
             Ok(scan) => scan,
-            Err(error) => return blind("locate", 0, &error, record),
+            Err(error) => return blind(Kind::Locate, 0, &error, record),
         };
-        record.picture("scan", &scan.picture())?;
+        let picture = scan.picture();
+        record.picture("scan", &picture)?;
+        let begun = Instant::now();
         let settings = job.recipe.locate();
         let found = locate::locate(job.panel, &scan, job.calibrations.base_from_camera, settings);
-        let (judgement, numbers) = match &found {
-            Ok(fit) => (gate::judge(fit, settings), located_numbers(fit, job)),
-            Err(error) => (gate::refusal(error), json!({})),
+        let judgement = match &found {
+            Ok(fit) => gate::judge(fit, settings),
+            Err(error) => gate::refusal(error),
         };
-        let grade = grade(&judgement);
-        record.finding(&Finding { stage: "locate", pass: 0, judgement, numbers })?;
-        if let Ok(fit) = found {
-            (self.located, self.place) = (Some(fit.base_from_panel), Some(fit.base_from_panel));
-        }
+        let elapsed_ms = elapsed_ms(begun);
+        let (grade, fit) = (grade(&judgement), found.ok());
+        let place = fit.as_ref().map(|fit| fit.base_from_panel);
+        record.figure(&figures::located(job, &picture, place))?;
+        record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
+        record.budget(&Budget {
+            hand_eye_mm: job.calibrations.hand_eye_mm,
+            locate_mm: fit.map(|fit| fit.uncertainty_mm),
+            stated_mm: job.limits.tool_error_mm(),
+            ..Budget::default()
+        })?;
+        (self.located, self.place) = (place, place);
         Ok(Answer::Graded(grade))
     }
 
@@ -89,25 +113,30 @@ impl Sight {
         let (Some(located), Some(place)) = (self.located, self.place) else { return Ok(MISSING) };
         let picture = match eyes.corner_picture() {
             Ok(picture) => picture,
-            Err(error) => return blind("refine", 0, &error, record),
+            Err(error) => return blind(Kind::Refine, 0, &error, record),
         };
         record.picture(&format!("corner{moves}"), &picture)?;
-        let whole = match look(job, &picture, located, (place, base_from_camera)) {
-            Ok(whole) => whole,
-            Err(reason) => return unseen("refine", 0, reason, record),
+        let (whole, sighting) = match look(job, &picture, located, (place, base_from_camera)) {
+            Ok(seen) => seen,
+            Err(reason) => return unseen(Kind::Refine, 0, reason, record),
         };
-        let (step_mm, settled_mm) = (place_step_mm(&whole, place, job), job.recipe.corner().settled_mm());
-        let judgement = refine::judge(&whole, job.recipe.corner());
+        let (limits, step_mm) = (job.recipe.corner(), place_step_mm(&whole, place, job));
+        let displaced = step_mm > limits.settled_mm();
+        let mut judgement = refine::judge(&whole, limits);
+        if displaced && usize::from(moves) >= limits.max_moves() && judgement.verdict == Verdict::Accept {
+            judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
+        }
         let grade = grade(&judgement);
-        let numbers = json!({
-            "base_from_panel": KukaPose::from_rigid(&whole.base_from_panel), "shift_mm": whole.shift_mm,
-            "max_correction_mm": job.recipe.corner().max_correction_mm(), "step_mm": step_mm,
-            "settled_mm": settled_mm, "moves": moves, "max_moves": job.recipe.corner().max_moves(),
-        });
-        record.finding(&Finding { stage: "refine", pass: 0, judgement, numbers })?;
+        let before = figures::corner(job, &picture, (sighting, place), ("corner_before", "before the correction"));
+        let after = (sighting, whole.base_from_panel);
+        let after = figures::corner(job, &picture, after, ("corner_after", "after the correction"));
+        for figure in before.iter().chain(&after) {
+            record.figure(figure)?;
+        }
+        record.finding(&findings::refined(&whole, judgement, (moves, step_mm), job))?;
         self.place = Some(whole.base_from_panel);
         // What is rejected is not looked at again from nearer.
-        Ok(if step_mm > settled_mm && grade == Grade::Accept { Answer::Displaced } else { Answer::Graded(grade) })
+        Ok(if displaced && grade == Grade::Accept { Answer::Displaced } else { Answer::Graded(grade) })
     }
 
     /// The corner again, wet or dry: does it still stand where the localization puts it?
@@ -121,25 +150,27 @@ impl Sight {
         let Some(place) = self.place else { return Ok(MISSING) };
         let picture = match eyes.corner_picture() {
             Ok(picture) => picture,
-            Err(error) => return blind("verify", pass, &error, record),
+            Err(error) => return blind(Kind::Verify, pass, &error, record),
         };
-        record.picture(&format!("verify{pass}"), &picture)?;
-        let seen = match look(job, &picture, place, (place, base_from_camera)) {
+        record.picture("verify", &picture)?;
+        let (seen, sighting) = match look(job, &picture, place, (place, base_from_camera)) {
             Ok(seen) => seen,
-            Err(reason) => return unseen("verify", pass, reason, record),
+            Err(reason) => return unseen(Kind::Verify, pass, reason, record),
         };
-        let off_mm = seen.shift_mm[0].hypot(seen.shift_mm[1]);
+        let (off_mm, allowed_mm) = (seen.shift_mm[0].hypot(seen.shift_mm[1]), job.recipe.corner().verify_mm());
         let message = || {
             format!(
-                "the corner stands {off_mm:.2} mm from where the localization puts it, allowed are {VERIFY_MM:.2} mm; \
-                 has the panel moved?"
+                "the corner stands {off_mm:.2} mm from where the localization puts it, allowed are {allowed_mm:.2} mm, \
+                 [corner] verify_mm; has the panel moved?"
             )
         };
-        let reasons = if off_mm <= VERIFY_MM { vec![] } else { vec![Reason::new("moved", message())] };
+        let reasons = if off_mm <= allowed_mm { vec![] } else { vec![Reason::new("moved", message())] };
         let judgement = Judgement::of(reasons, vec![]);
         let grade = grade(&judgement);
-        let numbers = json!({"off_mm": off_mm, "allowed_mm": VERIFY_MM, "shift_mm": seen.shift_mm});
-        record.finding(&Finding { stage: "verify", pass, judgement, numbers })?;
+        if let Some(figure) = figures::corner(job, &picture, (sighting, place), ("verify", "before contact")) {
+            record.figure(&figure)?;
+        }
+        record.finding(&findings::verified(&seen, judgement, pass, job))?;
         Ok(Answer::Graded(grade))
     }
 
@@ -156,7 +187,7 @@ impl Sight {
                 self.dry = Some((picture, now.since_start().as_secs_f64()));
                 Ok(Answer::Done)
             }
-            Err(error) => blind("dry", 0, &error, record),
+            Err(error) => blind(Kind::Inspect, 0, &error, record),
         }
     }
 
@@ -173,13 +204,14 @@ impl Sight {
         let watch = Watch::new(job.panel, camera, camera_from_panel, job.recipe.inspect(), job.demands());
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
-            Ok(Filming { watch, began: now, frames: 0, last: None })
+            let (kept, elapsed_ms) = (Kept::default(), Vec::new());
+            Ok(Filming { watch, place, began: now, frames: 0, last: None, kept, elapsed_ms })
         });
         match begun {
             Ok(filming) => Ok(Ok(filming)),
             Err(error) => {
                 let judgement = Judgement { verdict: Verdict::Invalid, reasons: vec![reason("film", &error)] };
-                record.finding(&Finding { stage: "inspect", pass, judgement, numbers: json!({}) })?;
+                record.finding(&Finding::new(Kind::Inspect, pass, judgement))?;
                 Ok(Err(Answer::Failed(Trouble::Picture)))
             }
         }
@@ -202,12 +234,16 @@ impl Sight {
         }
         let picture = match eyes.picture() {
             Ok(picture) => picture,
-            Err(error) => return blind("inspect", pass, &error, record).map(Err),
+            Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
         };
         filming.frames += 1;
-        if let Err(error) = filming.watch.push(&picture, now.since_start().as_secs_f64(), Phase::Wet) {
-            return unseen("inspect", pass, reason("film", &error), record).map(Err);
-        }
+        let begun = Instant::now();
+        let step = match filming.watch.push(&picture, now.since_start().as_secs_f64(), Phase::Wet) {
+            Ok(step) => step,
+            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+        };
+        filming.elapsed_ms.push(elapsed_ms(begun));
+        filming.kept.see(job, filming.place, &picture, &step);
         filming.last = Some(picture);
         if since_s < demands.observation_s {
             return Ok(Ok(filming));
@@ -218,27 +254,48 @@ impl Sight {
     fn finish(
         &mut self,
         job: &Job<'_>,
-        filming: Filming,
+        mut filming: Filming,
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        if let Some(last) = &filming.last {
-            record.picture(&format!("film{pass}"), last)?;
-        }
         let inspection = match filming.watch.finish() {
             Ok(inspection) => inspection,
-            Err(error) => return unseen("inspect", pass, reason("film", &error), record),
+            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record),
         };
-        let judgement = inspection.judgement.clone();
-        let film = match judgement.verdict {
+        if let Some(last) = &filming.last {
+            record.picture("film", last)?;
+            record.figure(&filming.kept.strip(&inspection, last))?;
+            record.figure(&figures::inspected(job, &inspection, last, filming.place))?;
+        }
+        let film = match inspection.judgement.verdict {
             Verdict::Pass => Film::Whole,
             Verdict::Fail => Film::Broken,
             _ => Film::Invalid,
         };
-        record.finding(&Finding { stage: "inspect", pass, judgement, numbers: film_numbers(&inspection, job) })?;
-        self.inspection = Some(inspection);
+        record.finding(&findings::filmed(&inspection, pass, median(&mut filming.elapsed_ms), job))?;
+        self.inspections.push(Arc::new(inspection));
+        self.film_picture = filming.last.map(Arc::new);
         Ok(Answer::Filmed(film))
     }
+}
+
+fn elapsed_ms(begun: Instant) -> f64 {
+    begun.elapsed().as_secs_f64() * 1e3
+}
+
+fn median(values: &mut [f64]) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied()
+}
+
+fn not_settled(step_mm: f64, job: &Job<'_>) -> Reason {
+    let limits = job.recipe.corner();
+    let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
+    let message = format!(
+        "after {moves} moves, [corner] max_moves, the corner still stands {step_mm:.2} mm from where it was looked for, \
+         allowed are {settled_mm:.2} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
+    );
+    Reason::new("not_settled", message)
 }
 
 /// What a corner picture says about a place: the correction of `place` by the corner as it is seen by a camera that
@@ -248,7 +305,7 @@ fn look(
     picture: &ColorPicture,
     place: Rigid<Base, Panel>,
     (expected, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
-) -> Result<Refined, Reason> {
+) -> Result<(Refined, Sighting), Reason> {
     let camera = &job.calibrations.flange_camera;
     let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
     let taught: &TaughtCorner = job.corners.first().ok_or_else(no_corner)?;
@@ -256,43 +313,14 @@ fn look(
     let found = corner::find(&picture.to_gray(), job.recipe.corner(), camera.px_per_mm_at(depth_mm).0)
         .map_err(|error| reason("no_corner", &error))?;
     let view = CornerView { taught, base_from_camera, found_px: found.corner_px };
-    refine::refine(place, camera, &[view]).map_err(|error| reason("not_in_view", &error))
+    let refined = refine::refine(place, camera, &[view]).map_err(|error| reason("not_in_view", &error))?;
+    Ok((refined, Sighting { base_from_camera, found_px: found.corner_px }))
 }
 
 /// How far the corner's new place is from the one that the camera was sent to, mm.
 fn place_step_mm(whole: &Refined, before: Rigid<Base, Panel>, job: &Job<'_>) -> f64 {
     let at_corner = |corner: &TaughtCorner| whole.base_from_panel.distance_at_mm(before, corner.point);
     job.corners.first().map_or(0.0, at_corner)
-}
-
-fn located_numbers(fit: &locate::Fit, job: &Job<'_>) -> serde_json::Value {
-    let limits = job.recipe.locate();
-    json!({
-        "base_from_panel": KukaPose::from_rigid(&fit.base_from_panel),
-        "rms_mm": fit.rms_mm, "max_rms_mm": limits.max_rms_mm(),
-        "overlap": fit.overlap(), "min_overlap": limits.min_overlap(),
-        "shift_mm": fit.shift_mm, "max_shift_mm": limits.max_shift_mm(),
-        "turn_deg": fit.turn.0, "turn_limit_deg": limits.turn_limit_deg(),
-        "tilt_deg": fit.tilt.0, "max_tilt_deg": limits.max_tilt_deg(),
-        "uncertainty_mm": fit.uncertainty_mm,
-    })
-}
-
-fn film_numbers(inspection: &Inspection, job: &Job<'_>) -> serde_json::Value {
-    let demands = job.demands();
-    let grids: Vec<_> = inspection
-        .grids
-        .iter()
-        .map(|grid| {
-            json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
-                   "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
-        })
-        .collect();
-    json!({
-        "observed_s": inspection.observation.observed_s, "observation_s": demands.observation_s,
-        "frames": inspection.observation.frames, "frames_per_second": demands.frames_per_second,
-        "min_break_mm2": demands.min_break_mm2, "breaks": inspection.breaks.len(), "grids": grids,
-    })
 }
 
 /// A gate's word for the table.
@@ -308,24 +336,14 @@ pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reaso
     Reason::new(code, error.to_string())
 }
 
-fn rejected(stage: &'static str, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<(), RecordError> {
-    let judgement = Judgement::of(vec![reason], vec![]);
-    record.finding(&Finding { stage, pass, judgement, numbers: json!({}) })
-}
-
-fn blind(
-    stage: &'static str,
-    pass: u8,
-    error: &SightError,
-    record: &mut dyn Record,
-) -> Result<Answer, DaemonError> {
-    rejected(stage, pass, reason("no_picture", error), record)?;
+fn blind(kind: Kind, pass: u8, error: &SightError, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+    record.finding(&findings::rejected(kind, pass, reason("no_picture", error)))?;
     Ok(Answer::Failed(Trouble::Camera))
 }
 
 /// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
-fn unseen(stage: &'static str, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
-    rejected(stage, pass, reason, record)?;
-    let of_film = stage == "inspect";
+fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+    record.finding(&findings::rejected(kind, pass, reason))?;
+    let of_film = kind == Kind::Inspect;
     Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })
 }

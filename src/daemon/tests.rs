@@ -1,9 +1,11 @@
 //! The loop on a scripted cell: a robot that executes at once, cameras that render, a record in memory.
 
 mod fake;
+mod serving;
 
 use super::*;
 use crate::cycle::{At, Outcome, Path, Request, Why};
+use crate::record::{Budget, Kind, name};
 use crate::sim::Scene;
 use crate::verdict::Verdict;
 use fake::{Asks, Cell as Fake};
@@ -13,7 +15,11 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     let story = Fake::new(Scene::Good).run(Asks::one_cycle());
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     assert!(matches!(story.outcome.state.at, At::Complete { verdict: Verdict::Pass }), "{story}");
-    assert_eq!(story.stages(), ["locate", "refine", "refine", "inspect", "plan", "verify", "inspect"], "{story}");
+    let stages = {
+        use Kind::{Abrade, Inspect, Locate, Plan, Refine, Verify};
+        [Locate, Refine, Refine, Inspect, Plan, Verify, Abrade, Inspect]
+    };
+    assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
     // Each waypoint once: the air point of the approach is the plan's first.
     let contact = story.motions(Path::Contact);
@@ -23,6 +29,21 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert_eq!(story.contact_points, done as usize);
     let error = story.truth.placement_error_mm(&story.outcome.base_from_panel.expect("found"));
     assert!(error.max_mm < 1.5, "{error:?}");
+    // What a reader of the record finds: every limit kept, figures of every phase, the measured parts of the budget.
+    for number in story.findings.iter().flat_map(|finding| &finding.numbers) {
+        let broken = number.name.starts_with("broken film");
+        assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
+    }
+    let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED));
+    assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
+    let corners = ["corner_before", "corner_after", "corner_before", "corner_after"];
+    let figures =
+        [&["located"], &corners[..], &["film", "inspected", "planned", "verify", "film", "inspected"]].concat();
+    assert_eq!(story.figures, figures);
+    let Budget { hand_eye_mm, locate_mm, fit_mm, robot_mm, .. } = story.budget;
+    assert!(locate_mm.is_some_and(|mm| (0.01..1.0).contains(&mm)), "{:?}", story.budget);
+    assert!(fit_mm.is_some_and(|mm| (0.01..0.5).contains(&mm)), "{:?}", story.budget);
+    assert_eq!((hand_eye_mm, robot_mm), (None, None), "nobody measured or stated them");
 }
 
 #[test]
@@ -71,6 +92,19 @@ fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
 fn a_journal_that_cannot_be_written_stops_the_robot() {
     let error = Fake::new(Scene::Clean).with_record_that_fails_at(30).fails(Asks::one_cycle());
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
+}
+
+/// The plan's disc leaves the panel by more than the recipe allows: a person must look, and nobody does.
+#[test]
+fn a_doubtful_plan_is_held_for_review_without_contact() {
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = "[path]\nedge_overhang_mm = 0\ndisc_diameter_mm = 60\n";
+    let story = fake.run(Asks::one_cycle());
+    let held = |at| matches!(at, At::Held(hold) if hold.why == Why::Review);
+    assert!(held(story.outcome.state.at), "{story}");
+    let plan = story.findings.iter().rfind(|finding| finding.kind == Kind::Plan).expect("planned");
+    assert_eq!(plan.judgement.verdict, Verdict::Review, "{story}");
+    assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
 }
 
 /// Every motion was committed before it began, and its epoch is the one that was open.

@@ -4,7 +4,9 @@
 //! out of sight. That outranks fail, since a verdict from part of a test would name part of the grids. Fail where film
 //! broke on a grid. A break always stays in the reasons.
 
+use crate::cell::Limits;
 use crate::panel::GridId;
+use crate::recipe::Recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
@@ -21,6 +23,33 @@ pub struct Demands {
     pub frames_per_second: f64,
     /// Broken film from which a grid fails, mm².
     pub min_break_mm2: f64,
+}
+
+impl Demands {
+    /// What a recipe asks for in a cell with these limits.
+    pub fn of(recipe: &Recipe, limits: &Limits) -> Self {
+        Demands {
+            observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
+            frames_per_second: recipe.process().frames_per_second(),
+            min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
+        }
+    }
+
+    /// The shortest time from the first to the last wet picture, s: the last one of a window may come one interval
+    /// before its end.
+    pub fn min_observed_s(&self) -> f64 {
+        self.observation_s - 1.001 / self.frames_per_second
+    }
+
+    /// The fewest wet pictures.
+    pub fn min_frames(&self) -> f64 {
+        (MIN_FRAME_SHARE * self.observation_s * self.frames_per_second).ceil()
+    }
+
+    /// The longest time between two wet pictures, s.
+    pub fn max_gap_s(&self) -> f64 {
+        MAX_GAP_INTERVALS / self.frames_per_second
+    }
 }
 
 /// What the test says of one grid.
@@ -68,22 +97,20 @@ pub fn judge(observation: &Observation, grids: &[GridInspection], demands: &Dema
 fn invalid(observation: &Observation, grids: &[GridInspection], demands: &Demands) -> Vec<Reason> {
     let Observation { observed_s, frames, longest_gap_s, .. } = *observation;
     let window_s = demands.observation_s;
-    let interval_s = 1.0 / demands.frames_per_second;
     let mut reasons = Vec::new();
-    // The last picture of a window may come one interval before its end.
-    if observed_s < window_s - 1.001 * interval_s {
+    if observed_s < demands.min_observed_s() {
         let message = format!(
             "the film was watched for {observed_s:.1} s; the recipe's observation_s asks for {window_s:.1} s: \
              repeat the test"
         );
         reasons.push(Reason::new("too_short", message));
     }
-    let needed = (MIN_FRAME_SHARE * window_s / interval_s).ceil();
+    let needed = demands.min_frames();
     if (frames as f64) < needed {
         let message = format!("{frames} wet pictures were taken; needed are {needed}: repeat the test");
         reasons.push(Reason::new("too_few_frames", message));
     }
-    let allowed_gap_s = MAX_GAP_INTERVALS * interval_s;
+    let allowed_gap_s = demands.max_gap_s();
     if longest_gap_s > allowed_gap_s {
         let message = format!(
             "two wet pictures lie {longest_gap_s:.2} s apart; allowed are {allowed_gap_s:.2} s: repeat the test"

@@ -14,6 +14,14 @@ const REVIEW_OVERLAP: f64 = 0.1;
 /// So much less of the outline than of the surface may be found: what hides a patch in the middle of a side hides its edge.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 
+/// The last step of a fit that is at its end moves no point of the panel farther, mm.
+pub const MAX_LAST_STEP_MM: f64 = CONVERGED_MM;
+
+/// The smallest share of the outline that must be found, 0…1.
+pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
+    (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
+}
+
 /// Judges a fit by the recipe's limits.
 pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
     let mut reject = Vec::new();
@@ -81,7 +89,7 @@ fn motion(fit: &Fit, limits: &recipe::Locate, reject: &mut Vec<Reason>) {
 
 fn overlap(fit: &Fit, limits: &recipe::Locate, reject: &mut Vec<Reason>, review: &mut Vec<Reason>) {
     let allowed = limits.min_overlap();
-    let outline_allowed = (allowed - OUTLINE_ALLOWANCE).max(0.0);
+    let outline_allowed = min_outline_found(limits);
     if fit.overlap() >= allowed && fit.outline_found >= outline_allowed {
         return;
     }

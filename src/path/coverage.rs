@@ -76,7 +76,7 @@ fn foot(point: Point<Panel>, from: Point<Panel>, to: Point<Panel>) -> (f64, f64)
 }
 
 /// Distances of a row's waypoints to the next row, mm, where that one runs beside them; turns apart.
-pub(super) fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
+pub fn step_overs_mm(row: &[Point<Panel>], next: &[Point<Panel>]) -> Vec<f64> {
     if let ([point], [other]) = (row, next) {
         return vec![point.distance_mm(*other)];
     }

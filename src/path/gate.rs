@@ -13,7 +13,7 @@ use crate::verdict::{Judgement, Reason};
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
 /// Smallest covered share of each grid, 0…1.
-const MIN_COVERAGE: f64 = 0.95;
+pub const MIN_COVERAGE: f64 = 0.95;
 /// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
 

@@ -13,9 +13,9 @@ mod plan;
 mod raster;
 mod waypoint_gate;
 
-pub use coverage::GridCoverage;
+pub use coverage::{GridCoverage, step_overs_mm};
 pub use edge::{Outline, Overhang};
-pub use gate::judge;
+pub use gate::{MIN_COVERAGE, judge};
 pub use krl::{ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, panel_from_tool};
 pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};

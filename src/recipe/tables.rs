@@ -97,6 +97,8 @@ settings! {
         settled_mm: f64, 0.05..=5.0, default 0.3;
         /// Moves after the first picture, at most.
         max_moves: usize, 0..=10, default 3;
+        /// Farthest that the corner may stand from where the localization puts it just before contact, mm.
+        verify_mm: f64, 0.05..=5.0, default 1.0;
     }
 }
 

@@ -79,6 +79,25 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
     Ok(sheet(&drawn, 3))
 }
 
+/// When a strip's six pictures are taken, s after the first fully wet one: close together where the film opens.
+pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
+    let times_s = match opens_s {
+        Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
+        None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
+    };
+    times_s.map(|time_s| time_s.min(end_s))
+}
+
+/// The box around pixels inside a picture of this width and height: its first pixel and the last.
+pub fn bounds(pixels: impl IntoIterator<Item = Pixel>, (width, height): (usize, usize)) -> [(usize, usize); 2] {
+    let (mut low, mut high) = ((width, height), (0, 0));
+    for (column, row) in pixels.into_iter().filter_map(|pixel| pixel.whole(width, height)) {
+        low = (low.0.min(column), low.1.min(row));
+        high = (high.0.max(column), high.1.max(row));
+    }
+    [low, high]
+}
+
 /// The part of a picture inside a box, and of a mask.
 pub fn cut(picture: &ColorPicture, mask: &Mask, [low, high]: [(usize, usize); 2]) -> (ColorPicture, Mask) {
     let size = (high.0.saturating_sub(low.0).max(1), high.1.saturating_sub(low.1).max(1));

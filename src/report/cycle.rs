@@ -1,8 +1,11 @@
 //! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
 
 use super::page::{Figure, Page, Row, Section};
-use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number};
+use crate::cycle::Request;
+use crate::geometry::KukaPose;
+use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number, name};
 use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::Value;
 use std::collections::BTreeMap;
 
 /// What a person fills in by hand.
@@ -17,7 +20,8 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     };
     let findings = record.findings.iter().map(|finding| section(finding, pictures));
     let mut sections: Vec<Section> = findings.collect();
-    sections.extend([motions(record), budget(record.budget), used(record), signature(record)]);
+    sections.extend([abraded(record), motions(record), budget(record.budget), asked(record), used(record)]);
+    sections.push(signature(record));
     let ended = record.ended_unix_s.map_or("running".to_owned(), utc);
     Page {
         title: format!("Panel {}, cycle {}", record.panel, record.id),
@@ -28,20 +32,24 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
 }
 
 fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>) -> Section {
-    let name = match finding.kind {
+    let heading = match finding.kind {
         Kind::Locate => "Where the panel stands",
         Kind::Refine => "The corner",
         Kind::Inspect => "The film",
         Kind::Plan => "The sanding path",
         Kind::Verify => "The corner, before contact",
         Kind::Abrade => "The abrasion",
+        Kind::Gate => "The gate before a motion",
+        Kind::Robot => "The robot",
+        Kind::SelfTest => "The self-test",
     };
     let pass = match finding.pass {
         0 => String::new(),
         pass => format!(", pass {pass}"),
     };
     let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
-    let details = finding.details.iter().map(|(name, value)| Row::new(name, value.to_string(), ""));
+    let details = finding.details.iter().map(|(name, value)| Row::new(name, words(value), ""));
+    let shots = finding.shots.iter().map(|shot| Row::new(&format!("picture {}", shot.name), &shot.hash, ""));
     let figure = |picture: &crate::record::Picture| match pictures.get(&picture.hash) {
         Some(jpeg) => Ok(Figure { caption: picture.caption.clone(), jpeg: jpeg.clone() }),
         None => Err(Row::new(&picture.caption, format!("the picture {} is missing", picture.hash), "")),
@@ -54,10 +62,23 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>) -> Section {
         }
     }
     Section {
-        heading: format!("{name}{pass}"),
+        heading: format!("{heading}{pass}"),
         text: format!("{}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
-        rows: finding.numbers.iter().map(row).chain(details).chain(missing).collect(),
+        rows: finding.numbers.iter().map(row).chain(details).chain(shots).chain(missing).collect(),
         figures,
+    }
+}
+
+/// A detail as a person reads it: a pose with its units, a list of names; else as it is kept.
+fn words(value: &Value) -> String {
+    let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
+    let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();
+    match (pose, names, value) {
+        (Some(pose), ..) => pose.to_string(),
+        (_, Some(names), _) if names.is_empty() => "none".to_owned(),
+        (_, Some(names), _) => names.join(", "),
+        (.., Value::String(text)) => text.clone(),
+        _ => value.to_string(),
     }
 }
 
@@ -85,6 +106,62 @@ fn shown(value: f64) -> String {
     let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
     let text = format!("{value:.decimals$}");
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// How often each grid was abraded, whole or in part.
+fn abraded(record: &CycleRecord) -> Section {
+    let mut passes: BTreeMap<String, Vec<String>> = BTreeMap::new();
+    for finding in record.findings.iter().filter(|finding| finding.kind == Kind::Abrade) {
+        for (detail, part) in [("grids", ""), ("grids_in_part", " in part")] {
+            let grids = finding
+                .details
+                .get(detail)
+                .and_then(|value| serde_json::from_value::<Vec<String>>(value.clone()).ok());
+            for grid in grids.unwrap_or_default() {
+                passes.entry(grid).or_default().push(format!("pass {}{part}", finding.pass));
+            }
+        }
+    }
+    let text = if passes.is_empty() {
+        "Nothing: the tool touched no grid."
+    } else {
+        "Each grid with the passes that touched it."
+    };
+    Section {
+        heading: "What was abraded".to_owned(),
+        text: text.to_owned(),
+        rows: passes.iter().map(|(grid, passes)| Row::new(grid, passes.join(", "), "")).collect(),
+        figures: Vec::new(),
+    }
+}
+
+/// What people and programs asked of the cell, with the time.
+fn asked(record: &CycleRecord) -> Section {
+    let rows = record.asked.iter().map(|asked| {
+        let words = match asked.request {
+            Request::Reset => "reset".to_owned(),
+            Request::Start { max_passes, max_moves } => {
+                format!("start, with at most {max_passes} abrasions and {max_moves} moves of the corner loop")
+            }
+            Request::AirRun { max_moves } => {
+                format!("an air-run, with at most {max_moves} moves of the corner loop")
+            }
+            Request::Hold => "hold".to_owned(),
+            Request::Unhold { dried: false } => "go on".to_owned(),
+            Request::Unhold { dried: true } => "go on: the panel was dried, locate it again".to_owned(),
+            Request::Accept => "accept: the result that waited for review was taken as good".to_owned(),
+            Request::Stop => "stop".to_owned(),
+            Request::Abort => "abort".to_owned(),
+            Request::Clear => "clear: the cause of the abort is gone".to_owned(),
+        };
+        Row::new(&utc(asked.unix_ms.div_euclid(1_000)), words, "")
+    });
+    Section {
+        heading: "What was asked of the cell".to_owned(),
+        text: "Each request with its time; one that did not fit was refused.".to_owned(),
+        rows: rows.collect(),
+        figures: Vec::new(),
+    }
 }
 
 fn motions(record: &CycleRecord) -> Section {
@@ -148,7 +225,7 @@ fn used(record: &CycleRecord) -> Section {
 }
 
 fn signature(record: &CycleRecord) -> Section {
-    let film = |number: &&Number| number.name == FILM_SECONDS;
+    let film = |number: &&Number| number.name == name::WATCHED;
     let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let films = inspections.map(|finding| {
         let seconds = finding.numbers.iter().find(film).map_or(NOT_MEASURED.to_owned(), |number| row(number).value);
@@ -169,9 +246,6 @@ fn signature(record: &CycleRecord) -> Section {
     }
 }
 
-/// The name of the number that says how long a film was watched; its unit is s.
-pub const FILM_SECONDS: &str = "watched";
-
 /// Time since 1970 as date and time, UTC. Days to date as in Hinnant, "chrono-compatible low-level date algorithms".
 fn utc(unix_s: i64) -> String {
     let (days, second) = (unix_s.div_euclid(86_400), unix_s.rem_euclid(86_400));
@@ -191,21 +265,29 @@ fn utc(unix_s: i64) -> String {
 mod tests {
     use super::*;
     use crate::cycle::{Motion, Outcome, Path};
-    use crate::record::{CycleId, KeptFile, MotionRecord, Picture};
+    use crate::record::{Asked, CycleId, KeptFile, MotionRecord, Picture};
 
     fn finding(kind: Kind, pass: u8, numbers: Vec<Number>) -> Finding {
         let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-        Finding { kind, pass, judgement, numbers, details: BTreeMap::new(), pictures: Vec::new() }
+        Finding::new(kind, pass, judgement).with(numbers)
     }
 
     fn record() -> CycleRecord {
         let rms = Number::new("residual", "mm", 0.123456).within(Limit::AtMost(0.25));
         let overlap = Number::new("overlap", "", 0.85).within(Limit::AtLeast(0.9));
         let mut located = finding(Kind::Locate, 0, vec![rms, overlap, Number::new("drift", "mm", None)]);
-        located.details.insert("base_from_panel".to_owned(), serde_json::json!({"x_mm": 1.5}));
-        let picture = |caption: &str, hash: &str| Picture { caption: caption.to_owned(), hash: hash.to_owned() };
+        let pose = KukaPose { x_mm: 1.5, a_deg: -3.0, ..KukaPose::default() };
+        located.details.insert("base_from_panel".to_owned(), serde_json::json!(pose));
+        located.shots.push(KeptFile { name: "scan".to_owned(), hash: "f00d".to_owned() });
+        let picture = |caption: &str, hash: &str| Picture {
+            name: "located".to_owned(),
+            caption: caption.to_owned(),
+            hash: hash.to_owned(),
+        };
         located.pictures = vec![picture("outline", "aa"), picture("grids", "bb")];
-        let watched = |seconds: f64| vec![Number::new(FILM_SECONDS, "s", seconds)];
+        let watched = |seconds: f64| vec![Number::new(name::WATCHED, "s", seconds)];
+        let part =
+            finding(Kind::Abrade, 2, vec![]).detail("grids", vec!["r1c1"]).detail("grids_in_part", vec!["r2c4"]);
         let motion = Motion { epoch: 3, path: Path::Contact, plan: 0xAB, waypoints: 200 };
         CycleRecord {
             id: CycleId(7),
@@ -221,8 +303,11 @@ mod tests {
             findings: vec![
                 located,
                 finding(Kind::Inspect, 0, watched(60.0)),
+                finding(Kind::Abrade, 1, vec![]).detail("grids", vec!["r1c1"]),
+                part,
                 finding(Kind::Inspect, 1, watched(59.8)),
             ],
+            asked: vec![Asked { unix_ms: 1_700_000_030_999, request: Request::Accept }],
             motions: vec![MotionRecord { motion, outcome: Some(Outcome::Done), done: 200 }],
             events: 321,
         }
@@ -239,7 +324,11 @@ mod tests {
             "<td>residual</td><td>0.1235 mm</td><td>≤ 0.25 mm</td>",
             "<td>overlap</td><td>0.85, not allowed</td><td>≥ 0.9</td>",
             "<td>drift</td><td>not measured</td>",
-            "<td>base_from_panel</td><td>{&quot;x_mm&quot;:1.5}</td>",
+            "<td>base_from_panel</td><td>X 1.500 Y 0.000 Z 0.000 mm, A -3.0000 B 0.0000 C 0.0000°</td>",
+            "<td>picture scan</td><td>f00d</td>",
+            "<td>r1c1</td><td>pass 1, pass 2</td>",
+            "<td>r2c4</td><td>pass 2 in part</td>",
+            "<td>2023-11-14 22:13:50 UTC</td><td>accept: ",
             "data:image/jpeg;base64,AQID",
             "<td>grids</td><td>the picture bb is missing</td>",
             "<td>contact, epoch 3, plan 00000000000000ab</td><td>done, 200 of 200 waypoints</td>",

@@ -6,6 +6,6 @@ mod cycle;
 mod overlay;
 pub mod page;
 
-pub use closeup::{CornerView, StripPicture, cut, film_strip};
-pub use cycle::{FILM_SECONDS, cycle_page};
+pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
+pub use cycle::cycle_page;
 pub use overlay::View;

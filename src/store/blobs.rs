@@ -44,6 +44,17 @@ impl Blobs {
         Ok(hash)
     }
 
+    /// Free space, MB, once a file could be written and flushed here.
+    pub fn free_mb(&self) -> Result<u64, StoreError> {
+        let probe = self.folder.join(format!("probe.{}.part", std::process::id()));
+        let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
+        let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
+        written.and(removed)?;
+        let disk = rustix::fs::statvfs(&self.folder);
+        let disk = disk.map_err(|error| at("look at the disk of", &self.folder)(error.into()))?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+    }
+
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
         let path = self.folder.join(hash);
         let bytes = fs::read(&path).map_err(at("read", &path))?;

@@ -119,6 +119,7 @@ impl Store {
             return Err(StoreError::NotFinite { name: bad.name.clone() });
         }
         finding.pictures.iter().try_for_each(|picture| self.blob(&picture.hash).map(drop))?;
+        finding.shots.iter().try_for_each(|shot| self.blob(&shot.hash).map(drop))?;
         let (kind, text) = (self.text(&finding.kind)?, self.text(finding)?);
         self.connection
             .execute(
@@ -144,6 +145,7 @@ impl Store {
             record.findings.push(self.parsed(&text.map_err(read)?)?);
         }
         record.motions = self.motions_of(id)?;
+        record.asked = self.asked_in(id)?;
         let count = "SELECT count(*) FROM journal WHERE cycle_id = ?1";
         let events: i64 = self.connection.query_row(count, [id.0], |row| row.get(0)).map_err(read)?;
         record.events = events as u64;
@@ -165,6 +167,7 @@ impl Store {
                 budget: None,
                 findings: Vec::new(),
                 motions: Vec::new(),
+                asked: Vec::new(),
                 events: 0,
             };
             let texts = [row.get(6)?, row.get(7)?, row.get(8)?, row.get(9)?];

@@ -95,6 +95,15 @@ impl Store {
         self.blobs.get(hash)
     }
 
+    /// Free space on the store's disk, MB, once a probe could be written to it.
+    ///
+    /// # Errors
+    /// Where the store is open for reading, or its disk refuses.
+    pub fn free_mb(&self) -> Result<u64, StoreError> {
+        self.writable()?;
+        self.blobs.free_mb()
+    }
+
     fn writable(&self) -> Result<(), StoreError> {
         match self.lease {
             Some(_) => Ok(()),

@@ -1,14 +1,16 @@
-//! From rendering to the planned path for ten seeds, against the renderer's truth: a table, and exit code 1 where a
-//! floor is missed. `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
+//! The live demo for ten seeds, against the simulator's truth: a table, and exit code 1 where a floor is missed.
+//! `cargo bench --bench seeds -- [SEEDS] [REDUCTION]`
 
 use serde_json::Value;
 use std::process::{Command, ExitCode};
 
-/// What each seed must reach.
-const LOCATED_MAX_MM: f64 = 5.0;
-const CORNER_MAX_MM: f64 = 0.5;
+/// What each seed must reach, over the panel and as the mock executed it.
+const REFINED_MAX_MM: f64 = 1.5;
 const COVERAGE_MIN: f64 = 0.95;
+const SURFACE_MAX_MM: f64 = 1.0;
 const NORMAL_MAX_DEG: f64 = 1.0;
+/// A demo on two cores takes less, s; told, not held: another's work on the machine would decide.
+const WALL_S: f64 = 90.0;
 
 fn demo(seed: u64, scene: &str, reduction: u64) -> Value {
     let folder = std::env::temp_dir().join(format!("panelprep-bench-{}", std::process::id()));
@@ -27,19 +29,18 @@ fn main() -> ExitCode {
     let mut numbers = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
     let (seeds, reduction) = (numbers.next().unwrap_or(10), numbers.next().unwrap_or(1));
     println!(
-        "seed  verdict  located mm (mean, max)  ms   corner mm  refined max mm  iou    grids failed/true/wrong  ms/frame  \
-         coverage  normal °  surface mm  wall s"
+        "seed  verdict  3D max mm  ms  refined max mm (moves)  iou    failed/true/wrong  ms/frame  passes  waypoints  \
+         coverage  step-over mm    normal °  surface mm  wall s"
     );
     let mut missed = 0;
     for seed in 1..=seeds {
-        let result = demo(seed, "good", reduction);
-        missed += usize::from(!row(seed, &result));
+        missed += usize::from(!row(seed, &demo(seed, "good", reduction)));
     }
-    for scene in ["clean", "no-panel", "wrong-panel"] {
+    for (scene, expected) in [("clean", "pass"), ("no-panel", "reject"), ("wrong-panel", "reject")] {
         let result = demo(1, scene, reduction);
-        let expected = if scene == "clean" { "pass" } else { "reject" };
         println!("{scene}: {} {}", result["verdict"], result["reasons"]);
-        missed += usize::from(result["verdict"] != expected);
+        let untouched = result["abrade"].as_array().is_some_and(Vec::is_empty);
+        missed += usize::from(result["verdict"] != expected || !untouched);
     }
     println!("{missed} of {} missed a floor", seeds + 3);
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -48,29 +49,46 @@ fn main() -> ExitCode {
 /// Prints a seed's row; false where it misses a floor.
 fn row(seed: u64, result: &Value) -> bool {
     let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let list = |name: &str| result[name].as_array().cloned().unwrap_or_default();
+    let (abrade, inspect) = (list("abrade"), list("inspect"));
+    let executed = |pointer: &str| -> Vec<f64> {
+        abrade.iter().map(|pass| pass.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN)).collect()
+    };
+    let largest = |numbers: &[f64]| numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let smallest = |numbers: &[f64]| numbers.iter().copied().fold(f64::INFINITY, f64::min);
+    let (coverage, normal) = (executed("/coverage"), executed("/normal_error_max_deg"));
+    let surface = executed("/surface_error_max_mm");
+    let wrong: Vec<f64> = inspect.iter().map(|film| film["grids_wrong"].as_f64().unwrap_or(f64::NAN)).collect();
     println!(
-        "{seed:4}  {:7}  {:10.3} {:10.3}  {:5.0}  {:9.3}  {:14.3}  {:.3}  {:12} / {} / {}  {:14.1}  {:8.3}  {:8.2}  {:10.3}  {:6.1}",
+        "{seed:4}  {:7}  {:9.3}  {:3.0}  {:14.3} ({})  {:.3}  {:8} / {} / {}  {:11.1}  {:6}  {:5} of {}  {:8.3}  {:5.2} to {:5.2}  {:8.2}  {:10.3}  {:6.1}{}",
         result["verdict"].as_str().unwrap_or("-"),
-        number("/locate/error_mean_mm"),
         number("/locate/error_max_mm"),
         number("/locate/elapsed_ms"),
-        number("/refine/corner_error_mm"),
         number("/refine/error_max_mm"),
+        number("/refine/moves"),
         number("/inspect/0/iou"),
         number("/inspect/0/grids_failed"),
         number("/inspect/0/grids_true"),
-        number("/inspect/0/grids_wrong"),
+        wrong.iter().sum::<f64>(),
         number("/inspect/0/ms_per_frame"),
-        number("/plan/coverage"),
-        number("/plan/normal_error_max_deg"),
-        number("/plan/surface_error_max_mm"),
+        abrade.len(),
+        executed("/waypoints_done").iter().sum::<f64>(),
+        executed("/waypoints").iter().sum::<f64>(),
+        smallest(&coverage),
+        smallest(&executed("/step_over_mm/min")),
+        largest(&executed("/step_over_mm/max")),
+        largest(&normal),
+        largest(&surface),
         number("/wall_s"),
+        if number("/wall_s") < WALL_S { "" } else { " (slow)" },
     );
-    result["verdict"] == "accept"
-        && number("/locate/error_max_mm") <= LOCATED_MAX_MM
-        && number("/refine/corner_error_mm") <= CORNER_MAX_MM
-        && number("/inspect/0/grids_wrong") == 0.0
-        && number("/inspect/0/grids_true") > 0.0
-        && number("/plan/coverage") >= COVERAGE_MIN
-        && number("/plan/normal_error_max_deg") <= NORMAL_MAX_DEG
+    // A number that is missing is not a number, and keeps no floor.
+    result["verdict"] == "pass"
+        && !abrade.is_empty()
+        && executed("/waypoints_done") == executed("/waypoints")
+        && number("/refine/error_max_mm") <= REFINED_MAX_MM
+        && coverage.iter().all(|share| *share >= COVERAGE_MIN)
+        && normal.iter().all(|degrees| *degrees <= NORMAL_MAX_DEG)
+        && surface.iter().all(|error_mm| *error_mm <= SURFACE_MAX_MM)
+        && wrong.iter().all(|grids| *grids == 0.0)
 }

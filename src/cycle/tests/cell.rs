@@ -55,6 +55,9 @@ pub struct Cell {
     pub reviewed: bool,
     pub film: Option<Film>,
     pub passes: u8,
+    /// An air-run, and whether its path was flown to the end.
+    pub air: bool,
+    pub flown: bool,
     pub concluded: bool,
     pub intent: Option<Motion>,
     /// Acts that are no longer waited for.
@@ -99,6 +102,8 @@ impl Cell {
             reviewed: false,
             film: None,
             passes: 0,
+            air: false,
+            flown: false,
             concluded: true,
             intent: None,
             stale: Vec::new(),
@@ -181,6 +186,7 @@ impl Cell {
             (Act::Move(motion), Answer::Stands { done }) => {
                 self.moving = None;
                 self.arm = (done == motion.waypoints).then_some(motion.path);
+                self.flown |= self.arm == Some(Path::Air);
             }
             (Act::EndEpoch { .. }, Answer::Stands { .. }) => {
                 if self.moving.take().is_some() {
@@ -210,6 +216,7 @@ impl Cell {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
             }
             (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,
+            (Act::Plan { .. }, Answer::PlannedForReview { .. }) => (self.verified, self.reviewed) = (false, true),
             (Act::Film, Answer::Filmed(film)) => {
                 self.film = Some(film);
                 self.verified = false;
@@ -223,7 +230,10 @@ impl Cell {
     /// What the table's decision means for the truth.
     fn follow(&mut self, before: State, event: Event) {
         match (event, self.state.at) {
-            (Event::Asked(Request::Start { .. }), at) if before.at == At::Idle && at != At::Idle => {
+            (Event::Asked(request @ (Request::Start { .. } | Request::AirRun { .. })), at)
+                if before.at == At::Idle && at != At::Idle =>
+            {
+                (self.air, self.flown) = (matches!(request, Request::AirRun { .. }), false);
                 // A new dry panel, somewhere.
                 (self.wet, self.dry_picture, self.verified, self.disturbed) = (false, false, false, true);
                 (self.doomed, self.reviewed, self.film, self.passes) = (false, false, None, 0);

@@ -30,6 +30,7 @@ impl Cell {
 
     fn request(&self, random: &mut Pcg64) -> Request {
         match self.state.at {
+            At::Idle if random.random_bool(0.15) => Request::AirRun { max_moves: random.random_range(0..5) },
             At::Idle => {
                 Request::Start { max_passes: random.random_range(0..4), max_moves: random.random_range(0..5) }
             }
@@ -66,7 +67,13 @@ impl Cell {
             Act::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
             Act::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
             Act::Plan { .. } if random.random_bool(0.05) => Answer::Planned { plan: 0, waypoints: 0 },
-            Act::Plan { .. } => Answer::Planned { plan: random.random(), waypoints: random.random_range(1..30) },
+            Act::Plan { .. } => {
+                let (plan, waypoints) = (random.random(), random.random_range(1..30));
+                match random.random_bool(0.1) {
+                    true => Answer::PlannedForReview { plan, waypoints },
+                    false => Answer::Planned { plan, waypoints },
+                }
+            }
         };
         Report::Answered { id: due.id, answer }
     }
@@ -106,10 +113,11 @@ impl Cell {
     }
 }
 
-pub const REQUESTS: [Request; 10] = [
+pub const REQUESTS: [Request; 11] = [
     Request::Reset,
     Request::Start { max_passes: 1, max_moves: 1 },
     Request::Start { max_passes: 2, max_moves: 2 },
+    Request::AirRun { max_moves: 2 },
     Request::Hold,
     Request::Unhold { dried: false },
     Request::Unhold { dried: true },
@@ -159,7 +167,10 @@ pub fn answers(act: Act, id: Id) -> Vec<Report> {
         Act::Refine { .. } => [&graded[..], &[Answer::Displaced]].concat(),
         Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
         Act::Plan { .. } => {
-            vec![Answer::Planned { plan: 7, waypoints: 3 }, Answer::Planned { plan: 0, waypoints: 0 }, graded[2]]
+            let (plan, waypoints) = (7, 3);
+            let nothing_left = Answer::Planned { plan: 0, waypoints: 0 };
+            let planned = [Answer::Planned { plan, waypoints }, Answer::PlannedForReview { plan, waypoints }];
+            [&planned[..], &[nothing_left, graded[2]]].concat()
         }
     };
     answers.into_iter().map(|answer| Report::Answered { id, answer }).collect()

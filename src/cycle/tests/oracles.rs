@@ -46,6 +46,7 @@ impl Cell {
                     self.concluded = true;
                     let unfounded = match verdict {
                         // I7
+                        Verdict::Pass if self.air => !self.flown,
                         Verdict::Pass => self.film != Some(Film::Whole),
                         Verdict::Fail => self.film != Some(Film::Broken),
                         Verdict::Invalid => self.film != Some(Film::Invalid),
@@ -87,7 +88,7 @@ impl Cell {
             Act::Refine { view } => self.check_corner(view)?,
             Act::Verify => self.check_corner(0)?,
             Act::Plan { pass } => {
-                never(self.film != Some(Film::Broken), "a plan without a break")?;
+                never(self.film != Some(Film::Broken) && !self.air, "a plan without a break")?;
                 never(self.disturbed, "a plan on a panel whose place is not known")?;
                 never(pass != self.passes || pass > self.state.job.max_passes, "a pass too many")?;
             }
@@ -121,17 +122,22 @@ impl Cell {
         let frames = match motion.path {
             Path::Park => self.frames,
             Path::Corner { .. } => Some(Frames::Camera),
-            Path::Approach | Path::Contact | Path::Retract => Some(Frames::Pad),
+            Path::Approach | Path::Contact | Path::Air | Path::Retract => Some(Frames::Pad),
         };
         never(self.frames != frames, "motion in the wrong base and tool")?;
-        if matches!(motion.path, Path::Approach | Path::Contact) {
+        if matches!(motion.path, Path::Approach | Path::Contact | Path::Air) {
             // I3, I10
             never(!self.token, "contact without a live localization")?;
             never(!self.verified || self.disturbed, "contact without Verify")?;
             never(!self.drained, "contact before the cell drained")?;
             never(self.doomed, "contact after a reject")?;
         }
+        if motion.path == Path::Air {
+            never(!self.air, "a path in air where the panel is to be abraded")?;
+            never(self.arm != Some(Path::Approach), "a path in air that does not begin at the approach point")?;
+        }
         if motion.path == Path::Contact {
+            never(self.air, "contact in an air-run")?;
             never(self.arm != Some(Path::Approach), "contact that does not begin in air")?;
             never(!self.tool_on || !self.tool_proven, "contact with a dead tool")?;
             never(!self.extraction_on || !self.extraction_proven, "contact without extraction")?;
@@ -144,6 +150,8 @@ impl Cell {
     /// An output changes when it is asked, except that off is off only when it is proven.
     fn switch(&mut self, switch: Switch) -> Result<(), String> {
         never(!self.epoch_open, "an output outside an epoch")?;
+        let wets_or_rubs = matches!(switch, Switch::Rinse | Switch::Spray | Switch::ToolOn);
+        never(self.air && !self.concluded && wets_or_rubs, "water or tool in an air-run")?;
         match switch {
             Switch::Rinse | Switch::Spray => {
                 never(self.arm != Some(Path::Park) || self.moving.is_some(), "water on an arm that is not parked")?;

@@ -31,6 +31,42 @@ fn a_clean_panel_passes_without_contact() {
     assert!(!acts.contains("toolon") && !acts.contains("to-approach") && !acts.contains("plan"), "{acts}");
 }
 
+/// The way that a cycle takes to the panel, without water, tool and contact.
+#[test]
+fn an_air_run_flies_the_path_and_passes() {
+    let mut story = Story::idle(&[]);
+    story.asked(Request::AirRun { max_moves: 3 });
+    assert_eq!(story.until("corner-0"), "to-park lensclear locate frames-camera to-corner-0 corner-0");
+    assert_eq!(story.until("to-air"), "plan-0 verify frames-pad to-approach to-air");
+    assert_eq!(story.rests(), "to-retract to-park");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+#[test]
+fn a_held_air_run_is_planned_again() {
+    let mut story = Story::idle(&[]);
+    story.asked(Request::AirRun { max_moves: 3 });
+    story.until("to-air");
+    story.asked(Request::Hold);
+    assert_eq!(story.rests(), "end-epoch");
+    story.asked(Request::Unhold { dried: false });
+    let acts = story.rests();
+    assert!(acts.contains("verify") && acts.contains("plan-0") && acts.contains("to-air"), "{acts}");
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+}
+
+/// Who opened the guard of a held cell may stop it: nothing is asked of a robot that is not ready.
+#[test]
+fn a_stop_of_a_held_cell_with_an_open_guard_is_at_once() {
+    let mut story = Story::started(&[Film::Broken]);
+    story.until("film");
+    story.asked(Request::Hold);
+    story.rests();
+    story.told(Report::Robot(Robot::GuardOpen));
+    story.asked(Request::Stop);
+    assert_eq!((story.at(), story.acts.len()), (At::Stopped, 0));
+}
+
 #[test]
 fn no_panel_is_a_reject_without_a_move_toward_it() {
     let mut story = Story::started(&[]);
@@ -82,6 +118,30 @@ fn a_doubtful_localization_waits_for_a_person() {
     story.rests();
     story.asked(Request::Stop);
     assert!(story.cell.effects.contains(&Effect::Conclude { verdict: Verdict::Review }));
+}
+
+#[test]
+fn a_doubtful_path_waits_for_a_person_and_is_verified_before_contact() {
+    let doubtful = Answer::PlannedForReview { plan: 7, waypoints: 3 };
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("plan-1");
+    story.answer(doubtful);
+    assert_eq!(story.rests(), "end-epoch");
+    assert_eq!(story.at(), At::Held(Hold { why: Why::Review, resume: Phase::Verify }));
+    story.asked(Request::Accept);
+    let acts = story.until("to-contact");
+    assert!(acts.contains("verify") && !acts.contains("plan"), "the accepted path itself, verified: {acts}");
+    assert_eq!((story.cell.state.job.plan, story.cell.state.job.waypoints), (7, 3));
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+    // Dried instead of accepted: located and planned anew.
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("plan-1");
+    story.answer(doubtful);
+    story.rests();
+    story.asked(Request::Unhold { dried: true });
+    let acts = story.until("to-contact");
+    assert!(acts.contains("locate") && acts.contains("plan-1") && acts.contains("verify"), "{acts}");
 }
 
 #[test]

@@ -41,6 +41,8 @@ fn note(seen: &mut Seen, cell: &Cell, before: State) {
     happened("aborted in contact", contact(now).is_some() && matches!(now.at, At::Aborting { .. }));
     happened("planned again", matches!(before.at, At::Unholding { .. }) && now.at == At::Execute(Phase::Plan));
     happened("a contact path done", contact(before).is_some() && now.at == At::Execute(Phase::Retract));
+    let air = |state: State| state.intent.is_some_and(|intent| intent.motion.path == Path::Air);
+    happened("an air path done", air(before) && now.at == At::Execute(Phase::Retract));
     happened("a second pass", before.job.pass == 1 && now.job.pass == 2);
     happened("a third pass", before.job.pass == 2 && now.job.pass == 3);
     happened("a report dropped", now.dropped > before.dropped);
@@ -114,6 +116,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
         "aborted in contact",
         "planned again",
         "a contact path done",
+        "an air path done",
         "a second pass",
         "a third pass",
         "a report dropped",
@@ -140,7 +143,7 @@ fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     assert!(missed.is_empty(), "nobody misses {missed:?}");
 }
 
-const ALL_RULES: [Rule; 42] = {
+const ALL_RULES: [Rule; 43] = {
     use Rule::*;
     [
         ArmOutOfView,
@@ -178,6 +181,7 @@ const ALL_RULES: [Rule; 42] = {
         RejectEnds,
         ReviewHolds,
         InvalidEnds,
+        AirRun,
         DryPicture,
         VerifyFirst,
         TokenInContact,

@@ -6,11 +6,12 @@ use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
+use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
-use crate::verdict::Verdict;
-use std::cell::RefCell;
+use crate::store::CycleStart;
+use crate::verdict::{Reason, Verdict};
 use std::collections::{BTreeMap, VecDeque};
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What is true of the cell.
 struct World {
@@ -38,7 +39,19 @@ struct World {
     moved_without_intent: usize,
 }
 
-type Shared = Rc<RefCell<World>>;
+/// The world, for the loop's thread and the one that computes.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<World>>);
+
+impl Shared {
+    fn borrow(&self) -> MutexGuard<'_, World> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn borrow_mut(&self) -> MutexGuard<'_, World> {
+        self.borrow()
+    }
+}
 
 const CELL: &str = "[poses]\npark = { a1_deg = -90, a2_deg = -90, a3_deg = 90, a4_deg = 0, a5_deg = 60, a6_deg = 0 }\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
@@ -49,6 +62,9 @@ pub struct Cell {
     world: Shared,
     box_to_mm: f64,
     fails_at: usize,
+    is_full: bool,
+    /// Tables at the end of the recipe.
+    pub more_recipe: &'static str,
 }
 
 /// What came of it.
@@ -56,6 +72,8 @@ pub struct Story {
     pub outcome: CycleOutcome,
     pub truth: Truth,
     pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
     pub refusals: Vec<(Request, Refusal)>,
@@ -66,8 +84,8 @@ pub struct Story {
 
 impl Story {
     /// The stages that found something.
-    pub fn stages(&self) -> Vec<&'static str> {
-        self.findings.iter().map(|finding| finding.stage).collect()
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
     }
 
     /// The closed motions along this path.
@@ -85,7 +103,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{} {:?} {}", finding.stage, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
         }
         Ok(())
     }
@@ -118,8 +136,8 @@ impl Cell {
             intent: None,
             moved_without_intent: 0,
         };
-        let world = Rc::new(RefCell::new(world));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX }
+        let world = Shared(Arc::new(Mutex::new(world)));
+        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false, more_recipe: "" }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -136,6 +154,10 @@ impl Cell {
         Cell { fails_at: writes, ..self }
     }
 
+    pub fn with_full_disk(self) -> Self {
+        Cell { is_full: true, ..self }
+    }
+
     pub fn fails(self, asks: Asks) -> DaemonError {
         let world = self.world.clone();
         let error = self.tried(asks).err().expect("an error");
@@ -147,14 +169,54 @@ impl Cell {
         self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
     }
 
-    fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
-        let (taught, recipe) = taught(&self.world.borrow().sim);
+    /// The cell's file, recipe, what was taught, and the calibrations.
+    fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
+        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
             self.box_to_mm
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         let calibrations = calibrations(&self.world.borrow().sim);
+        (cell, recipe, taught, calibrations)
+    }
+
+    /// Serves until `asks` leaves; `eyes` may stand before the cell's own.
+    pub fn serve<E: Eyes + Send + 'static>(
+        &self,
+        eyes: impl FnOnce(FakeEyes) -> E,
+        readable: Vec<Reason>,
+        asks: &mut dyn Requests,
+    ) -> Memory {
+        let mut record =
+            Memory { fails_at: self.fails_at, is_full: self.is_full, ..Memory::default_of(&self.world) };
+        let service = Service {
+            robot: &mut FakeRobot(self.world.clone()),
+            eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
+            readable: Box::new(move || readable.clone()),
+            record: &mut record,
+            requests: asks,
+        };
+        let site = Site::new(&self.files().0).expect("complete");
+        serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
+        record
+    }
+
+    /// A cycle to begin.
+    pub fn order(&self) -> Order {
+        let (_, recipe, taught, calibrations) = self.files();
+        let start = CycleStart {
+            panel: "p".to_owned(),
+            taught_version: String::new(),
+            recipe_text: String::new(),
+            file_texts: Vec::new(),
+        };
+        let request = Request::Start { max_passes: 2, max_moves: 3 };
+        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start }
+    }
+
+    fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
+        let (cell, recipe, taught, calibrations) = self.files();
         let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
         let mut robot = FakeRobot(self.world.clone());
         let mut eyes = FakeEyes(self.world.clone());
@@ -167,6 +229,8 @@ impl Cell {
             outcome,
             truth: world.sim.truth(),
             findings: record.findings,
+            figures: record.figures,
+            budget: record.budget,
             intents: record.intents,
             events: record.events,
             refusals: asks.refusals,
@@ -179,12 +243,13 @@ impl Cell {
 
 type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
-fn taught(sim: &sim::Cell) -> (TaughtHere, Recipe) {
+fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = \"top-left\"\nsettled_mm = 0.1\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n",
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         {more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
         region.rows,
         region.columns,
@@ -213,6 +278,7 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_camera: *sim.flange_camera(),
         flange_from_camera: sim.calibrated_flange_from_camera(),
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
     }
 }
 
@@ -352,9 +418,13 @@ impl Robot for FakeRobot {
     fn now(&self) -> Time {
         Time::at_ms(self.0.borrow().time_ms)
     }
+
+    fn is_lock_step(&self) -> bool {
+        true
+    }
 }
 
-struct FakeEyes(Shared);
+pub struct FakeEyes(Shared);
 
 impl Eyes for FakeEyes {
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
@@ -377,15 +447,23 @@ impl Eyes for FakeEyes {
         let world = self.0.borrow();
         Ok(world.sim.flange_picture(&world.base_from_flange, Place::Displaced))
     }
+
+    fn check(&mut self) -> Vec<SightError> {
+        Vec::new()
+    }
 }
 
-struct Memory {
+pub struct Memory {
     world: Shared,
     fails_at: usize,
     writes: usize,
-    findings: Vec<Finding>,
+    cycles: i64,
+    is_full: bool,
+    pub findings: Vec<Finding>,
+    figures: Vec<String>,
+    budget: Budget,
     intents: Vec<(Motion, Option<(Outcome, u32)>)>,
-    events: Vec<Event>,
+    pub events: Vec<Event>,
 }
 
 impl Memory {
@@ -394,7 +472,11 @@ impl Memory {
             world: world.clone(),
             fails_at: 0,
             writes: 0,
+            cycles: 0,
+            is_full: false,
             findings: Vec::new(),
+            figures: Vec::new(),
+            budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
         }
@@ -407,6 +489,27 @@ impl Memory {
 }
 
 impl Record for Memory {
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        self.findings.push(finding.clone());
+        self.written()
+    }
+
+    fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.figures.push(figure.name.clone());
+        self.written()
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.budget = self.budget.renewed(*measured);
+        self.written()
+    }
+}
+
+impl Journal for Memory {
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.events.push(*event);
         self.written()
@@ -429,17 +532,19 @@ impl Record for Memory {
         self.written()
     }
 
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.findings.push(finding.clone());
-        self.written()
-    }
-
-    fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
-        self.written()
-    }
-
     fn conclude(&mut self, _: Verdict) -> Result<(), RecordError> {
         self.written()
+    }
+
+    fn begin(&mut self, _: &CycleStart) -> Result<CycleId, RecordError> {
+        self.cycles += 1;
+        self.written().map(|()| CycleId(self.cycles))
+    }
+
+    fn between_cycles(&mut self) {}
+
+    fn check(&mut self) -> Vec<Reason> {
+        if self.is_full { vec![Reason::new("disk_full", "no room")] } else { vec![] }
     }
 }
 

@@ -58,6 +58,12 @@ pub trait Scanner: Send {
     /// # Errors
     /// Where the camera does not deliver.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
+
+    /// Whether the camera would deliver. Takes no shot that a cycle needs.
+    ///
+    /// # Errors
+    /// Where it would not.
+    fn check(&mut self) -> Result<(), CameraError>;
 }
 
 /// The colour camera on the flange, with a lamp of its own.
@@ -67,6 +73,36 @@ pub trait FlangeCamera: Send {
     /// # Errors
     /// Where the camera does not deliver.
     fn capture(&mut self) -> Result<FlangePicture, CameraError>;
+
+    /// Whether the camera would deliver. Takes no shot that a cycle needs.
+    ///
+    /// # Errors
+    /// Where it would not.
+    fn check(&mut self) -> Result<(), CameraError>;
+}
+
+impl<S: Scanner + ?Sized> Scanner for Box<S> {
+    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        (**self).capture_3d()
+    }
+
+    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
+        (**self).capture_2d()
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        (**self).check()
+    }
+}
+
+impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        (**self).capture()
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        (**self).check()
+    }
 }
 
 #[cfg(test)]

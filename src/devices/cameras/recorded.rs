@@ -37,6 +37,13 @@ impl<T> Reel<T> {
         Ok(next)
     }
 
+    /// Whether something is left.
+    fn check(&self) -> Result<(), CameraError> {
+        let Reel { folder, what, played, ahead } = self;
+        let out = || CameraError::RanOut { folder: folder.clone(), what, played: *played };
+        ahead.front().map(drop).ok_or_else(out)
+    }
+
     /// The count of the capture that was just made, s.
     fn count_s(&self) -> f64 {
         self.played.saturating_sub(1) as f64
@@ -88,6 +95,10 @@ impl Scanner for RecordedScanner {
         let file = self.pictures.folder.join(&entry.file);
         Ok(Picture { picture: picture(&file, Which::Scanner, &self.camera)?, time_s: entry.time_s })
     }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.clouds.check().and_then(|()| self.pictures.check())
+    }
 }
 
 /// A flange camera that plays a folder.
@@ -115,6 +126,10 @@ impl FlangeCamera for RecordedFlangeCamera {
         let pose = read(&beside).and_then(|bytes| named(&beside, files::read_flange(&bytes)))?;
         let picture = picture(&file, Which::Flange, &self.camera)?;
         Ok(FlangePicture { picture, base_from_flange: pose.to_rigid(), time_s: self.pictures.count_s() })
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.pictures.check()
     }
 }
 

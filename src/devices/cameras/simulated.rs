@@ -47,11 +47,21 @@ impl Scanner for SimulatedScanner {
         let now = self.robot.with(|controller| Moment::of(controller));
         Ok(self.world.picture(&now))
     }
+
+    /// The renderer is part of this program.
+    fn check(&mut self) -> Result<(), CameraError> {
+        Ok(())
+    }
 }
 
 impl FlangeCamera for SimulatedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let now = self.robot.with(|controller| Moment::of(controller));
         self.world.flange_picture(&now)
+    }
+
+    /// The renderer is part of this program.
+    fn check(&mut self) -> Result<(), CameraError> {
+        Ok(())
     }
 }

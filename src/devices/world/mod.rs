@@ -13,13 +13,13 @@ mod signal;
 mod touch;
 mod water;
 
-pub use touch::{ContactErrors, Touched, contact_errors};
+pub use touch::{ContactErrors, Touched, contact_errors, step_over};
 
 use super::cameras::{CameraError, FlangePicture, Picture, Shot};
 use super::mock::{self, ChannelFile, Controller, Sample, Setup};
 use crate::cell::{self, Output};
-use crate::geometry::{Base, ColorPicture, Flange, Joints, OrganizedCloud, Rigid};
-use crate::sim::{self, Film, Spot, Truth};
+use crate::geometry::{Base, ColorPicture, Flange, Joints, Mask, OrganizedCloud, Rigid};
+use crate::sim::{self, Film, Spot, Truth, WET_FROM_S};
 use signal::Signal;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use water::{Wetting, film_s, seconds};
@@ -92,7 +92,10 @@ struct State {
     healed: (Option<u64>, Vec<bool>),
     /// The film with these spots gone.
     film: Option<(Vec<bool>, Arc<Film>)>,
+    /// Each wetting that was watched: when its water came on, its film, and the film's time in the last picture, s.
+    watched: Vec<(u64, Arc<Film>, f64)>,
     shots: u64,
+    disc_diameter_mm: f64,
     violations: Vec<(u64, Violation)>,
 }
 
@@ -113,15 +116,15 @@ struct Fixed {
     cell: sim::Cell,
     truth: Truth,
     park: Joints,
-    disc_diameter_mm: f64,
 }
 
 impl SimulatedWorld {
-    /// The world of this simulated cell, wired as the cell's file says; the disc is what abrades.
+    /// The world of this simulated cell, wired as the cell's file says. Without a disc nothing is abraded: see
+    /// [`SimulatedWorld::mount_disc`].
     ///
     /// # Errors
     /// Where the file gives no number to an output or feedback of the process, or has no park pose.
-    pub fn new(simulated: sim::Cell, cell: &cell::Cell, disc_diameter_mm: f64) -> Result<Self, WorldError> {
+    pub fn new(simulated: sim::Cell, cell: &cell::Cell) -> Result<Self, WorldError> {
         let signal = |output: Output| {
             let unnamed = |table, name| WorldError::Unnamed { table, name };
             let number = cell.io().output(output).ok_or(unnamed("outputs", output.name()))?;
@@ -138,11 +141,18 @@ impl SimulatedWorld {
             wetting: None,
             healed: (None, vec![false; truth.spots.len()]),
             film: None,
+            watched: Vec::new(),
             shots: 0,
+            disc_diameter_mm: 0.0,
             violations: Vec::new(),
         };
-        let fixed = Fixed { cell: simulated, truth, park, disc_diameter_mm };
+        let fixed = Fixed { cell: simulated, truth, park };
         Ok(SimulatedWorld { fixed: Arc::new(fixed), state: Arc::new(Mutex::new(state)) })
+    }
+
+    /// Mounts a sanding disc: what it covers is abraded.
+    pub fn mount_disc(&self, diameter_mm: f64) {
+        self.lock().disc_diameter_mm = diameter_mm;
     }
 
     /// The mock controller's configuration in this world: inputs, outputs and the tool's output as the cell's file
@@ -174,6 +184,12 @@ impl SimulatedWorld {
     /// Truth: the spots that hold no film yet, as the last wetting shows it.
     pub fn greasy(&self) -> Vec<Spot> {
         self.fixed.greasy(&self.lock().healed.1)
+    }
+
+    /// Truth: for each wetting that was watched, in order, the pixels whose film was broken in its last picture.
+    pub fn broken(&self) -> Vec<Mask> {
+        let watched = self.lock().watched.clone();
+        watched.iter().map(|(_, film, film_s)| film.broken(*film_s)).collect()
     }
 
     /// What should not have been done, with the controller's time, ms.
@@ -220,8 +236,8 @@ impl SimulatedWorld {
 
     /// Takes what was executed up to that moment: spots that the disc covered will hold their film.
     pub fn abrade(&self, trace: &[Sample]) {
-        let Fixed { truth, disc_diameter_mm, .. } = &*self.fixed;
-        let touched = Touched::by(trace, truth, *disc_diameter_mm);
+        let truth = &self.fixed.truth;
+        let touched = Touched::by(trace, truth, self.lock().disc_diameter_mm);
         let healed = truth.spots.iter().map(|spot| touched.share_of(spot) >= HEALED_FROM).collect();
         let mut state = self.lock();
         state.healed = (state.wetting.map(|wetting| wetting.on_ms), healed);
@@ -229,13 +245,19 @@ impl SimulatedWorld {
 
     /// A colour picture of the fixed camera.
     pub fn picture(&self, now: &Moment) -> Picture {
-        let (film_s, light) = {
+        let (wetting, light) = {
             let state = self.lock();
             let covered = state.signal(Output::LensShutter).runs(now.time_ms);
             let light = if covered { 0.0 } else { state.signal(Output::Light).share(now.time_ms) };
-            (film_s(state.wetting, now.time_ms), light)
+            (state.wetting, light)
         };
-        let mut picture = self.film().picture(film_s);
+        let (film, film_s) = (self.film(), film_s(wetting, now.time_ms));
+        if let Some(wetting) = wetting.filter(|_| film_s >= WET_FROM_S) {
+            let mut state = self.lock();
+            state.watched.pop_if(|(on_ms, ..)| *on_ms == wetting.on_ms);
+            state.watched.push((wetting.on_ms, film.clone(), film_s));
+        }
+        let mut picture = film.picture(film_s);
         dim(&mut picture, light);
         Picture { picture, time_s: seconds(now.time_ms) }
     }

@@ -5,11 +5,14 @@
 
 use crate::devices::mock::Sample;
 use crate::geometry::{Panel, Point, Rigid, Tool, Vector};
+use crate::path::{StepOver, step_overs_mm};
 use crate::sim::{TrueSpot, Truth};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 /// Farther than this from the surface the pad does not touch, mm.
 const PAD_REACH_MM: f64 = 2.0;
+/// A step whose cosine to the rows' direction is larger is part of a row.
+const ALONG_ROW: f64 = 0.98;
 
 /// The places of the panel that the disc was on.
 #[derive(Debug, Clone)]
@@ -88,6 +91,40 @@ pub fn contact_errors(trace: &[Sample], truth: &Truth) -> Option<ContactErrors> 
     (errors.samples > 0).then_some(errors)
 }
 
+/// Smallest and largest distance between neighbouring rows of the track, as it came out; `None` without two rows.
+///
+/// The rows of a grid run along the direction in which most of its way lies; what leads from one to the next does not.
+pub fn step_over(trace: &[Sample], truth: &Truth) -> Option<StepOver> {
+    let mut found: Option<StepOver> = None;
+    // Between two grids the tool leaves the panel.
+    for grid in trace.chunk_by(|before, after| before.sanding == after.sanding) {
+        let track: Vec<Point<Panel>> =
+            sanding(grid, truth).map(|panel_from_tool| panel_from_tool.origin()).collect();
+        for pair in rows(&track).windows(2) {
+            for step_mm in step_overs_mm(&pair[0], &pair[1]) {
+                let so_far = found.unwrap_or(StepOver { min_mm: step_mm, max_mm: step_mm });
+                found = Some(StepOver { min_mm: so_far.min_mm.min(step_mm), max_mm: so_far.max_mm.max(step_mm) });
+            }
+        }
+    }
+    found
+}
+
+/// The straight rows of a track over one grid, in order.
+fn rows(track: &[Point<Panel>]) -> Vec<Vec<Point<Panel>>> {
+    let steps: Vec<Vector3<f64>> = track.windows(2).map(|pair| (pair[1] - pair[0]).mm).collect();
+    let way: Matrix3<f64> = steps.iter().map(|step| step * step.transpose() / step.norm().max(f64::EPSILON)).sum();
+    let principal = SymmetricEigen::new(way);
+    let along: Vector3<f64> = principal.eigenvectors.column(principal.eigenvalues.imax()).into();
+    let heading = |step: &Vector3<f64>| {
+        let cosine = step.dot(&along) / step.norm().max(f64::EPSILON);
+        if cosine.abs() > ALONG_ROW { cosine.signum() as i32 } else { 0 }
+    };
+    let headings: Vec<(usize, i32)> = steps.iter().map(heading).enumerate().collect();
+    let straight = headings.chunk_by(|before, after| before.1 == after.1).filter(|row| row[0].1 != 0);
+    straight.map(|row| track[row[0].0..=row[row.len() - 1].0 + 1].to_vec()).filter(|row| row.len() > 2).collect()
+}
+
 /// The tool in the true panel's frame, at each tick in which it sanded.
 fn sanding<'a>(trace: &'a [Sample], truth: &Truth) -> impl Iterator<Item = Rigid<Panel, Tool>> + 'a {
     let panel_from_base = truth.base_from_panel.inverse();
@@ -133,6 +170,27 @@ mod tests {
         assert_eq!(Touched::by(&off, &truth, 200.0).share(&[spot.centre]), 0.0, "it does not turn");
         let lands = [Sample { sanding: false, ..on[0] }];
         assert_eq!(Touched::by(&lands, &truth, 200.0).share(&[spot.centre]), 0.0);
+    }
+
+    /// By hand: rows of 60 mm on a flat place, 10, 10 and 12 mm apart, with a way of its own between them.
+    #[test]
+    fn rows_are_told_from_the_ways_between_them() {
+        let at = |x_mm: f64, y_mm: f64| Point::<Panel>::at(0.0, x_mm, y_mm);
+        let mut track = Vec::new();
+        for (row, y_mm) in [0.0, 10.0, 20.0, 32.0].into_iter().enumerate() {
+            let forth = (0..=30).map(|step| f64::from(step) * 2.0);
+            let xs: Vec<f64> = if row % 2 == 0 { forth.collect() } else { forth.rev().collect() };
+            track.extend(xs.into_iter().map(|x_mm| at(x_mm, y_mm)));
+            // Half-way to the next row.
+            let end_mm = if row % 2 == 0 { 60.0 } else { 0.0 };
+            track.push(at(end_mm, y_mm + 5.0));
+        }
+        let rows = rows(&track);
+        assert_eq!(rows.iter().map(Vec::len).collect::<Vec<_>>(), [31; 4]);
+        let steps: Vec<f64> = rows.windows(2).flat_map(|pair| step_overs_mm(&pair[0], &pair[1])).collect();
+        let (min_mm, max_mm) =
+            steps.iter().fold((f64::MAX, 0.0_f64), |(min, max), step| (min.min(*step), max.max(*step)));
+        assert!((min_mm - 10.0).abs() < 1e-9 && (max_mm - 12.0).abs() < 1e-9, "{steps:?}");
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
-use crate::record::{Budget, CycleId, Finding, Kind, Limit, MotionRecord, Number, Picture};
+use crate::record::{Budget, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Number, Picture};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::collections::BTreeMap;
 
@@ -27,7 +27,12 @@ fn finding(picture: &str) -> Finding {
         judgement: Judgement { verdict: Verdict::Review, reasons },
         numbers: vec![number, Number::new("drift", "mm", None)],
         details: BTreeMap::from([("base_from_panel".to_owned(), serde_json::json!({"x_mm": 1e-17}))]),
-        pictures: vec![Picture { caption: "outline".to_owned(), hash: picture.to_owned() }],
+        pictures: vec![Picture {
+            name: "located".to_owned(),
+            caption: "outline".to_owned(),
+            hash: picture.to_owned(),
+        }],
+        shots: vec![KeptFile { name: "scan".to_owned(), hash: picture.to_owned() }],
     }
 }
 
@@ -59,6 +64,8 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
     assert_eq!(record.findings, [finding(&picture), Finding { kind: Kind::Abrade, pass: 1, ..finding(&picture) }]);
     assert_eq!(record.motions, [MotionRecord { motion, outcome: Some(Outcome::Held), done: 17 }]);
     assert_eq!((record.budget, record.events), (Some(budget), 1));
+    let asked: Vec<Request> = record.asked.iter().map(|asked| asked.request).collect();
+    assert_eq!(asked, [Request::Hold], "what was asked in this cycle, not before or after it");
     let judgement = record.judgement.expect("over");
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Fail, "passes"));
     assert!(record.started_unix_s > 1_700_000_000 && record.ended_unix_s >= Some(record.started_unix_s));

@@ -33,7 +33,8 @@ impl Bench {
         let text = include_str!("../../../../config/cell.toml");
         let cell = cell::Cell::check("config/cell.toml", text).expect("a shipped file");
         let sim = sim::Cell::new(1, Scene::Good, 8);
-        let world = SimulatedWorld::new(sim.clone(), &cell, DISC_MM).expect("the shipped file has all names");
+        let world = SimulatedWorld::new(sim.clone(), &cell).expect("the shipped file has all names");
+        world.mount_disc(DISC_MM);
         let [commands, states] = [crate::eki::CELLCMD, crate::eki::CELLSTAT]
             .map(|text| ChannelFile::parse(text).expect("a shipped file"));
         let controller = Controller::new(world.setup(&cell, commands, states), world.terminals()).expect("fits");
@@ -291,7 +292,7 @@ fn an_abraded_spot_holds_water_after_it_is_wetted_again() {
 fn what_the_cells_file_does_not_name_is_told() {
     let cell = |text: &str| cell::Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
     let told = |text: &str| {
-        let made = SimulatedWorld::new(sim::Cell::new(1, Scene::Clean, 8), &cell(text), DISC_MM);
+        let made = SimulatedWorld::new(sim::Cell::new(1, Scene::Clean, 8), &cell(text));
         made.err().expect("refused").to_string()
     };
     assert_eq!(told(""), "[io.outputs] light is missing; the simulated world needs its number");

@@ -1,0 +1,169 @@
+//! The text as a tree of nodes with their lines.
+
+use crate::config::Problem;
+use quick_xml::Reader;
+use quick_xml::events::{BytesStart, Event};
+
+/// Nothing in these files is deeper than four.
+const DEEPEST: usize = 32;
+
+/// An element of the file.
+#[derive(Debug)]
+pub(super) struct Node {
+    /// As written.
+    pub(super) name: String,
+    /// Its parents and itself below the root, in capitals: `RECEIVE/XML/ELEMENT`; empty for the root.
+    pub(super) path: String,
+    pub(super) line: usize,
+    pub(super) attributes: Vec<Attribute>,
+    /// Text directly inside, trimmed.
+    pub(super) text: String,
+    /// Where that text begins.
+    pub(super) text_line: usize,
+    pub(super) children: Vec<Node>,
+}
+
+#[derive(Debug)]
+pub(super) struct Attribute {
+    /// As written.
+    pub(super) name: String,
+    pub(super) value: String,
+    pub(super) line: usize,
+}
+
+impl Node {
+    /// Its attribute of this name, in any case.
+    pub(super) fn attribute(&self, name: &str) -> Option<&Attribute> {
+        self.attributes.iter().find(|attribute| attribute.name.eq_ignore_ascii_case(name))
+    }
+
+    /// All nodes below it with this path.
+    pub(super) fn at<'a>(&'a self, path: &str) -> Vec<&'a Node> {
+        let mut found: Vec<&Node> = self.children.iter().flat_map(|child| child.at(path)).collect();
+        if self.path == path {
+            found.insert(0, self);
+        }
+        found
+    }
+
+    /// How messages name it: its path, and the tag of an ELEMENT.
+    pub(super) fn key(&self) -> String {
+        let path = if self.path.is_empty() { &self.name } else { &self.path };
+        match self.attribute("Tag") {
+            Some(tag) if self.path.ends_with("/ELEMENT") => format!("{path}[{}]", tag.value),
+            _ => path.clone(),
+        }
+    }
+}
+
+/// Reads the whole text.
+///
+/// # Errors
+/// Where it is no well-formed XML.
+pub(super) fn tree(text: &str) -> Result<Node, Problem> {
+    let mut reader = Reader::from_str(text);
+    reader.config_mut().check_comments = false;
+    let mut open: Vec<Node> = Vec::new();
+    let mut root: Option<Node> = None;
+    loop {
+        let at = offset(reader.buffer_position());
+        let event = reader.read_event().map_err(|error| {
+            let at = offset(reader.error_position());
+            not_xml(line_of(text, at), &error.to_string())
+        })?;
+        let line = line_of(text, at);
+        match event {
+            Event::Start(tag) | Event::Empty(tag) if open.is_empty() && root.is_some() => {
+                return Err(not_xml(
+                    line,
+                    &format!("{} stands behind the end of the file's only element", tag.name().0),
+                ));
+            }
+            Event::Start(tag) => {
+                open.push(node(text, at, &tag, open.last())?);
+                if open.len() > DEEPEST {
+                    return Err(not_xml(line, &format!("more than {DEEPEST} elements inside each other")));
+                }
+            }
+            Event::Empty(tag) => close(node(text, at, &tag, open.last())?, &mut open, &mut root),
+            Event::End(_) => {
+                if let Some(node) = open.pop() {
+                    close(node, &mut open, &mut root);
+                }
+            }
+            Event::Text(content) => add_text(text, at, &content, &mut open)?,
+            Event::CData(content) => add_text(text, at, &content, &mut open)?,
+            Event::GeneralRef(name) => add_text(text, at, &format!("&{};", &*name), &mut open)?,
+            Event::DocType(_) => return Err(not_xml(line, "a document type has no place in such a file")),
+            Event::Eof => break,
+            Event::Comment(_) | Event::Decl(_) | Event::PI(_) => {}
+        }
+    }
+    match (open.last(), root) {
+        (Some(node), _) => Err(not_xml(node.line, &format!("{} is never closed", node.name))),
+        (None, None) => Err(not_xml(1, "the file holds no element")),
+        (None, Some(root)) => Ok(root),
+    }
+}
+
+fn offset(position: u64) -> usize {
+    usize::try_from(position).unwrap_or(usize::MAX)
+}
+
+fn line_of(text: &str, at: usize) -> usize {
+    1 + text.as_bytes()[..at.min(text.len())].iter().filter(|&&byte| byte == b'\n').count()
+}
+
+fn not_xml(line: usize, what: &str) -> Problem {
+    Problem { line, key: String::new(), message: format!("not XML: {what}") }
+}
+
+fn close(node: Node, open: &mut [Node], root: &mut Option<Node>) {
+    match open.last_mut() {
+        Some(parent) => parent.children.push(node),
+        None => *root = Some(node),
+    }
+}
+
+fn add_text(text: &str, at: usize, content: &str, open: &mut [Node]) -> Result<(), Problem> {
+    let trimmed = content.trim();
+    if trimmed.is_empty() {
+        return Ok(());
+    }
+    let blanks = content.len() - content.trim_start().len();
+    let line = line_of(text, at + blanks);
+    let Some(node) = open.last_mut() else {
+        let stray = trimmed.trim_start_matches('\u{feff}');
+        return if stray.is_empty() { Ok(()) } else { Err(not_xml(line, &format!("\"{stray}\" stands outside"))) };
+    };
+    if node.text.is_empty() {
+        node.text_line = line;
+    } else {
+        node.text.push(' ');
+    }
+    node.text.push_str(trimmed);
+    Ok(())
+}
+
+fn node(text: &str, at: usize, tag: &BytesStart<'_>, parent: Option<&Node>) -> Result<Node, Problem> {
+    let line = line_of(text, at);
+    let name = tag.name().0.to_owned();
+    let path = match parent {
+        None => String::new(),
+        Some(parent) if parent.path.is_empty() => name.to_ascii_uppercase(),
+        Some(parent) => format!("{}/{}", parent.path, name.to_ascii_uppercase()),
+    };
+    let mut attributes: Vec<Attribute> = Vec::new();
+    let mut cursor = at + name.len();
+    for attribute in tag.attributes().with_checks(false) {
+        let attribute = attribute.map_err(|error| not_xml(line, &error.to_string()))?;
+        let key = attribute.key.0;
+        // An element may stretch over lines.
+        cursor += text.get(cursor..).and_then(|rest| rest.find(key)).unwrap_or(0);
+        let attribute =
+            Attribute { name: key.to_owned(), value: attribute.value.to_string(), line: line_of(text, cursor) };
+        cursor += key.len() + attribute.value.len();
+        attributes.push(attribute);
+    }
+    Ok(Node { name, path, line, attributes, text: String::new(), text_line: line, children: Vec::new() })
+}

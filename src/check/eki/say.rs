@@ -1,0 +1,125 @@
+//! A channel in words.
+
+use super::channel::{Channel, Element, Raw};
+
+/// What the channel does, a sentence each.
+pub(super) fn sentences(channel: &Channel) -> Vec<String> {
+    let mut says = vec![who_listens(channel), how_long(channel), what_waits(channel)];
+    says.extend(
+        channel
+            .signals
+            .iter()
+            .filter(|signal| signal.tag.is_none())
+            .map(|signal| format!("{} is true while the other machine is connected", signal.variable())),
+    );
+    says.push(match &channel.ping {
+        Some(ping) => format!("the connection is probed (Ping {})", ping.value),
+        None => "no Ping: a pulled cable is not noticed by EthernetKRL itself".to_owned(),
+    });
+    let [logging, display] = &channel.messages;
+    if logging.is_some() || display.is_some() {
+        let word = |word: &Option<String>| word.clone().unwrap_or_else(|| "as the controller does".to_owned());
+        says.push(format!("messages: logged {}, on the pendant {}", word(logging), word(display)));
+    }
+    says.extend(roots("receives", &channel.received));
+    says.extend(channel.raw.iter().map(say_raw));
+    for signal in &channel.signals {
+        if let Some(tag) = &signal.tag {
+            let whole =
+                channel.received.iter().any(|element| element.root() == tag && !element.inside().is_empty());
+            let when = if whole { format!("a whole <{tag}>") } else { tag.clone() };
+            says.push(format!("{} rises when {when} has arrived; the program takes it back", signal.variable()));
+        }
+    }
+    says.extend(roots("sends", &channel.sent));
+    if channel.received.is_empty() && channel.raw.is_empty() {
+        says.push("receives nothing".to_owned());
+    }
+    if channel.sent.is_empty() {
+        says.push("sends nothing of its own; EKI_Send may send a text as it is".to_owned());
+    }
+    says
+}
+
+fn who_listens(channel: &Channel) -> String {
+    let server = channel.server();
+    let ip = server.ip.as_ref().map(|ip| ip.value.as_str());
+    let protocol = if channel.is_udp.as_ref().is_some_and(|udp| udp.value) { "UDP" } else { "TCP" };
+    let port = server.port.as_ref().map(|port| port.value);
+    if channel.listens {
+        let port = port.map_or("54600, not stated".to_owned(), |port| port.to_string());
+        format!(
+            "channel {}: the controller listens on {}, port {port}, {protocol}, and takes one client",
+            channel.name,
+            ip.unwrap_or("its own address")
+        )
+    } else {
+        let port = port.map_or("not stated".to_owned(), |port| port.to_string());
+        let gives_up = channel.connect_ms.as_ref().map_or(2000, |connect| connect.value);
+        format!(
+            "channel {}: the controller dials {}, port {port}, {protocol}, and gives up after {gives_up} ms",
+            channel.name,
+            ip.unwrap_or("an address that is not stated")
+        )
+    }
+}
+
+fn how_long(channel: &Channel) -> String {
+    let until = match channel.environment.as_ref().map_or("Program", |stated| stated.value.as_str()) {
+        "Submit" => "the submit interpreter is cancelled or the inputs and outputs are configured anew",
+        "System" => "the inputs and outputs are configured anew",
+        _ => "the program is reset or deselected, or the inputs and outputs are configured anew",
+    };
+    format!("it lives until {until}")
+}
+
+fn what_waits(channel: &Channel) -> String {
+    let entries = channel.entries.as_ref().map_or(16, |entries| entries.value);
+    let bytes = channel.bytes.as_ref().map_or(16_384, |bytes| bytes.value);
+    let order = if channel.is_lifo.as_ref().is_some_and(|lifo| lifo.value) { "newest" } else { "oldest" };
+    format!(
+        "at most {entries} entries of each tag wait for the program, the {order} is read first, one more closes the \
+         connection; at most {bytes} bytes wait to be interpreted"
+    )
+}
+
+/// A sentence for each outermost name, in the file's order.
+fn roots(verb: &str, elements: &[Element]) -> Vec<String> {
+    let mut names: Vec<&str> = Vec::new();
+    for element in elements {
+        if !names.contains(&element.root()) {
+            names.push(element.root());
+        }
+    }
+    let sentence = |root: &&str| {
+        let inside: Vec<String> = elements
+            .iter()
+            .filter(|element| element.root() == *root)
+            .filter(|element| !element.inside().is_empty() || element.kind.is_some())
+            .map(|element| {
+                let name = if element.inside().is_empty() { "its text" } else { element.inside() };
+                match element.kind.as_deref() {
+                    Some("FRAME") => format!("{name} FRAME (X Y Z A B C)"),
+                    Some(kind) => format!("{name} {kind}"),
+                    None => name.to_owned(),
+                }
+            })
+            .collect();
+        if inside.is_empty() {
+            format!("{verb} <{root}>")
+        } else {
+            format!("{verb} <{root}>: {}", inside.join(", "))
+        }
+    };
+    names.iter().map(sentence).collect()
+}
+
+fn say_raw(raw: &Raw) -> String {
+    let size = raw.size.map_or("not stated".to_owned(), |size| size.to_string());
+    if raw.is_stream {
+        let end = raw.end.as_deref().unwrap_or("not stated");
+        format!("receives text that ends with the codes {end}, size {size}")
+    } else {
+        format!("receives records of bytes, size {size}")
+    }
+}

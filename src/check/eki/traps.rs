@@ -1,0 +1,236 @@
+//! What the controller accepts and a person regrets: the pitfalls of `eki.md` 6, and what cannot work.
+
+use super::Findings;
+use super::channel::{Channel, Element};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// The ports that the controller's firewall opens.
+const PORTS: std::ops::RangeInclusive<u32> = 54_600..=54_615;
+/// The last `$FLAG`; the manual's range for Set_Flag goes one further.
+const LAST_FLAG: u32 = 1024;
+
+/// Notes everything about one channel that its file alone shows.
+pub(super) fn find(channel: &Channel, found: &mut Findings) {
+    addresses(channel, found);
+    life(channel, found);
+    buffers(channel, found);
+    signals(channel, found);
+    elements(channel, found);
+    raw(channel, found);
+}
+
+fn addresses(channel: &Channel, found: &mut Findings) {
+    let internal_line = channel.internal_line;
+    if !channel.type_stated {
+        let message = "is not stated: the controller takes Server, dials the other machine and does not listen; write \
+                       Client where the PC dials";
+        found.warn(1, "CONFIGURATION/EXTERNAL/TYPE", message);
+    }
+    if channel.listens {
+        match &channel.internal.port {
+            Some(port) if !PORTS.contains(&port.value) => found.wrong(
+                port.line,
+                "CONFIGURATION/INTERNAL/PORT",
+                format!("is {}; the controller's firewall lets only ports 54600 to 54615 through", port.value),
+            ),
+            Some(_) => {}
+            None => found.warn(
+                internal_line,
+                "CONFIGURATION/INTERNAL/PORT",
+                "is not stated: the controller takes 54600, which another channel may have",
+            ),
+        }
+        let ignored = [
+            ("IP", channel.external.ip.as_ref().map(|ip| ip.line)),
+            ("PORT", channel.external.port.as_ref().map(|port| port.line)),
+        ];
+        for (name, line) in ignored.into_iter().filter_map(|(name, line)| Some((name, line?))) {
+            let message =
+                "is not used: TYPE is Client, so the other machine dials; the address that counts is INTERNAL's";
+            found.warn(line, format!("CONFIGURATION/EXTERNAL/{name}"), message);
+        }
+    } else {
+        let missing = [("IP", channel.external.ip.is_none()), ("PORT", channel.external.port.is_none())];
+        for (name, _) in missing.into_iter().filter(|(_, missing)| *missing) {
+            let message = "is missing; the controller dials the other machine and needs its address";
+            found.wrong(1, format!("CONFIGURATION/EXTERNAL/{name}"), message);
+        }
+    }
+    let side = if channel.listens { "INTERNAL" } else { "EXTERNAL" };
+    if let Some(ip) = &channel.server().ip
+        && !is_address(&ip.value)
+    {
+        let message = format!("is \"{}\", which is no address such as 172.31.1.147; a placeholder?", ip.value);
+        found.warn(ip.line, format!("CONFIGURATION/{side}/IP"), message);
+    }
+    if let Some(udp) = channel.is_udp.as_ref().filter(|udp| udp.value) {
+        let message = "is UDP, which the manual does not recommend: messages may be lost, doubled or out of order";
+        found.warn(udp.line, "CONFIGURATION/INTERNAL/PROTOCOL", message);
+    }
+    if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.listens) {
+        let message = format!(
+            "ends listening after {} ms without a client, error 2048; without it the controller waits",
+            wait.value
+        );
+        found.warn(wait.line, "CONFIGURATION/INTERNAL/TIMEOUT/@Connect", message);
+    }
+}
+
+fn is_address(text: &str) -> bool {
+    let parts: Vec<&str> = text.split('.').collect();
+    parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())
+}
+
+fn life(channel: &Channel, found: &mut Findings) {
+    let key = "CONFIGURATION/INTERNAL/ENVIRONMENT";
+    let consequence = "the channel is deleted whenever the program is reset or deselected, and the client finds itself cut \
+                       off at every intervention; put state and abort on Submit or System";
+    match &channel.environment {
+        Some(stated) if stated.value == "Program" => {
+            found.warn(stated.line, key, format!("is Program: {consequence}"))
+        }
+        Some(_) => {}
+        None => found.warn(channel.internal_line, key, format!("is not stated, and Program then: {consequence}")),
+    }
+    if !channel.signals.iter().any(|signal| signal.tag.is_none()) {
+        let message = "raises no flag and no output: the program does not see a client come or go";
+        found.warn(channel.alive_line.unwrap_or(channel.internal_line), "CONFIGURATION/INTERNAL/ALIVE", message);
+    }
+}
+
+fn buffers(channel: &Channel, found: &mut Findings) {
+    let key = "CONFIGURATION/INTERNAL/BUFFERING";
+    if channel.entries.is_none() && !channel.received.is_empty() {
+        let message = "states no Limit: each memory holds 16 entries, and the 17th closes the connection instead of waiting; \
+                       at most 512 can be had";
+        found.warn(channel.internal_line, format!("{key}/@Limit"), message);
+    }
+    let lifo = channel.is_lifo.as_ref().filter(|lifo| lifo.value).map(|lifo| (lifo.line, key.to_owned()));
+    let own = channel.received.iter().filter(|element| element.is_lifo);
+    let own = own.map(|element| (element.line, format!("RECEIVE/XML/ELEMENT[{}]", element.tag)));
+    for (line, key) in lifo.into_iter().chain(own) {
+        let message = "reads the newest entry first: values of several tags need EKI_Lock and EKI_Unlock around them, or \
+                       they come from different messages";
+        found.warn(line, format!("{key}/@Mode"), message);
+    }
+}
+
+fn signals(channel: &Channel, found: &mut Findings) {
+    for (index, signal) in channel.signals.iter().enumerate() {
+        let key = signal
+            .tag
+            .as_ref()
+            .map_or("CONFIGURATION/INTERNAL/ALIVE".to_owned(), |tag| format!("RECEIVE ELEMENT[{tag}]"));
+        let same = |other: &&super::channel::Signal| other.variable() == signal.variable();
+        if let Some(other) = channel.signals[..index].iter().find(same) {
+            let message = format!(
+                "{} is raised by {} too (line {}); the program cannot tell which it was",
+                signal.variable(),
+                other.cause(),
+                other.line
+            );
+            found.wrong(signal.line, &key, message);
+        }
+        if signal.is_flag && signal.number > LAST_FLAG {
+            found.warn(
+                signal.line,
+                &key,
+                format!("$FLAG ends at {LAST_FLAG}, though the manual allows {}", signal.number),
+            );
+        }
+    }
+}
+
+fn elements(channel: &Channel, found: &mut Findings) {
+    if channel.received.is_empty() && channel.raw.is_empty() && channel.sent.is_empty() {
+        found.warn(1, "RECEIVE", "neither RECEIVE nor SEND has an ELEMENT: the channel carries nothing");
+    }
+    duplicates("RECEIVE", &channel.received, found);
+    duplicates("SEND", &channel.sent, found);
+    let raises = |tag: &str| channel.signals.iter().any(|signal| signal.tag.as_deref() == Some(tag));
+    for element in &channel.received {
+        let key = format!("RECEIVE/XML/ELEMENT[{}]", element.tag);
+        let is_attribute = element.inside().contains('@');
+        match element.kind.as_deref() {
+            None if !raises(&element.tag) => {
+                let message = "has neither Type nor flag nor output: what arrives is not kept and nobody is told";
+                found.warn(element.line, &key, message);
+            }
+            Some("FRAME") if is_attribute => {
+                let message = "is a FRAME in an attribute; a FRAME is an element with the attributes X Y Z A B C";
+                found.wrong(element.line, &key, message);
+            }
+            _ => {}
+        }
+        let below = format!("{}/@", element.tag);
+        if element.kind.as_deref() == Some("FRAME")
+            && let Some(part) = channel.received.iter().find(|other| other.tag.starts_with(&below))
+        {
+            let message = format!("is a FRAME, and {} (line {}) is a part of it", part.tag, part.line);
+            found.warn(element.line, &key, message);
+        }
+    }
+    root_flags(channel, found);
+}
+
+/// A root's flag says that a message is whole; a leaf's says only that the leaf was there.
+fn root_flags(channel: &Channel, found: &mut Findings) {
+    let mut seen = BTreeSet::new();
+    for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
+        let root = element.root();
+        let raised: Vec<&str> = channel.signals.iter().filter_map(|signal| signal.tag.as_deref()).collect();
+        if !seen.insert(root) || raised.contains(&root) {
+            continue;
+        }
+        let inside = format!("{root}/");
+        let message = match raised.iter().find(|tag| tag.starts_with(&inside)) {
+            Some(leaf) => format!(
+                "no flag for the whole of <{root}>: that of {leaf} does not rise in a message without it; add <ELEMENT \
+                 Tag=\"{root}\" Set_Flag=\"…\"/>"
+            ),
+            None => format!(
+                "no flag tells that a <{root}> has arrived; the program must ask EKI_CheckBuffer all the time, or add \
+                 <ELEMENT Tag=\"{root}\" Set_Flag=\"…\"/>"
+            ),
+        };
+        found.warn(element.line, format!("RECEIVE/XML/ELEMENT[{root}]"), message);
+    }
+}
+
+fn duplicates(section: &str, elements: &[Element], found: &mut Findings) {
+    let mut first: BTreeMap<&str, &Element> = BTreeMap::new();
+    for element in elements {
+        let Some(other) = first.get(element.tag.as_str()) else {
+            first.insert(&element.tag, element);
+            continue;
+        };
+        let (key, line) = (format!("{section}/XML/ELEMENT[{}]", element.tag), other.line);
+        if element.kind.is_some() && other.kind.is_some() && element.kind != other.kind {
+            found.wrong(
+                element.line,
+                key,
+                format!("stands twice with different types (line {line}); it has one memory"),
+            );
+        } else {
+            found.warn(element.line, key, format!("stands twice (line {line}); both are one memory"));
+        }
+    }
+}
+
+fn raw(channel: &Channel, found: &mut Findings) {
+    let key = "RECEIVE/RAW/ELEMENT";
+    for second in channel.raw.iter().skip(1) {
+        found.wrong(second.line, key, "a channel has at most one RAW element");
+    }
+    for raw in &channel.raw {
+        if !channel.received.is_empty() {
+            found.wrong(raw.line, key, "XML and RAW cannot be mixed on one channel");
+        }
+        if raw.is_stream && raw.end.is_none() {
+            found.wrong(raw.line, key, "is a STREAM without EOS: nothing says where a text ends");
+        }
+        if !raw.is_stream && raw.size.is_none() {
+            found.wrong(raw.line, key, "is of BYTE without Size: nothing says how long a record is");
+        }
+    }
+}

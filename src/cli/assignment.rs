@@ -1,0 +1,130 @@
+//! What a cycle works by, read from its files: recipe, what was taught of its panel, calibrations, and the texts of
+//! all of them for the record.
+
+use super::args::Common;
+use super::disk;
+use super::fault::Fault;
+use super::load::{self, CellFiles, Taught};
+use crate::cycle::Request;
+use crate::daemon::{Calibrations, Job, Order, Task};
+use crate::recipe::Recipe;
+use crate::store::CycleStart;
+use std::path::Path;
+
+/// The cell's calibrations with the texts that they and the cell were read from, by name.
+pub struct Calibrated {
+    /// The values.
+    pub values: Calibrations,
+    texts: Vec<(&'static str, String)>,
+}
+
+impl Calibrated {
+    /// Reads all that a cycle needs.
+    ///
+    /// # Errors
+    /// Where the cell names no such file, or it has problems.
+    pub fn read(files: &CellFiles, common: &Common) -> Result<Self, Fault> {
+        let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
+        let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
+        let tool = files.flange_from_tool()?;
+        let values = Calibrations {
+            scanner: scanner.value,
+            base_from_camera: base_from_camera.value,
+            flange_camera: flange_camera.value,
+            flange_from_camera: flange_from_camera.value,
+            flange_from_tool: tool.value,
+            hand_eye_mm: both_mm(base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm),
+        };
+        let texts = vec![
+            ("cell", disk::read_text(&common.cell)?),
+            ("scanner", scanner.text),
+            ("base_from_camera", base_from_camera.text),
+            ("flange_camera", flange_camera.text),
+            ("flange_from_camera", flange_from_camera.text),
+            ("flange_from_tool", tool.text),
+        ];
+        Ok(Calibrated { values, texts })
+    }
+}
+
+/// Two independent errors together, where both are known.
+fn both_mm(one_mm: Option<f64>, other_mm: Option<f64>) -> Option<f64> {
+    Some(one_mm?.hypot(other_mm?))
+}
+
+/// A recipe with what was taught of its panel.
+pub struct Assignment {
+    /// The recipe.
+    pub recipe: Recipe,
+    recipe_text: String,
+    /// What was taught of its panel.
+    pub taught: Taught,
+}
+
+impl Assignment {
+    /// Reads the recipe and loads what was taught of its panel.
+    ///
+    /// # Errors
+    /// Where the recipe has problems, or its panel was not taught, or with another region.
+    pub fn read(files: &CellFiles, recipe_file: &Path) -> Result<Self, Fault> {
+        Self::of(files, recipe_file, disk::read_text(recipe_file)?)
+    }
+
+    /// The same from the recipe's text.
+    ///
+    /// # Errors
+    /// As [`Assignment::read`].
+    pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
+        let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
+        let taught = load::taught(files, recipe_file, &recipe)?;
+        Ok(Assignment { recipe, recipe_text, taught })
+    }
+
+    /// A cycle for the service to begin.
+    ///
+    /// # Errors
+    /// Where no corner was taught.
+    pub fn order(self, calibrated: &Calibrated) -> Result<Order, Fault> {
+        let (request, start) = (self.request(), self.start(calibrated));
+        let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
+        let task = Task::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        Ok(Order { request, task, start })
+    }
+
+    /// What the loop works by.
+    ///
+    /// # Errors
+    /// Where the cell does not name what a cycle needs, or no corner was taught.
+    pub fn job<'a>(&'a self, files: &'a CellFiles, calibrated: &Calibrated) -> Result<Job<'a>, Fault> {
+        let taught = (&self.taught.panel, self.taught.corners.as_slice());
+        Job::new(&files.cell, &self.recipe, taught, calibrated.values).map_err(Fault::stage)
+    }
+
+    /// What the record of its cycle begins with.
+    pub fn start(&self, calibrated: &Calibrated) -> CycleStart {
+        CycleStart {
+            panel: self.recipe.panel().to_owned(),
+            taught_version: self.taught.version.clone(),
+            recipe_text: self.recipe_text.clone(),
+            file_texts: calibrated.texts.iter().map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
+        }
+    }
+
+    /// How the table is asked to begin a cycle.
+    pub fn request(&self) -> Request {
+        Request::Start { max_passes: count(self.recipe.process().max_passes_per_grid()), max_moves: self.moves() }
+    }
+
+    /// How the table is asked to begin an air-run.
+    pub fn air_request(&self) -> Request {
+        Request::AirRun { max_moves: self.moves() }
+    }
+
+    fn moves(&self) -> u8 {
+        count(self.recipe.corner().max_moves())
+    }
+}
+
+fn count(number: usize) -> u8 {
+    u8::try_from(number).unwrap_or(u8::MAX)
+}

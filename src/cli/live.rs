@@ -1,0 +1,140 @@
+//! The configured cell, alive: its robot and its cameras, each by its `kind`.
+//!
+//! A mock robot runs inside this program, in lock step, and the simulated world is around it; a controller over
+//! EthernetKRL runs by the wall clock. Simulated cameras look at that world, so they go with the mock robot only.
+
+use super::args::Simulation;
+use super::fault::Fault;
+use crate::cell::{self, Cell, RobotKind};
+use crate::daemon::{Calibrations, Cameras, LinkedRobot};
+use crate::devices::cameras::{
+    FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera, SimulatedScanner,
+    simulated,
+};
+use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
+use crate::devices::robot::{Address, BlockingLink, link_limits};
+use crate::devices::world::SimulatedWorld;
+use crate::eki::{CELLCMD, CELLSTAT, Pace};
+use crate::sim;
+
+/// The cell's cameras, whatever they are.
+pub type Eyes = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
+
+/// The cell's devices.
+pub struct Live {
+    // Dropped in this order: the link hangs up before its controller ends.
+    /// The robot.
+    pub robot: LinkedRobot,
+    /// The cameras.
+    pub eyes: Eyes,
+    /// What is around a mock robot.
+    pub simulated: Option<Simulated>,
+}
+
+/// A mock controller and its world.
+pub struct Simulated {
+    /// The world.
+    pub world: SimulatedWorld,
+    /// The controller.
+    pub server: MockServer,
+}
+
+/// Width of the simulated scanner's picture at full size, px.
+const FULL_WIDTH_PX: usize = 1944;
+/// The renderer's smallest pictures are this many times smaller.
+const SMALLEST: usize = 8;
+
+impl Live {
+    /// Starts the devices that the cell's file names. The robot's link begins to connect; nothing moves.
+    ///
+    /// # Errors
+    /// Where kinds do not go together, this program has no such camera, a recording cannot be opened, or a thread or
+    /// port cannot be had.
+    pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
+        let simulated = match cell.robot().kind() {
+            RobotKind::Mock => Some(Simulated::start(cell, simulated_cell(calibrations, simulation)?)?),
+            RobotKind::Eki => None,
+        };
+        let eyes = eyes(cell, calibrations, simulated.as_ref())?;
+        Ok(Live { robot: linked(cell, simulated.as_ref())?, eyes, simulated })
+    }
+}
+
+/// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
+///
+/// # Errors
+/// As [`Live::start`].
+pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
+    let world = || sim::Cell::new(1, sim::Scene::Good, SMALLEST);
+    let simulated = match cell.robot().kind() {
+        RobotKind::Mock => Some(Simulated::start(cell, world())?),
+        RobotKind::Eki => None,
+    };
+    Ok((linked(cell, simulated.as_ref())?, simulated))
+}
+
+fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fault> {
+    let (address, pace) = match simulated {
+        Some(simulated) => (simulated.address(), Pace::LockStep),
+        None => (Address::from(cell.robot()), Pace::Wall),
+    };
+    let link = BlockingLink::start(address, link_limits(cell.limits()), pace).map_err(Fault::stage)?;
+    Ok(LinkedRobot::new(link, pace))
+}
+
+/// The simulated cell whose scanner is the calibrated one.
+fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result<sim::Cell, Fault> {
+    let found = &calibrations.scanner;
+    let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
+    let simulated_cell = sim::Cell::new(simulation.seed, simulation.scene.into(), reduction);
+    let delivers = simulated_cell.scanner();
+    if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
+        return Ok(simulated_cell);
+    }
+    Err(Fault::NoSuchSimulatedSize {
+        found_px: [found.width_px, found.height_px],
+        nearest_px: [delivers.width_px, delivers.height_px],
+    })
+}
+
+impl Simulated {
+    fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
+        let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
+        let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
+        let setup = world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);
+        let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
+        let server = MockServer::start(controller, mock::Ports::free()).map_err(Fault::stage)?;
+        Ok(Simulated { world, server })
+    }
+
+    fn address(&self) -> Address {
+        Address {
+            host: self.server.command_address().ip().to_string(),
+            command_port: self.server.command_address().port(),
+            state_port: self.server.state_address().port(),
+        }
+    }
+
+    fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
+        simulated(&self.world, &self.server.handle())
+    }
+}
+
+fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>) -> Result<Eyes, Fault> {
+    let no_world = |table| Fault::SimulatedWithoutMock { table };
+    let scanner: Box<dyn Scanner> = match cell.scanner() {
+        cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("scanner"))?.cameras().0),
+        cell::Camera::Recorded { folder } => {
+            Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
+        }
+        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "scanner", kind: "zivid" }),
+    };
+    let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
+        cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("flange_camera"))?.cameras().1),
+        cell::Camera::Recorded { folder } => {
+            Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
+        }
+        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "flange_camera", kind: "gige" }),
+    };
+    Ok(Cameras { scanner, flange })
+}

@@ -1,0 +1,88 @@
+//! `panelprep mock-robot`: a controller to connect to, until the program is ended.
+
+use super::args::{Common, MockRobot};
+use super::disk;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports};
+use crate::devices::world::SimulatedWorld;
+use crate::eki::{CELLCMD, CELLSTAT};
+use crate::sim;
+use std::time::Duration;
+
+/// How often what happened is told.
+const ROUND: Duration = Duration::from_millis(100);
+
+/// Listens on the ports of the EthernetKRL files and tells what the controller does. Its inputs answer its outputs as
+/// the cell's file names them.
+///
+/// # Errors
+/// Where a file is not what it must be, or a port is taken.
+pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let channel = |name: &str, shipped: &str| match &args.config {
+        None => ChannelFile::parse(shipped).map_err(Fault::stage),
+        Some(folder) => {
+            let file = folder.join(name);
+            ChannelFile::parse(&disk::read_text(&file)?).map_err(|error| Fault::file(&file, error))
+        }
+    };
+    let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
+    let ports = Ports { host: args.host, command: commands.port(), state: states.port() };
+    // Only its water, light and tool matter here: no camera looks at it.
+    let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
+    let setup = crate::devices::mock::Setup { clock: Clock::Free, ..world.setup(&files.cell, commands, states) };
+    let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
+    let server = MockServer::start(controller, ports).map_err(Fault::stage)?;
+    tell(&format!(
+        "mock controller: commands at {}, state at {}; end it with Ctrl-C",
+        server.command_address(),
+        server.state_address()
+    ));
+    let mut told = Told::default();
+    loop {
+        server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
+        std::thread::sleep(ROUND);
+    }
+}
+
+/// What was told already.
+#[derive(Default)]
+struct Told {
+    epoch: i32,
+    executed: usize,
+    stops: usize,
+    outputs: Vec<u16>,
+}
+
+impl Told {
+    fn news(&mut self, controller: &Controller) -> Vec<String> {
+        let at = |time_ms: u64| format!("{:9.3} s", time_ms as f64 / 1_000.0);
+        let now = at(controller.time_ms());
+        let mut lines = Vec::new();
+        if controller.epoch() != self.epoch {
+            self.epoch = controller.epoch();
+            lines.push(format!("{now}  epoch {}", self.epoch));
+        }
+        for done in &controller.executed()[self.executed..] {
+            let joints = done.joints;
+            let axes = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+            let axes = axes.map(|angle| format!("{angle:.2}")).join(" ");
+            let contact = if done.contact { ", in contact" } else { "" };
+            lines.push(format!("{}  command {} executed, axes {axes}{contact}", at(done.time_ms), done.id));
+        }
+        for stop in &controller.stops()[self.stops..] {
+            let detail = if stop.detail.is_empty() { String::new() } else { format!(": {}", stop.detail) };
+            lines.push(format!("{}  epoch {} stopped, {:?}{detail}", at(stop.time_ms), stop.epoch, stop.cause));
+        }
+        (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
+        let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
+        if on != self.outputs {
+            let words = on.iter().map(u16::to_string).collect::<Vec<_>>().join(", ");
+            lines.push(format!("{now}  outputs on: {}", if on.is_empty() { "none".to_owned() } else { words }));
+            self.outputs = on;
+        }
+        lines
+    }
+}

@@ -1,0 +1,244 @@
+//! `panelprep robot …`: the nine functions of thesis Table 3.1, one at a time, each through its gate.
+
+use super::args::{Common, OnOff, Robot, RobotFunction, TipName};
+use super::disk;
+use super::fault::Fault;
+use super::live;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::cell::{Cell, InputsOutputs};
+use crate::daemon::{Line, Single, SingleError, speeds};
+use crate::eki::{Command, SetTcp, Signal, State, TcpKind};
+use crate::files;
+use crate::geometry::{Joints, KukaPose};
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::{Map, Value, json};
+use std::path::Path;
+use std::time::Duration;
+
+/// Does one function and prints the controller's state after it.
+///
+/// # Errors
+/// Where a file or a number is not what it must be, another program holds the store, or no device can be started.
+pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let order = Order::read(&args.function, &files)?;
+    // Whoever holds the store may be moving the robot. To look is free.
+    let _store = if order == Order::State { None } else { Some(files.settled_store()?) };
+    let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
+    let mut single = match Single::connect(&mut robot) {
+        Ok(single) => single,
+        Err(error) => return Ok(Outcome::of(&judgement(error)?)),
+    };
+    let done = order.perform(&mut single, &files.cell);
+    let judgement = match done {
+        Ok(()) => Judgement::of(vec![], vec![]),
+        Err(error) => judgement(error)?,
+    };
+    let mut outcome = Outcome::of(&judgement);
+    let state = single.state();
+    words(state, files.cell.io()).into_iter().for_each(|line| outcome.say(line));
+    outcome.put("state", json_of(state, files.cell.io()));
+    Ok(outcome)
+}
+
+/// A refusal of the gate is a verdict, what cannot be sent at all is bad input, the rest a fault of the cell.
+fn judgement(error: SingleError) -> Result<Judgement, Fault> {
+    let code = match error {
+        SingleError::Gate(judgement) => return Ok(judgement),
+        SingleError::Queue(error) => return Err(Fault::stage(error)),
+        SingleError::NoController(_) | SingleError::Silent => "no_controller",
+        SingleError::Robot(_) => "robot",
+        SingleError::LinkLost(_) => "link_lost",
+        SingleError::Late(_) => "late",
+    };
+    Ok(Judgement { verdict: Verdict::Aborted, reasons: vec![Reason::new(code, error.to_string())] })
+}
+
+/// A function with its numbers.
+#[derive(Debug, PartialEq)]
+enum Order {
+    State,
+    MoveJ(Joints, u8),
+    MoveLin(Line),
+    Set(Command),
+    SetOut { name: String, on: bool, keep: Duration },
+}
+
+impl Order {
+    fn read(function: &RobotFunction, files: &CellFiles) -> Result<Self, Fault> {
+        Ok(match function {
+            RobotFunction::State => Order::State,
+            RobotFunction::MoveJ { to, axis_speed_percent } => {
+                Order::MoveJ(joints(to, &files.cell)?, *axis_speed_percent)
+            }
+            RobotFunction::MoveLin { to, base, tool, speed_mm_s } => Order::MoveLin(Line {
+                to: pose(to)?,
+                base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
+                tool: tip(*tool, files)?,
+                speed_mm_s: *speed_mm_s,
+            }),
+            RobotFunction::SetBase { base } => Order::Set(Command::SetBase(pose(base)?)),
+            RobotFunction::SetTcp { flange_from_tool } => {
+                let flange_from_tool = pose(flange_from_tool)?;
+                Order::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
+            }
+            RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
+                Order::Set(speeds(*speed_mm_s, *acceleration_m_s2, *axis_percent))
+            }
+            RobotFunction::SetOut { name, value, keep_s } => Order::SetOut {
+                name: name.clone(),
+                on: *value == OnOff::On,
+                keep: Duration::from_secs(u64::from(*keep_s)),
+            },
+            RobotFunction::SetIn { number, value } => {
+                Order::Set(Command::SetDigin(Signal { number: *number, on: *value == OnOff::On }))
+            }
+            RobotFunction::Call { index } => Order::Set(Command::CallSubroutine { index: *index }),
+        })
+    }
+
+    fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
+        match self {
+            Order::State => Ok(()),
+            Order::MoveJ(joints, percent) => single.move_joints(*joints, *percent),
+            Order::MoveLin(line) => single.move_line(line, cell.limits()),
+            Order::Set(command) => single.set(*command),
+            Order::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
+        }
+    }
+}
+
+fn tip(name: TipName, files: &CellFiles) -> Result<SetTcp, Fault> {
+    let other = |flange_from_tool| SetTcp { flange_from_tool, kind: TcpKind::Other };
+    Ok(match name {
+        TipName::Flange => other(KukaPose::default()),
+        TipName::Camera => other(KukaPose::from_rigid(&files.flange_from_camera()?.value)),
+        TipName::Sanding => SetTcp {
+            flange_from_tool: KukaPose::from_rigid(&files.flange_from_tool()?.value),
+            kind: TcpKind::Sanding,
+        },
+    })
+}
+
+/// A name of the cell's poses, or six angles.
+fn joints(text: &str, cell: &Cell) -> Result<Joints, Fault> {
+    if let Some(joints) = cell.pose(text) {
+        return Ok(joints);
+    }
+    let names = cell.poses().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+    let wrong = |problem: String| Fault::NotSix {
+        found: text.to_owned(),
+        what: "pose of the axes",
+        problem: format!(
+            "{problem}; allowed are six angles A1,A2,A3,A4,A5,A6 in degrees, or a name of [poses]: {names}"
+        ),
+    };
+    let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = six(text).map_err(wrong)?;
+    Ok(Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg })
+}
+
+/// Six numbers, or a file with a pose.
+fn pose(text: &str) -> Result<KukaPose, Fault> {
+    if text.ends_with(".json") {
+        let file = Path::new(text);
+        return files::read_located(&disk::read(file)?).map_err(|error| Fault::file(file, error));
+    }
+    let wrong = |problem: String| Fault::NotSix {
+        found: text.to_owned(),
+        what: "pose",
+        problem: format!("{problem}; allowed are X,Y,Z,A,B,C in mm and degrees, or a POSE.json"),
+    };
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = six(text).map_err(wrong)?;
+    Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
+}
+
+fn six(text: &str) -> Result<[f64; 6], String> {
+    let numbers: Vec<f64> = text
+        .split(',')
+        .map(|part| match part.trim().parse::<f64>() {
+            Ok(number) if number.is_finite() => Ok(number),
+            _ => Err(format!("\"{}\" is no number", part.trim())),
+        })
+        .collect::<Result<_, _>>()?;
+    <[f64; 6]>::try_from(numbers).map_err(|numbers| format!("{} numbers, six are needed", numbers.len()))
+}
+
+/// Which of the mapped signals are on, by name.
+fn named(bits: u32, numbers: &std::collections::BTreeMap<String, u16>) -> Vec<(&str, bool)> {
+    let bit = |number: &u16| numbers.values().filter(|other| *other < number).count();
+    numbers.iter().map(|(name, number)| (name.as_str(), bits >> bit(number) & 1 == 1)).collect()
+}
+
+fn json_of(state: &State, io: &InputsOutputs) -> Value {
+    let signals = |bits, numbers| -> Map<String, Value> {
+        named(bits, numbers).into_iter().map(|(name, on)| (name.to_owned(), json!(on))).collect()
+    };
+    json!({
+        "mode": state.mode.name(), "drives_on": state.drives_on, "emergency_stop": state.emergency_stop,
+        "guard_closed": state.guard_closed, "moving": state.moving, "motion_possible": state.motion_possible,
+        "epoch": state.epoch.0, "stopped": state.stopped, "boot": state.boot,
+        "programs_checksum": state.programs_checksum, "time_ms": state.time_ms, "underruns": state.underruns,
+        "joints": state.joints, "base_from_tcp": state.base_from_tcp,
+        "base": {"set": state.base_set, "pose": state.active_base},
+        "tool": {"set": state.tool_set, "pose": state.flange_from_tool},
+        "inputs": signals(state.inputs, io.feedbacks()), "outputs": signals(state.outputs, io.outputs()),
+    })
+}
+
+fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
+    let yes = |on: bool| if on { "yes" } else { "no" };
+    let frame = |set: bool| if set { "set in this epoch" } else { "not set in this epoch" };
+    let signals = |bits, numbers| {
+        let on: Vec<_> = named(bits, numbers).into_iter().filter(|(_, on)| *on).map(|(name, _)| name).collect();
+        if on.is_empty() { "none".to_owned() } else { on.join(", ") }
+    };
+    let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = state.joints;
+    vec![
+        format!(
+            "mode {}, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",
+            state.mode.name(),
+            yes(state.drives_on),
+            yes(state.emergency_stop),
+            yes(state.guard_closed),
+            yes(state.motion_possible),
+            yes(state.moving)
+        ),
+        format!(
+            "axes A1 {a1_deg:.3}° A2 {a2_deg:.3}° A3 {a3_deg:.3}° A4 {a4_deg:.3}° A5 {a5_deg:.3}° A6 {a6_deg:.3}°"
+        ),
+        format!("tip in the active base {}", state.base_from_tcp),
+        format!("base {} ({})", state.active_base, frame(state.base_set)),
+        format!("tool {} ({})", state.flange_from_tool, frame(state.tool_set)),
+        format!(
+            "inputs on: {}; outputs on: {}",
+            signals(state.inputs, io.feedbacks()),
+            signals(state.outputs, io.outputs())
+        ),
+        format!("epoch {}, boot {}, checksum of the programs {}", state.epoch, state.boot, state.programs_checksum),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_pose_is_six_finite_numbers() {
+        let read = pose("1,-2.5, 3,4,5,6").expect("six");
+        assert_eq!(read, KukaPose { x_mm: 1.0, y_mm: -2.5, z_mm: 3.0, a_deg: 4.0, b_deg: 5.0, c_deg: 6.0 });
+        for (text, expected) in
+            [("1,2,3", "3 numbers, six"), ("1,2,3,4,5,NaN", "\"NaN\" is no number"), ("", "\"\" is no number")]
+        {
+            let found = pose(text).expect_err("refused").to_string();
+            assert!(found.contains(expected), "{found}");
+        }
+    }
+
+    #[test]
+    fn signals_are_the_bits_in_the_order_of_their_numbers() {
+        let cell = Cell::check("cell.toml", "[io.outputs]\nlight = 9\ntool = 3\nspray = 5\n").expect("good");
+        let found = named(0b101, cell.io().outputs());
+        assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
+    }
+}

@@ -1,0 +1,123 @@
+//! `panelprep run`: the service of a configured cell.
+
+use super::args::{Common, Run};
+use super::assignment::{Assignment, Calibrated};
+use super::fault::Fault;
+use super::live::Live;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use super::report::{self, Kept};
+use crate::cycle::At;
+use crate::daemon::{self, Desk, Letter, Loader, Service, Site, Socket, StoreRecord};
+use crate::devices::world::SimulatedWorld;
+use crate::record::CycleId;
+use crate::verdict::{Judgement, Reason, Verdict};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::iterator::Signals;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, Sender};
+use std::thread::JoinHandle;
+
+/// Serves until a signal ends it. What an earlier process left open is for a person to clear; nothing moves before.
+///
+/// # Errors
+/// Where a file is not what it must be, another process writes to the store or answers on the socket, or the store
+/// does not write.
+pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
+    let (tell, letters) = mpsc::channel();
+    signals(tell.clone())?;
+    let files = Arc::new(CellFiles::read(common)?);
+    let site = Site::new(&files.cell).map_err(Fault::stage)?;
+    let calibrated = Calibrated::read(&files, common)?;
+    let mut store = files.store_for_writing()?;
+    let recovered = store.recover().map_err(Fault::stage)?;
+    let journal = store.journal().map_err(Fault::stage)?;
+    tracing::info!(
+        version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events = journal.len(),
+        "starts in {}", recovered.at.word()
+    );
+    let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
+    let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
+    let path = files.socket();
+    let socket = Socket::listen(&path, tell, loader(files.clone(), common.clone(), world)).map_err(Fault::stage)?;
+    tracing::info!("listens on {}", path.display());
+    let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
+    let (ended, pages) = mpsc::channel();
+    let pages = write_pages(files.clone(), pages)?;
+    let mut desk = Desk::new(letters, ended, left_open);
+    let (again, whole) = (files.clone(), common.clone());
+    let service = Service {
+        robot: &mut live.robot,
+        eyes: Box::new(live.eyes),
+        readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
+        record: &mut StoreRecord::new(&mut store, left_open),
+        requests: &mut desk,
+    };
+    let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
+    drop((socket, desk));
+    // A panic in there was reported where it happened.
+    let _ = pages.join();
+    tracing::info!("ends in {}", ended.at.word());
+    Ok(outcome(ended.at))
+}
+
+/// Signals come to the desk, however many there are.
+fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
+    let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
+    let each = move || {
+        for _ in signals.forever() {
+            if tell.send(Letter::Signal).is_err() {
+                return;
+            }
+        }
+    };
+    std::thread::Builder::new().name("signals".to_owned()).spawn(each).map_err(Fault::stage)?;
+    Ok(())
+}
+
+/// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
+fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHandle<()>, Fault> {
+    let page = move |cycle| -> Result<PathBuf, Fault> {
+        let page = report::page_file(files.store_folder(), cycle);
+        Kept::read(&files.store()?, cycle)?.write(&page, vec![])?;
+        Ok(page)
+    };
+    let each = move || {
+        for cycle in ended {
+            match page(cycle) {
+                Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
+                Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
+            }
+        }
+    };
+    std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
+}
+
+/// Reads all that a cycle works by, anew for each one.
+fn loader(files: Arc<CellFiles>, common: Common, world: Option<SimulatedWorld>) -> Arc<Loader> {
+    Arc::new(move |name: &str, text: &str| {
+        let load = || -> Result<_, Fault> {
+            let calibrated = Calibrated::read(&files, &common)?;
+            let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;
+            if let Some(world) = &world {
+                world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+            }
+            assignment.order(&calibrated)
+        };
+        load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
+    })
+}
+
+fn unreadable(fault: &Fault) -> Reason {
+    Reason::new("calibration", fault.to_string())
+}
+
+fn outcome(at: At) -> Outcome {
+    let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
+    let reasons = daemon::why(at).into_iter().collect();
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    outcome.put("state", at.word().into());
+    outcome.words[0] = format!("ended in state {}", at.word());
+    outcome
+}

@@ -1,0 +1,330 @@
+//! How far a simulated cycle was from the truth: the one reader of the truth besides tests. Nothing here decides.
+//!
+//! What was found is the record's, what was executed is the mock controller's own log, what is true is the world's. The
+//! log also shows that each waypoint of a path was executed once and acknowledged once: see [`contact_runs`].
+
+use super::live::Simulated;
+use super::outcome::Outcome;
+use crate::cycle::{Outcome as Ended, Path};
+use crate::devices::mock::{Executed, Sample};
+use crate::devices::world::{ContactErrors, Touched, contact_errors, step_over};
+use crate::geometry::{Base, KukaPose, Mask, Panel, Point, Rigid, Vector};
+use crate::inspect::{Inspection, score};
+use crate::panel::{Grid, TaughtPanel};
+use crate::path::StepOver;
+use crate::record::{CycleRecord, Finding, Kind, MotionRecord, name};
+use crate::report::page::{Row, Section};
+use crate::sim::{self, PlacementError, Truth};
+use crate::verdict::{Reason, Verdict};
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// Distance between points of a grid at which coverage is counted, mm.
+const LATTICE_MM: f64 = 1.0;
+
+/// A cycle held against the truth.
+pub struct Score {
+    located: Option<PlacementError>,
+    refined: Option<PlacementError>,
+    locate_ms: Option<f64>,
+    moves: Option<f64>,
+    inspections: Vec<Inspected>,
+    abrasions: Vec<Abraded>,
+    /// Why the waypoints executed are not those that were sent.
+    pub lost: Option<Reason>,
+}
+
+struct Inspected {
+    pass: bool,
+    iou: Option<f64>,
+    grids_failed: usize,
+    grids_true: Option<usize>,
+    grids_wrong: Option<usize>,
+    ms_per_frame: Option<f64>,
+}
+
+struct Abraded {
+    pass: u8,
+    waypoints: u32,
+    executed: usize,
+    coverage: f64,
+    step_over: Option<StepOver>,
+    errors: Option<ContactErrors>,
+}
+
+impl Score {
+    /// Holds what was found and executed against the truth of its world.
+    pub fn of(
+        record: &CycleRecord,
+        inspections: &[Arc<Inspection>],
+        (panel, disc_diameter_mm): (&TaughtPanel, f64),
+        simulated: &Simulated,
+    ) -> Self {
+        let truth = simulated.world.truth();
+        let log = simulated.server.handle();
+        let (executed, trace) = log.with(|mock| (mock.executed().to_vec(), mock.trace().to_vec()));
+        let last_of = |kind: Kind| record.findings.iter().rfind(move |finding| finding.kind == kind);
+        let error = |kind: Kind| Some(truth.placement_error_mm(&place(last_of(kind)?)?));
+        let (runs, lost) = match contact_runs(&record.motions, &executed) {
+            Ok(runs) => (runs, None),
+            Err(reason) => (Vec::new(), Some(reason)),
+        };
+        Score {
+            located: error(Kind::Locate),
+            refined: error(Kind::Refine),
+            locate_ms: last_of(Kind::Locate).and_then(|finding| finding.number(name::SCAN_TO_VERDICT)),
+            moves: last_of(Kind::Refine).and_then(|finding| finding.number(name::MOVES)),
+            inspections: inspected(record, inspections, &simulated.world.broken()),
+            abrasions: abraded(record, (&runs, &trace), (panel, disc_diameter_mm), truth),
+            lost,
+        }
+    }
+
+    /// The score for scripts.
+    pub fn put(&self, outcome: &mut Outcome) {
+        outcome.put(
+            "locate",
+            json!({
+                "error_mean_mm": self.located.map(|error| error.mean_mm),
+                "error_max_mm": self.located.map(|error| error.max_mm),
+                "elapsed_ms": self.locate_ms,
+            }),
+        );
+        let moves = self.moves.map_or(0, |moves| moves as u64);
+        outcome.put("refine", json!({"error_max_mm": self.refined.map(|error| error.max_mm), "moves": moves}));
+        let inspect = self.inspections.iter().map(|one| {
+            json!({
+                "pass": one.pass, "iou": one.iou, "grids_failed": one.grids_failed, "grids_true": one.grids_true,
+                "grids_wrong": one.grids_wrong, "ms_per_frame": one.ms_per_frame,
+            })
+        });
+        outcome.put("inspect", inspect.collect());
+        let abrade = self.abrasions.iter().map(|one| {
+            json!({
+                "pass": one.pass, "waypoints": one.waypoints, "waypoints_done": one.executed,
+                "coverage": one.coverage,
+                "step_over_mm": one.step_over.map(|step| json!({"min": step.min_mm, "max": step.max_mm})),
+                "normal_error_max_deg": one.errors.map(|errors| errors.normal_max_deg),
+                "surface_error_max_mm": one.errors.map(|errors| errors.surface_max_mm),
+            })
+        });
+        outcome.put("abrade", abrade.collect::<Vec<Value>>().into());
+        outcome.put("noise", json!(sim::noise_in_force()));
+    }
+
+    /// The score for a person: what it is, and its value.
+    fn lines(&self) -> Vec<(String, String)> {
+        let mut lines = Vec::new();
+        if let Some(error) = self.located {
+            let value = format!("{:.2} mm on average, {:.2} mm at most", error.mean_mm, error.max_mm);
+            lines.push(("located by 3D, error over the panel".to_owned(), value));
+        }
+        if let Some(error) = self.refined {
+            let value = format!("{:.2} mm on average, {:.2} mm at most", error.mean_mm, error.max_mm);
+            lines.push(("after the corner, error over the panel".to_owned(), value));
+        }
+        for (index, one) in self.inspections.iter().enumerate() {
+            let shown = |number: Option<usize>| number.map_or("unknown".to_owned(), |number| number.to_string());
+            let iou = one.iou.map_or("unknown".to_owned(), |iou| format!("{iou:.3}"));
+            let value = format!(
+                "intersection over union {iou}; {} grids failed, {} are truly broken, {} wrong",
+                one.grids_failed,
+                shown(one.grids_true),
+                shown(one.grids_wrong)
+            );
+            lines.push((format!("inspection {}", index + 1), value));
+        }
+        for one in &self.abrasions {
+            let errors = one.errors.map_or("no contact".to_owned(), |errors| {
+                format!("axis at most {:.2}° off, contact {:.2} mm", errors.normal_max_deg, errors.surface_max_mm)
+            });
+            let step = one
+                .step_over
+                .map_or(String::new(), |step| format!(", rows {:.1} to {:.1} mm apart", step.min_mm, step.max_mm));
+            let value = format!(
+                "{} of {} waypoints executed, coverage {:.3}, {errors}{step}",
+                one.executed, one.waypoints, one.coverage
+            );
+            lines.push((format!("abrasion, pass {}", one.pass), value));
+        }
+        lines
+    }
+
+    /// The score in words.
+    pub fn words(&self) -> Vec<String> {
+        self.lines().into_iter().map(|(name, value)| format!("{name}: {value}")).collect()
+    }
+
+    /// The score as a part of the page.
+    pub fn section(&self, simulation: &str) -> Section {
+        Section {
+            heading: "Against the simulator's truth".to_owned(),
+            text: format!(
+                "{simulation}. The cycle above knew nothing of this; what was executed is the mock controller's log."
+            ),
+            rows: self.lines().into_iter().map(|(name, value)| Row::new(&name, value, "")).collect(),
+            figures: Vec::new(),
+        }
+    }
+}
+
+/// Each film against the pixels whose film was truly broken in its last picture.
+fn inspected(record: &CycleRecord, inspections: &[Arc<Inspection>], films: &[Mask]) -> Vec<Inspected> {
+    // A film that was left has a truth and no inspection: then nobody knows which is whose.
+    let films = if films.len() == inspections.len() { films } else { &[] };
+    let watched = |finding: &&Finding| finding.kind == Kind::Inspect && finding.number(name::WATCHED).is_some();
+    let findings = record.findings.iter().filter(watched);
+    let one = |(index, (inspection, finding)): (usize, (&Arc<Inspection>, &Finding))| {
+        let truth = films.get(index);
+        let region = inspection.footprint.region();
+        let confusion = truth.and_then(|mask| inspection.confusion(mask).ok());
+        Inspected {
+            pass: inspection.judgement.verdict == Verdict::Pass,
+            iou: truth.and_then(|mask| score(&inspection.mask(), mask, &region).ok()).map(|score| score.iou),
+            grids_failed: inspection.grids.iter().filter(|grid| grid.failed).count(),
+            grids_true: confusion.map(|grids| grids.true_fail + grids.false_pass),
+            grids_wrong: confusion.map(|grids| grids.false_fail + grids.false_pass),
+            ms_per_frame: finding.number(name::PER_PICTURE),
+        }
+    };
+    inspections.iter().zip(findings).enumerate().map(one).collect()
+}
+
+/// Each contact path as the controller executed it, against the true surface.
+fn abraded(
+    record: &CycleRecord,
+    (runs, trace): (&[&[Executed]], &[Sample]),
+    (panel, disc_diameter_mm): (&TaughtPanel, f64),
+    truth: &Truth,
+) -> Vec<Abraded> {
+    let begun = |finding: &&Finding| finding.number(name::EXECUTED).is_some_and(|waypoints| waypoints > 0.0);
+    let findings = record.findings.iter().filter(begun);
+    let mut before_ms = 0;
+    let one = |((motion, run), finding): ((&MotionRecord, &&[Executed]), &Finding)| {
+        let until_ms = run.last().map_or(before_ms, |last| last.time_ms);
+        let during = |sample: &&Sample| before_ms < sample.time_ms && sample.time_ms <= until_ms;
+        let part: Vec<Sample> = trace.iter().filter(during).copied().collect();
+        before_ms = until_ms;
+        let grids = grids(finding, panel);
+        let points: Vec<Point<Panel>> = grids.into_iter().flat_map(|grid| lattice(grid, truth)).collect();
+        Abraded {
+            pass: finding.pass,
+            waypoints: motion.motion.waypoints,
+            executed: run.len(),
+            coverage: Touched::by(&part, truth, disc_diameter_mm).share(&points),
+            step_over: step_over(&part, truth),
+            errors: contact_errors(&part, truth),
+        }
+    };
+    contact(&record.motions).zip(runs).zip(findings).map(one).collect()
+}
+
+/// The paths in contact of which something was executed.
+fn contact(motions: &[MotionRecord]) -> impl Iterator<Item = &MotionRecord> {
+    motions.iter().filter(|record| record.motion.path == Path::Contact && record.done > 0)
+}
+
+fn place(finding: &Finding) -> Option<Rigid<Base, Panel>> {
+    let pose = finding.details.get("base_from_panel")?;
+    Some(serde_json::from_value::<KukaPose>(pose.clone()).ok()?.to_rigid())
+}
+
+/// The contact paths as the controller executed them, one for each that the store knows, in order.
+///
+/// A path is a run of commands with neighbouring ids: a speed is set before each and an output switched after it.
+///
+/// # Errors
+/// Where a command was executed twice, or a path has more or fewer waypoints than were sent and acknowledged.
+fn contact_runs<'a>(motions: &[MotionRecord], executed: &'a [Executed]) -> Result<Vec<&'a [Executed]>, Reason> {
+    let lost = |message: String| Reason::new("waypoints", message);
+    let mut ids: Vec<(i32, i32)> = executed.iter().map(|command| (command.epoch, command.id)).collect();
+    ids.sort_unstable();
+    if let Some(pair) = ids.windows(2).find(|pair| pair[0] == pair[1]) {
+        let (epoch, id) = pair[0];
+        return Err(lost(format!("command {id} of epoch {epoch} was executed twice")));
+    }
+    let follows = |before: &Executed, after: &Executed| before.epoch == after.epoch && after.id == before.id + 1;
+    let touches = |run: &&[Executed]| run.iter().any(|command| command.contact);
+    let runs: Vec<&[Executed]> = executed.chunk_by(follows).filter(touches).collect();
+    let contact: Vec<&MotionRecord> = contact(motions).collect();
+    if runs.len() != contact.len() {
+        let message = format!("{} paths in contact were executed, {} were sent", runs.len(), contact.len());
+        return Err(lost(message));
+    }
+    for (run, motion) in runs.iter().zip(contact) {
+        let (sent, done) = (motion.motion.waypoints, motion.done);
+        let whole = motion.outcome != Some(Ended::Done) || done == sent;
+        if run.len() != done as usize
+            || !whole
+            || run.first().map(|one| one.epoch) != Some(motion.motion.epoch as i32)
+        {
+            let message = format!(
+                "of a path of {sent} waypoints in epoch {} the controller executed {} and {done} were acknowledged",
+                motion.motion.epoch,
+                run.len()
+            );
+            return Err(lost(message));
+        }
+    }
+    Ok(runs)
+}
+
+/// The grids that an abrasion touched.
+fn grids<'a>(finding: &Finding, panel: &'a TaughtPanel) -> Vec<&'a Grid> {
+    let named = ["grids", "grids_in_part"].into_iter().filter_map(|name| finding.details.get(name)?.as_array());
+    let names: Vec<&str> = named.flatten().filter_map(Value::as_str).collect();
+    panel.grids.iter().filter(|grid| names.contains(&grid.id.to_string().as_str())).collect()
+}
+
+/// Points of a grid on the true surface, each for nearly the same area.
+fn lattice(grid: &Grid, truth: &Truth) -> Vec<Point<Panel>> {
+    let [a, b, c, d] = grid.corners.map(|corner| corner.mm.coords);
+    let steps = |length_mm: f64| (length_mm / LATTICE_MM).ceil().max(1.0) as usize;
+    let (across, down) = (steps((b - a).norm().max((c - d).norm())), steps((d - a).norm().max((c - b).norm())));
+    let at = |index: usize| {
+        let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+        let (s, t) = (share(index % across, across), share(index / across, down));
+        let flat = (a * (1.0 - s) + b * s) * (1.0 - t) + (d * (1.0 - s) + c * s) * t;
+        let point = Point::<Panel>::new(flat.into());
+        let down: Vector<Panel> = truth.normal(point) * -truth.distance_mm(point);
+        point + down
+    };
+    (0..across * down).map(at).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::Motion;
+    use crate::geometry::{Flange, Joints};
+
+    fn command(id: i32, contact: bool) -> Executed {
+        let base_from_flange: Rigid<Base, Flange> = Rigid::claim(nalgebra::Isometry3::identity());
+        Executed { epoch: 3, id, joints: Joints::default(), base_from_flange, time_ms: id as u64, contact }
+    }
+
+    fn motion(waypoints: u32, done: u32) -> MotionRecord {
+        let motion = Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints };
+        MotionRecord { motion, outcome: Some(if done == waypoints { Ended::Done } else { Ended::Held }), done }
+    }
+
+    /// Ids 5 to 8 are a contact path with a leap through air; 2 and 11 are ways through air.
+    #[test]
+    fn each_waypoint_is_executed_and_acknowledged_once() {
+        let log = [(2, false), (5, true), (6, false), (7, true), (8, false), (11, false)];
+        let log = log.map(|(id, contact)| command(id, contact));
+        let runs = contact_runs(&[motion(4, 4)], &log).expect("whole");
+        assert_eq!(runs.len(), 1);
+        assert_eq!(runs[0].iter().map(|one| one.id).collect::<Vec<_>>(), [5, 6, 7, 8]);
+        let held = contact_runs(&[motion(9, 4)], &log).expect("the rest was never executed");
+        assert_eq!(held[0].len(), 4);
+        let wrong =
+            |motions: &[MotionRecord], log: &[Executed]| contact_runs(motions, log).expect_err("wrong").message;
+        assert!(wrong(&[motion(5, 5)], &log).contains("executed 4 and 5 were acknowledged"));
+        assert!(wrong(&[motion(3, 3)], &log).contains("executed 4 and 3"));
+        assert!(wrong(&[], &log).contains("1 paths in contact were executed, 0 were sent"));
+        assert!(wrong(&[motion(4, 4), motion(4, 4)], &log).contains("2 were sent"));
+        let twice = [log[0], log[1], log[2], log[2], log[3], log[4]];
+        assert!(wrong(&[motion(4, 4)], &twice).contains("command 6 of epoch 3 was executed twice"));
+    }
+}

@@ -1,0 +1,256 @@
+//! Acts that see and compute, each as one piece of work that takes what it needs and gives back what it found.
+//!
+//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of
+//! recording it. So it may be done here, while the loop waits, or aside, on a thread of its own, while the loop goes on
+//! answering; and where it was abandoned meanwhile its [`Worked`] is dropped whole: nothing of it is installed or
+//! recorded. One piece of work is done at a time, in the order in which they were asked for, since they share cameras.
+
+use super::abrasion::Abrasion;
+use super::ports::{Eyes, Figure, Finding, Record, RecordError};
+use super::sight::{Filming, Sight};
+use super::{DaemonError, Job, Site, Task};
+use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::eki::Time;
+use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
+use crate::record::Budget;
+use crate::verdict::Reason;
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::Duration;
+
+/// What an act needs.
+#[derive(Debug)]
+pub(super) struct Work {
+    /// The act.
+    pub id: Id,
+    pub act: Act,
+    /// The film so far, for its next picture.
+    pub filming: Option<Box<Filming>>,
+    pub sight: Sight,
+    pub abrasion: Abrasion,
+    /// Where the active tool stands in the active base, as far as known.
+    pub tip: Option<KukaPose>,
+    pub pass: u8,
+    pub now: Time,
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub(super) struct Worked {
+    pub id: Id,
+    pub found: Result<Found, DaemonError>,
+    /// Both as they are now; none where the work was lost.
+    pub artifacts: Option<(Sight, Abrasion)>,
+    pub notes: Vec<Note>,
+}
+
+/// The result of a piece of work.
+#[derive(Debug)]
+pub(super) enum Found {
+    /// The act's answer.
+    Answer(Answer),
+    /// The film goes on.
+    Filming(Box<Filming>),
+    /// What a self-test found wrong.
+    Wrong(Vec<(Trouble, Reason)>),
+}
+
+/// What is to be recorded.
+#[derive(Debug)]
+pub(super) enum Note {
+    Finding(Finding),
+    Picture(String, ColorPicture),
+    Figure(Figure),
+    Budget(Budget),
+}
+
+/// Notes instead of a record.
+#[derive(Debug, Default)]
+struct Notes(Vec<Note>);
+
+impl Record for Notes {
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        self.0.push(Note::Finding(finding.clone()));
+        Ok(())
+    }
+
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
+        self.0.push(Note::Picture(name.to_owned(), picture.clone()));
+        Ok(())
+    }
+
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.0.push(Note::Figure(figure.clone()));
+        Ok(())
+    }
+
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.0.push(Note::Budget(*measured));
+        Ok(())
+    }
+}
+
+impl Work {
+    /// Does it. `readable` looks at the calibrations for a self-test.
+    fn perform(
+        mut self,
+        job: Option<&Job<'_>>,
+        eyes: &mut dyn Eyes,
+        readable: &mut dyn FnMut() -> Vec<Reason>,
+    ) -> Worked {
+        let mut notes = Notes::default();
+        let found = match (self.act, job) {
+            (Act::SelfTest, _) => Ok(Found::Wrong(test(eyes, readable))),
+            (_, Some(job)) => self.phase(job, eyes, &mut notes),
+            (_, None) => Ok(Found::Answer(Answer::Failed(Trouble::Unexpected))),
+        };
+        let Work { id, sight, abrasion, .. } = self;
+        Worked { id, found, artifacts: Some((sight, abrasion)), notes: notes.0 }
+    }
+
+    fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
+        let (pass, now) = (self.pass, self.now);
+        let answer = match (self.act, self.filming.take()) {
+            (Act::Film, None) => {
+                // It only looks: nothing of it is new.
+                let begun = std::mem::take(&mut self.sight).film(job, (pass, now), notes)?;
+                return Ok(film(begun));
+            }
+            (Act::Film, Some(filming)) => {
+                return Ok(film(self.sight.watch(job, *filming, (pass, now), eyes, notes)?));
+            }
+            (Act::Locate, _) => self.sight.locate(job, eyes, notes)?,
+            (Act::DryPicture, _) => self.sight.dry_picture(now, eyes, notes)?,
+            (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
+            (Act::Refine { view }, _) => match self.tip() {
+                Some(tip) => self.sight.refine(job, (view, tip), eyes, notes)?,
+                None => Answer::Failed(Trouble::Unexpected),
+            },
+            (Act::Verify, _) => match self.tip() {
+                Some(tip) => self.sight.verify(job, (pass, tip), eyes, notes)?,
+                None => Answer::Failed(Trouble::Unexpected),
+            },
+            _ => Answer::Failed(Trouble::Unexpected),
+        };
+        Ok(Found::Answer(answer))
+    }
+
+    /// Where the flange camera stands, while it is the tool and the base the robot's own.
+    fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
+        self.tip.map(|pose| pose.to_rigid())
+    }
+}
+
+fn film(filmed: Result<Filming, Answer>) -> Found {
+    match filmed {
+        Ok(filming) => Found::Filming(Box::new(filming)),
+        Err(answer) => Found::Answer(answer),
+    }
+}
+
+fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(Trouble, Reason)> {
+    let blind = eyes.check().into_iter().map(|error| (Trouble::Camera, Reason::new("camera", error.to_string())));
+    let unreadable = readable().into_iter().map(|reason| (Trouble::Computing, reason));
+    blind.chain(unreadable).collect()
+}
+
+/// How far computing steps back.
+const NICE: i32 = 19;
+
+/// Looks at the calibrations: what cannot be read, in words.
+pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
+
+/// Where work is done.
+pub(super) enum Computing<'p> {
+    /// Here: the loop waits.
+    Here { job: &'p Job<'p>, eyes: &'p mut dyn Eyes, done: VecDeque<Worked> },
+    /// On a thread of its own.
+    Aside(Aside),
+}
+
+/// The thread and what it was given.
+pub(super) struct Aside {
+    orders: Sender<(Work, Option<Arc<Task>>)>,
+    results: Receiver<Worked>,
+    under_way: VecDeque<Id>,
+}
+
+impl<'p> Computing<'p> {
+    pub fn here(job: &'p Job<'p>, eyes: &'p mut dyn Eyes) -> Self {
+        Computing::Here { job, eyes, done: VecDeque::new() }
+    }
+
+    /// Starts the thread, which steps back behind the loop and the robot's link where they must keep time. It ends
+    /// when nobody gives orders; nobody waits for its end, since a camera may hang.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn aside(
+        mut eyes: Box<dyn Eyes + Send>,
+        site: Site,
+        mut readable: Readable,
+        steps_back: bool,
+    ) -> std::io::Result<Self> {
+        let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
+        let (tell, results) = mpsc::channel();
+        let serve = move || {
+            // Threads that this one starts inherit it.
+            if steps_back && let Err(error) = rustix::process::setpriority_process(None, NICE) {
+                tracing::warn!("computing runs at the loop's priority: {error}");
+            }
+            for (work, task) in taken {
+                let job = task.as_deref().map(|task| task.job(&site));
+                if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable)).is_err() {
+                    return;
+                }
+            }
+        };
+        thread::Builder::new().name("computing".to_owned()).spawn(serve)?;
+        Ok(Computing::Aside(Aside { orders, results, under_way: VecDeque::new() }))
+    }
+
+    /// Has it done; `task` is what the service's cycle works by.
+    pub fn submit(&mut self, work: Work, task: Option<Arc<Task>>) {
+        match self {
+            Computing::Here { job, eyes, done } => {
+                // The command that runs one cycle has just read its calibrations.
+                let worked = work.perform(Some(job), &mut **eyes, &mut Vec::new);
+                done.push_back(worked);
+            }
+            Computing::Aside(aside) => {
+                aside.under_way.push_back(work.id);
+                // Refused only where the thread has ended, which `poll` finds out.
+                let _ = aside.orders.send((work, task));
+            }
+        }
+    }
+
+    /// What was done since; waits so long for it.
+    pub fn poll(&mut self, patience: Duration) -> Option<Worked> {
+        match self {
+            Computing::Here { done, .. } => done.pop_front(),
+            Computing::Aside(aside) => aside.poll(patience),
+        }
+    }
+}
+
+impl Aside {
+    fn poll(&mut self, patience: Duration) -> Option<Worked> {
+        let id = *self.under_way.front()?;
+        let worked = match self.results.recv_timeout(patience) {
+            Ok(worked) => worked,
+            Err(RecvTimeoutError::Timeout) => return None,
+            Err(RecvTimeoutError::Disconnected) => lost(id),
+        };
+        self.under_way.pop_front();
+        Some(worked)
+    }
+}
+
+/// The thread has ended by a fault in it, which was reported where it happened.
+fn lost(id: Id) -> Worked {
+    let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
+    Worked { id, found, artifacts: None, notes: vec![] }
+}

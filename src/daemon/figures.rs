@@ -1,0 +1,149 @@
+//! The pictures of a cycle, drawn as it runs. They decide nothing: where one cannot be drawn, the bare picture stands.
+
+use super::Job;
+use super::ports::Figure;
+use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Rigid, Tool};
+use crate::imaging::ImagingError;
+use crate::inspect::{Inspection, Step};
+use crate::panel::Grid;
+use crate::path::{Plan, ToolPath};
+use crate::report::{CornerView, StripPicture, View, bounds, cut, film_strip, strip_times_s};
+
+/// The view of the 3D camera, with the panel where it stands.
+pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> View<'a> {
+    let camera_from_panel = job.calibrations.base_from_camera.inverse() * place;
+    View { picture, camera: &job.calibrations.scanner, camera_from_panel }
+}
+
+/// A figure of what was drawn over `bare`.
+pub(super) fn figure(
+    (name, caption): (&str, &str),
+    drawn: Result<ColorPicture, ImagingError>,
+    bare: &ColorPicture,
+) -> Figure {
+    let (picture, caption) = match drawn {
+        Ok(picture) => (picture, caption.to_owned()),
+        Err(error) => (bare.clone(), format!("{caption}; nothing is drawn on it: {error}")),
+    };
+    Figure { name: name.to_owned(), caption, picture }
+}
+
+/// The scan with the taught outline and grids where the panel was found, or bare.
+pub(super) fn located(job: &Job<'_>, scan: &ColorPicture, place: Option<Rigid<Base, Panel>>) -> Figure {
+    match place {
+        Some(place) => {
+            let caption = "The scan's picture with the taught outline and grids at the place found";
+            figure(("located", caption), view(job, scan, place).located(job.panel), scan)
+        }
+        None => figure(("located", "The scan's picture: no panel was found"), Ok(scan.clone()), scan),
+    }
+}
+
+/// A corner as the flange camera saw it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sighting {
+    pub base_from_camera: Rigid<Base, FlangeCamera>,
+    pub found_px: crate::geometry::Pixel,
+}
+
+/// The corner with where it was found and where a place puts it.
+pub(super) fn corner(
+    job: &Job<'_>,
+    picture: &ColorPicture,
+    (sighting, place): (Sighting, Rigid<Base, Panel>),
+    (name, title): (&str, &str),
+) -> Option<Figure> {
+    let camera = &job.calibrations.flange_camera;
+    let in_camera = sighting.base_from_camera.inverse() * (place * job.corners.first()?.point);
+    let view = CornerView {
+        picture,
+        expected_px: camera.project(in_camera)?,
+        found_px: sighting.found_px,
+        px_per_mm: camera.px_per_mm_at(in_camera.mm.z).0,
+    };
+    let caption =
+        format!("The flange camera's picture of the corner, {title}: where it is expected and where it is");
+    Some(figure((name, &caption), view.drawn(title), picture))
+}
+
+/// The path over the panel as the last film showed it.
+pub(super) fn planned(job: &Job<'_>, plan: &Plan, film: &ColorPicture, place: Rigid<Base, Panel>) -> Figure {
+    let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
+        let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
+        on_panel.map(|waypoint| waypoint.pose.to_rigid::<Panel, Tool>().origin()).collect()
+    };
+    let paths: Vec<_> = plan.paths.iter().map(contact).collect();
+    let planned = |grid: &Grid| plan.paths.iter().any(|path| path.grids.contains(&grid.id));
+    let drawn = view(job, film, place).planned(job.panel, &paths, &planned);
+    figure(("planned", "The planned path of the tool over the panel"), drawn, film)
+}
+
+/// Pictures of a film that a strip may show, cut to the region: evenly spread, and close together once it opens.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    bounds: Option<[(usize, usize); 2]>,
+    opened_s: Option<f64>,
+    cuts: Vec<(f64, ColorPicture)>,
+}
+
+impl Kept {
+    /// Keeps the picture where the strip may want it.
+    pub fn see(&mut self, job: &Job<'_>, place: Rigid<Base, Panel>, picture: &ColorPicture, step: &Step) {
+        let Some(since_wet_s) = step.since_wet_s else { return };
+        let opens = self.opened_s.is_none() && step.broken_mm2 > 0.0;
+        if opens {
+            self.opened_s = Some(since_wet_s);
+        }
+        let end_s = job.demands().observation_s;
+        let wanted = strip_times_s(None, end_s).into_iter().chain(strip_times_s(self.opened_s, end_s));
+        let last_s = self.cuts.last().map_or(f64::NEG_INFINITY, |(time_s, _)| *time_s);
+        if !wanted.into_iter().any(|time_s| last_s < time_s - TICK_S && time_s - TICK_S <= since_wet_s) {
+            return;
+        }
+        let bounds = *self.bounds.get_or_insert_with(|| region(job, place));
+        let mask = crate::geometry::Mask::empty(picture.width, picture.height);
+        self.cuts.push((since_wet_s, cut(picture, &mask, bounds).0));
+    }
+
+    /// The strip: each picture with what had broken by then.
+    pub fn strip(&self, inspection: &Inspection, whole: &ColorPicture) -> Figure {
+        let broke_s = inspection.breaks.iter().map(|found| found.first_seen_s).reduce(f64::min);
+        let chosen = strip_times_s(broke_s, inspection.observation.observed_s).into_iter().filter_map(|time_s| {
+            let later = self.cuts.iter().find(|(kept_s, _)| *kept_s >= time_s - TICK_S);
+            later.or(self.cuts.last())
+        });
+        let bounds = self.bounds.unwrap_or_default();
+        let pictures: Vec<StripPicture> = chosen
+            .map(|(time_s, picture)| {
+                let (_, broken) = cut(whole, &inspection.mask_at(*time_s), bounds);
+                StripPicture { picture: picture.clone(), broken, label: format!("{time_s:.1} s") }
+            })
+            .collect();
+        let caption = "The film in time, seconds after the panel was wholly wet: broken film tinted orange";
+        figure(("film", caption), film_strip(&pictures), whole)
+    }
+}
+
+/// Times this near are one, s.
+const TICK_S: f64 = 1e-3;
+
+/// The box around the region in the picture.
+fn region(job: &Job<'_>, place: Rigid<Base, Panel>) -> [(usize, usize); 2] {
+    let camera = &job.calibrations.scanner;
+    let camera_from_panel: Rigid<Camera, Panel> = job.calibrations.base_from_camera.inverse() * place;
+    let edges = job.panel.grids.iter().flat_map(|grid| &grid.edge);
+    let pixels = edges.filter_map(|&point| camera.project(camera_from_panel * point));
+    bounds(pixels, (camera.width_px, camera.height_px))
+}
+
+/// Everything that broke, and the grids that failed.
+pub(super) fn inspected(
+    job: &Job<'_>,
+    inspection: &Inspection,
+    last: &ColorPicture,
+    place: Rigid<Base, Panel>,
+) -> Figure {
+    let failed = |grid: &Grid| inspection.grids.iter().any(|found| found.id == grid.id && found.failed);
+    let drawn = view(job, last, place).inspected(job.panel, &inspection.mask(), &failed);
+    figure(("inspected", "Everything that broke by the end of the film, and the grids that failed"), drawn, last)
+}

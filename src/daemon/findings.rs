@@ -1,0 +1,162 @@
+//! What the stages found, as the record keeps it: each number with its unit and the limit that it was held to.
+
+use super::Job;
+use crate::geometry::KukaPose;
+use crate::inspect::{GridInspection, Inspection};
+use crate::locate::refine::Refined;
+use crate::locate::{self, gate};
+use crate::panel::GridId;
+use crate::path::{MIN_COVERAGE, Plan};
+use crate::record::{Finding, Kind, Limit, Number, name};
+use crate::surface::Deviation;
+use crate::verdict::{Judgement, Reason};
+use serde_json::json;
+
+/// A result that is rejected for this reason, without numbers.
+pub(super) fn rejected(kind: Kind, pass: u8, reason: Reason) -> Finding {
+    Finding::new(kind, pass, Judgement::of(vec![reason], vec![]))
+}
+
+/// Where the 3D scan puts the panel; the gate's word came `elapsed_ms` after the scan.
+pub(super) fn located(fit: Option<&locate::Fit>, judgement: Judgement, elapsed_ms: f64, job: &Job<'_>) -> Finding {
+    let elapsed = Number::new(name::SCAN_TO_VERDICT, "ms", elapsed_ms);
+    let finding = Finding::new(Kind::Locate, 0, judgement);
+    let Some(fit) = fit else { return finding.with([elapsed]) };
+    let limits = job.recipe.locate();
+    let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
+        Number::new(name, unit, value).within(Limit::AtMost(limit))
+    };
+    let (overlap, outline) = (limits.min_overlap(), gate::min_outline_found(limits));
+    finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel))).with([
+        at_most("residual, point to plane, rms", "mm", fit.rms_mm, limits.max_rms_mm()),
+        Number::new("residual of the outline, rms", "px", fit.outline_rms_px),
+        Number::new("overlap", "", fit.overlap()).within(Limit::AtLeast(overlap)),
+        Number::new("outline found", "", fit.outline_found).within(Limit::AtLeast(outline)),
+        at_most("last step of the fit", "mm", fit.last_step_mm, gate::MAX_LAST_STEP_MM),
+        at_most("shift of the panel's centre", "mm", fit.shift_mm, limits.max_shift_mm()),
+        at_most("turn in the panel's plane, either way", "°", fit.turn.0.abs(), limits.turn_limit_deg()),
+        at_most("tilt of the panel's normal", "°", fit.tilt.0, limits.max_tilt_deg()),
+        Number::new("error at the worst place, 95 %", "mm", fit.uncertainty_mm),
+        Number::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
+        elapsed,
+    ])
+}
+
+/// What a corner picture after `moves` asks for; `step_mm` is how far the corner stands from where it was looked for.
+pub(super) fn refined(
+    whole: &Refined,
+    judgement: Judgement,
+    (moves, step_mm): (u8, f64),
+    job: &Job<'_>,
+) -> Finding {
+    let limits = job.recipe.corner();
+    let [x_mm, y_mm] = whole.shift_mm;
+    let correction_mm = whole.corners.iter().map(|corner| corner.shift_mm[0].hypot(corner.shift_mm[1]));
+    let step = Number::new("corner from where it was looked for", "mm", step_mm);
+    // One that asks for more leads to a move and another picture.
+    let settled = step_mm <= limits.settled_mm() || usize::from(moves) >= limits.max_moves();
+    let step = if settled { step.within(Limit::AtMost(limits.settled_mm())) } else { step };
+    Finding::new(Kind::Refine, 0, judgement)
+        .detail("base_from_panel", json!(KukaPose::from_rigid(&whole.base_from_panel)))
+        .with([
+            Number::new("correction in the camera's plane", "mm", correction_mm.fold(0.0, f64::max))
+                .within(Limit::AtMost(limits.max_correction_mm())),
+            Number::new("of it along the camera's x", "mm", x_mm),
+            Number::new("of it along the camera's y", "mm", y_mm),
+            Number::new("the same in the picture", "px", whole.error_px),
+            step,
+            Number::new(name::MOVES, "", f64::from(moves)).within(Limit::AtMost(limits.max_moves() as f64)),
+        ])
+}
+
+/// How far the corner stands from where the localization puts it, just before contact.
+pub(super) fn verified(seen: &Refined, judgement: Judgement, pass: u8, job: &Job<'_>) -> Finding {
+    let [x_mm, y_mm] = seen.shift_mm;
+    let off = Number::new("corner from where the localization puts it", "mm", x_mm.hypot(y_mm));
+    Finding::new(Kind::Verify, pass, judgement).with([
+        off.within(Limit::AtMost(job.recipe.corner().verify_mm())),
+        Number::new("of it along the camera's x", "mm", x_mm),
+        Number::new("of it along the camera's y", "mm", y_mm),
+    ])
+}
+
+/// What a film said; `ms_per_picture` is the median from a decoded picture to its result.
+pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f64>, job: &Job<'_>) -> Finding {
+    let (demands, observation) = (job.demands(), &inspection.observation);
+    let least = |name: &str, unit: &str, value: f64, limit: f64| {
+        Number::new(name, unit, value).within(Limit::AtLeast(limit))
+    };
+    let numbers = [
+        least(name::WATCHED, "s", observation.observed_s, demands.min_observed_s()),
+        least("wet pictures", "", observation.frames as f64, demands.min_frames()),
+        Number::new("longest time between two of them", "s", observation.longest_gap_s)
+            .within(Limit::AtMost(demands.max_gap_s())),
+        Number::new("places where the film broke", "", inspection.breaks.len() as f64),
+        Number::new(name::PER_PICTURE, "ms", ms_per_picture),
+    ];
+    let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
+    Finding::new(Kind::Inspect, pass, inspection.judgement.clone())
+        .detail("failed", names(&failed))
+        .with(numbers)
+        .with(inspection.grids.iter().flat_map(|grid| broken(grid, observation.min_break_mm2)))
+}
+
+fn broken(grid: &GridInspection, min_break_mm2: f64) -> impl Iterator<Item = Number> + use<> {
+    let id = grid.id;
+    let area = grid.seen.then_some(grid.broken_mm2);
+    let area = Number::new(format!("broken film in {id}"), "mm²", area).within(Limit::Below(min_break_mm2));
+    let when = grid.time_to_break_s;
+    std::iter::once(area).chain(when.map(|time_s| Number::new(format!("{id} failed after"), "s", time_s)))
+}
+
+/// A path over these grids, on a surface that lies so in the scan.
+pub(super) fn planned(
+    (plan, deviation): (&Plan, &Deviation),
+    grids: &[GridId],
+    (pass, judgement): (u8, Judgement),
+    job: &Job<'_>,
+) -> Finding {
+    let (settings, surface) = (job.recipe.path(), job.recipe.surface());
+    let least_covered = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
+    let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
+    let steps = plan.step_over_mm;
+    Finding::new(Kind::Plan, pass, judgement).detail("grids", names(grids)).with([
+        Number::new("residual of the surface, rms", "mm", deviation.rms_mm)
+            .within(Limit::AtMost(surface.max_rms_mm())),
+        Number::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
+        Number::new("region without points that fit", "%", deviation.missing_percent)
+            .within(Limit::AtMost(surface.max_missing_percent())),
+        Number::new("coverage of these grids", "", plan.coverage),
+        Number::new("coverage of the worst of them", "", least_covered).within(Limit::AtLeast(MIN_COVERAGE)),
+        Number::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
+        Number::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
+            .within(Limit::AtMost(settings.step_over_mm())),
+        Number::new("disc beyond the panel's outline", "mm", plan.overhang.largest_mm)
+            .within(Limit::AtMost(settings.edge_overhang_mm())),
+        Number::new("paths", "", plan.paths.len() as f64),
+        Number::new("waypoints", "", waypoints as f64),
+        Number::new("length", "mm", plan.length_mm),
+        Number::new("time at the recipe's feed", "s", plan.duration_s),
+    ])
+}
+
+/// What the robot executed of a contact path; all of it is a pass.
+pub(super) fn abraded(
+    pass: u8,
+    (waypoints, done): (u32, u32),
+    (whole, begun): (&[GridId], &[GridId]),
+    most_passes: usize,
+) -> Finding {
+    let rest =
+        || Reason::new("part", format!("the robot executed {done} of {waypoints} waypoints; the rest is left"));
+    let judgement = Judgement::of(vec![], if done < waypoints { vec![rest()] } else { vec![] });
+    let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(whole)).with([
+        Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
+        Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
+    ]);
+    if begun.is_empty() { finding } else { finding.detail("grids_in_part", names(begun)) }
+}
+
+fn names(grids: &[GridId]) -> Vec<String> {
+    grids.iter().map(ToString::to_string).collect()
+}

@@ -1,0 +1,223 @@
+//! Motions: each path through the gate whole, then sent, then heard of until the robot stands at its end.
+
+use super::DaemonError;
+use super::acts::{Pending, Waits};
+use super::routes::{self, Gated};
+use super::run::Running;
+use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
+use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
+use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
+use crate::path::judge_joints;
+use crate::record::Kind;
+use crate::verdict::Reason;
+
+/// How far the arm may stand from where it was sent, mm and degrees.
+const DEVIATION_MM: f64 = 1.0;
+const DEVIATION_DEG: f64 = 0.5;
+
+/// Where a path ends.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum End {
+    Joints(Joints),
+    Tip(Rigid<Base, Tool>),
+}
+
+/// The path that was sent last.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sent {
+    id: Id,
+    motion: Motion,
+    first: CommandId,
+    last: CommandId,
+    end: End,
+    told: u32,
+}
+
+impl Sent {
+    /// Waypoints executed, where all commands up to this one are.
+    fn waypoints(&self, done: CommandId) -> u32 {
+        if matches!(self.motion.path, Path::Contact | Path::Air) {
+            (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
+        } else {
+            u32::from(done >= self.last) * self.motion.waypoints
+        }
+    }
+}
+
+impl Running<'_> {
+    pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+        if motion.path == Path::Park {
+            let poses: Vec<Joints> = self.site.ready.into_iter().chain([self.site.park]).collect();
+            return self.by_axes(id, motion, &poses);
+        }
+        // From outside of the box a line comes in by way of the ready pose.
+        let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
+        if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.site.ready, tip)
+            && self.site.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
+        {
+            if !self.joints_are_good(&[ready])? {
+                self.answer(id, Answer::Failed(Trouble::Gate));
+                return Ok(());
+            }
+            let sent = self.ports.robot.send(move_j(ready));
+            return self.waits_or_fails(id, Act::Move(motion), sent.map(Waits::Ready));
+        }
+        self.by_lines(id, motion)
+    }
+
+    fn joints_are_good(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
+        let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
+        let good = reasons.is_empty();
+        if !good {
+            self.note(Kind::Gate, reasons)?;
+        }
+        Ok(good)
+    }
+
+    fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
+        if !self.joints_are_good(poses)? {
+            self.answer(id, Answer::Failed(Trouble::Gate));
+            return Ok(());
+        }
+        let mut sent = Ok(CommandId(0));
+        for pose in poses {
+            sent = sent.and_then(|_| self.ports.robot.send(move_j(*pose)));
+        }
+        let end = poses.last().copied().map(End::Joints);
+        self.under_way(id, motion, sent, (1, end))
+    }
+
+    pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+        let Some(gated) = self.route(motion) else {
+            self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
+            self.answer(id, Answer::Failed(Trouble::Gate));
+            return Ok(());
+        };
+        if !gated.is_good() {
+            self.note(Kind::Gate, gated.judgement.reasons)?;
+            self.answer(id, Answer::Failed(Trouble::Gate));
+            return Ok(());
+        }
+        let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
+        let sent = self.ports.robot.send(Command::SetAccSpeed(gated.speed));
+        let sent = sent.and_then(|_| self.ports.robot.send_path(gated.points));
+        self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
+    }
+
+    /// The path as it is sent; `None` where it is not known where from or where to.
+    fn route(&self, motion: Motion) -> Option<Gated> {
+        let (job, state) = (&self.job()?, self.robot_state?);
+        let place = self.sight.place();
+        let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
+        match motion.path {
+            Path::Park => None,
+            Path::Corner { .. } => {
+                let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
+                // The camera is the tool here.
+                let to = Rigid::claim(*self.sight.corner_pose(job)?.isometry());
+                Some(routes::air(job, Rigid::<Base, Base>::identity(), (from, to), None))
+            }
+            Path::Approach => {
+                let to = routes::waypoints(self.abrasion.latest()?).first()?.pose.to_rigid();
+                Some(routes::air(job, place?, (pad, to), None))
+            }
+            Path::Contact => Some(routes::contact(job, place?, pad, self.abrasion.plan(motion.plan)?)),
+            Path::Air => {
+                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, job.recipe.path().approach_mm());
+                Some(routes::contact(job, place?, pad, &lifted))
+            }
+            Path::Retract => {
+                let back = nalgebra::Vector3::z() * -job.recipe.path().approach_mm();
+                let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
+                let axis = self.abrasion.latest().and_then(routes::taught_axis);
+                Some(routes::air(job, place?, (pad, to), axis))
+            }
+        }
+    }
+
+    fn under_way(
+        &mut self,
+        id: Id,
+        motion: Motion,
+        sent: Result<CommandId, QueueError>,
+        (count, end): (u32, Option<End>),
+    ) -> Result<(), DaemonError> {
+        if let (Ok(last), Some(end)) = (&sent, end) {
+            let first = CommandId((last.0 + 1).saturating_sub(count));
+            self.sent = Some(Sent { id, motion, first, last: *last, end, told: 0 });
+        }
+        self.waits_or_fails(id, Act::Move(motion), sent.map(|_| Waits::PathEnd))
+    }
+
+    /// Commands up to this one are executed.
+    pub(super) fn executed(&mut self, done: CommandId) {
+        let Some(sent) = &mut self.sent else { return };
+        let waypoints = sent.waypoints(done);
+        if waypoints > sent.told && self.pending.as_ref().is_some_and(|pending| pending.id == sent.id) {
+            sent.told = waypoints;
+            self.events.push_back(Event::Told(Report::Progress { id: sent.id, done: waypoints }));
+        }
+    }
+
+    /// The epoch is over and the robot stands; in it these commands were executed.
+    pub(super) fn stood_still(&mut self, done: CommandId) {
+        let waypoints = self.sent.take().map_or(0, |sent| sent.waypoints(done).max(sent.told));
+        if let Some(Pending { waits: Waits::EpochEnd { done }, .. }) = &mut self.pending {
+            *done = Some(waypoints);
+        }
+    }
+
+    pub(super) fn path_end(&mut self, id: Id, act: Act, state: &State) -> Result<(), DaemonError> {
+        let Some(sent) = self.sent.filter(|sent| sent.id == id && state.done >= sent.last) else {
+            self.wait(id, act, Waits::PathEnd);
+            return Ok(());
+        };
+        self.executed(state.done);
+        let off = self.deviation(sent, state);
+        if off.is_empty() {
+            self.answer(id, Answer::Stands { done: sent.motion.waypoints });
+        } else {
+            self.note(Kind::Robot, off)?;
+            self.answer(id, Answer::Failed(Trouble::Deviation));
+        }
+        Ok(())
+    }
+
+    /// How the arm stands elsewhere than it was sent.
+    fn deviation(&self, sent: Sent, state: &State) -> Vec<Reason> {
+        let (off_mm, off_deg) = match sent.end {
+            End::Joints(end) => {
+                let pairs = axes(&end).into_iter().zip(axes(&state.joints));
+                (0.0, pairs.map(|(wanted, found)| (wanted - found).abs()).fold(0.0, f64::max))
+            }
+            End::Tip(end) => {
+                let camera = matches!(sent.motion.path, Path::Corner { .. });
+                let base = if camera { Some(Rigid::identity()) } else { self.sight.place().map(as_base) };
+                let Some(base_from_active) = base else { return vec![] };
+                let tip = base_from_active * state.base_from_tcp.to_rigid::<Base, Tool>();
+                (tip.origin().distance_mm(end.origin()), (tip.inverse() * end).turn().0)
+            }
+        };
+        let message = || {
+            format!(
+                "the arm stands {off_mm:.3} mm and {off_deg:.3}° from where it was sent, allowed are {DEVIATION_MM} mm \
+                 and {DEVIATION_DEG}°"
+            )
+        };
+        let far = !(off_mm <= DEVIATION_MM && off_deg <= DEVIATION_DEG);
+        if far { vec![Reason::new("deviation", message())] } else { vec![] }
+    }
+}
+
+/// The panel's place as the base that was set, in which the tip is told.
+fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
+    Rigid::claim(*place.isometry())
+}
+
+fn move_j(joints: Joints) -> Command {
+    Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(routes::AXIS_PERCENT) })
+}
+
+fn axes(joints: &Joints) -> [f64; 6] {
+    [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
+}

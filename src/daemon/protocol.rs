@@ -1,0 +1,187 @@
+//! The service's socket, in lines: one JSON object asks, one answers, then the connection ends.
+//!
+//! ```text
+//! {"ask":"unhold","dried":true}
+//! {"answer":"refused","state":"idle","phase":null,"epoch":4,"cycle_id":null,"verdict":null,"reasons":[…]}
+//! ```
+//!
+//! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end is
+//! refused with what is allowed; nothing of it is done. A recipe goes as its text, so that who asks needs no file that
+//! the service can read. Reads and writes no socket: see `socket`.
+
+use crate::verdict::{Reason, Verdict};
+use serde::{Deserialize, Serialize};
+
+/// The longest line, with its end: a recipe and its escapes.
+pub const MOST_BYTES: usize = 256 * 1_024;
+
+/// What may be asked.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "ask", rename_all = "lowercase", deny_unknown_fields)]
+pub enum Wish {
+    /// How things stand.
+    State {},
+    /// A cycle.
+    Start {
+        /// The recipe's name in messages.
+        recipe: String,
+        /// Its text.
+        text: String,
+    },
+    /// See [`crate::cycle::Request`], likewise for the others.
+    Hold {},
+    /// As there.
+    Unhold {
+        /// A person confirms that the panel is dry.
+        #[serde(default)]
+        dried: bool,
+    },
+    /// As there.
+    Accept {},
+    /// As there.
+    Stop {},
+    /// As there.
+    Abort {},
+    /// As there.
+    Clear {},
+    /// As there.
+    Reset {},
+}
+
+/// Why a line says nothing.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ProtocolError {
+    /// Too long.
+    #[error("the line is longer than {MOST_BYTES} bytes")]
+    TooLong,
+    /// It broke off.
+    #[error("the line has no end")]
+    NoEnd,
+    /// It is not what is allowed.
+    #[error("not understood: {problem}")]
+    NotUnderstood {
+        /// What is wrong.
+        problem: String,
+    },
+}
+
+impl Wish {
+    /// Reads a line, with its end.
+    ///
+    /// # Errors
+    /// Where it is too long, has no end, or is not exactly one allowed object.
+    pub fn read(line: &[u8]) -> Result<Self, ProtocolError> {
+        if line.len() > MOST_BYTES {
+            return Err(ProtocolError::TooLong);
+        }
+        let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
+        serde_json::from_slice(object).map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })
+    }
+}
+
+/// How it went.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Exit {
+    /// The table took it.
+    Done,
+    /// Not now, or not so.
+    Refused,
+    /// Not with a cell in this condition.
+    Fault,
+}
+
+impl Exit {
+    /// The exit code of `panelprep ctl`.
+    pub fn code(self) -> u8 {
+        match self {
+            Exit::Done => 0,
+            Exit::Refused => 2,
+            Exit::Fault => 3,
+        }
+    }
+}
+
+/// What is answered.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Reply {
+    /// How it went.
+    pub answer: Exit,
+    /// The PackML word; none where the loop was not asked.
+    pub state: Option<String>,
+    /// The phase inside Execute.
+    pub phase: Option<String>,
+    /// The robot's last epoch.
+    pub epoch: Option<u32>,
+    /// The cycle that runs, or ran last since the service started.
+    pub cycle_id: Option<i64>,
+    /// Its verdict, once it has one.
+    pub verdict: Option<Verdict>,
+    /// Why it was refused, or why the cell is in this state.
+    pub reasons: Vec<Reason>,
+}
+
+impl Reply {
+    /// An answer of which the loop knows nothing.
+    pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
+        Reply { answer, state: None, phase: None, epoch: None, cycle_id: None, verdict: None, reasons }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn each_wish_reads_back() {
+        let start = Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned() };
+        for wish in [start, Wish::State {}, Wish::Unhold { dried: true }, Wish::Abort {}] {
+            let line = format!("{}\n", serde_json::to_string(&wish).expect("JSON"));
+            assert_eq!(Wish::read(line.as_bytes()), Ok(wish), "{line}");
+        }
+        assert_eq!(Wish::read(b"{\"ask\":\"unhold\"}\n"), Ok(Wish::Unhold { dried: false }), "wet unless said");
+        assert_eq!(Wish::read(b" {\"ask\" : \"hold\"} \r\n"), Ok(Wish::Hold {}));
+    }
+
+    /// Each with a word that its message must hold.
+    #[test]
+    fn hostile_lines_ask_for_nothing() {
+        let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
+        let cases: [(&[u8], &str); 16] = [
+            (b"", "no end"),
+            (b"{\"ask\":\"abort\"}", "no end"),
+            (b"\n", "EOF"),
+            (b"abort\n", "expected"),
+            (b"\"abort\"\n", "abort"),
+            (b"{}\n", "ask"),
+            (b"{\"ask\":\"jump\"}\n", "`hold`"),
+            (b"{\"ask\":\"Abort\"}\n", "`abort`"),
+            (b"{\"ask\":\"hold\",\"force\":true}\n", "force"),
+            (b"{\"ask\":\"hold\",\"ask\":\"abort\"}\n", "duplicate"),
+            (b"{\"ask\":\"hold\"}{\"ask\":\"abort\"}\n", "trailing"),
+            (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
+            (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
+            (b"{\"ask\":\"start\",\"recipe\":\"a.toml\"}\n", "text"),
+            (b"{\"ask\":\"ho\xffld\"}\n", "unicode"),
+            (deep.as_bytes(), "recursion"),
+        ];
+        for (line, word) in cases {
+            let error = Wish::read(line).expect_err("refused").to_string();
+            assert!(error.contains(word), "{}: {error}", String::from_utf8_lossy(&line[..line.len().min(60)]));
+        }
+        let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MOST_BYTES));
+        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong));
+    }
+
+    proptest! {
+        /// Whatever comes, it is read or refused; a cut line is refused.
+        #[test]
+        fn any_bytes_are_read_or_refused(bytes in proptest::collection::vec(any::<u8>(), 0..200), cut in 0_usize..28) {
+            let _ = Wish::read(&bytes);
+            let line = b"{\"ask\":\"unhold\",\"dried\":true}\n";
+            prop_assert!(Wish::read(&line[..cut]).is_err());
+        }
+    }
+}

@@ -1,0 +1,310 @@
+//! One function of the robot at a time, for commissioning: `panelprep robot …`.
+//!
+//! Each runs in an epoch of its own, which ends with it: the controller then switches the tool off, and base and tool
+//! are unknown again. A line goes through the same gate as the cycle's, whole; an output is set only where its
+//! interlocks hold. Unlike a cycle's, these motions may run in T1, with a person at the enabling switch. They are not
+//! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
+
+use super::ports::Robot;
+use super::routes;
+use crate::cell::{Cell, Feedback, InputsOutputs, Limits, Output};
+use crate::eki::{
+    Command, CommandError, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp,
+    Signal, State, Time,
+};
+use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
+use crate::path::judge_joints;
+use crate::verdict::{Judgement, Reason, Verdict};
+use std::time::{Duration, Instant};
+
+/// How long a controller may take to answer at all, by the wall clock.
+const CONNECT: Duration = Duration::from_secs(8);
+/// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
+const SHORT: Duration = Duration::from_secs(30);
+const LONG: Duration = Duration::from_secs(300);
+
+/// Why a function was not done.
+#[derive(Debug, thiserror::Error)]
+pub enum SingleError {
+    /// No controller.
+    #[error("no controller answers: {0}")]
+    NoController(LinkLoss),
+    /// Not even a reason.
+    #[error("no controller answered within {} s", CONNECT.as_secs())]
+    Silent,
+    /// It cannot be sent.
+    #[error(transparent)]
+    Queue(#[from] QueueError),
+    /// The gate says no.
+    #[error("the gate refuses: {}", words(.0))]
+    Gate(Judgement),
+    /// The robot did not do it.
+    #[error("the robot did not do it: {0}")]
+    Robot(String),
+    /// The link was lost on the way.
+    #[error("the link to the controller was lost: {0}; the controller stops by itself")]
+    LinkLost(LinkLoss),
+    /// It takes too long.
+    #[error("not done after {} s of the robot's time; it was told to stop", .0.as_secs())]
+    Late(Duration),
+}
+
+fn words(judgement: &Judgement) -> String {
+    judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ")
+}
+
+/// A straight line, in a base and with a tool of its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Where the tip goes, in `base`.
+    pub to: KukaPose,
+    /// The base, in the robot's own.
+    pub base: KukaPose,
+    /// The tool.
+    pub tool: SetTcp,
+    /// Speed of the tip, mm/s.
+    pub speed_mm_s: f64,
+}
+
+/// A robot that answers.
+pub struct Single<'r> {
+    robot: &'r mut dyn Robot,
+    state: State,
+}
+
+impl<'r> Single<'r> {
+    /// Waits until the controller has answered. Nothing moves.
+    ///
+    /// # Errors
+    /// Where none answers.
+    pub fn connect(robot: &'r mut dyn Robot) -> Result<Self, SingleError> {
+        let (begun, mut why) = (Instant::now(), None);
+        while begun.elapsed() < CONNECT {
+            match robot.next() {
+                Some(Report::Connected { state } | Report::State(state)) => {
+                    return Ok(Single { robot, state: *state });
+                }
+                Some(Report::LinkLost { why: lost }) => why = Some(lost),
+                // An idle link tells nothing more of a controller that is not there.
+                None if why.is_some() => break,
+                _ => {}
+            }
+        }
+        Err(why.map_or(SingleError::Silent, SingleError::NoController))
+    }
+
+    /// What the controller said last.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Any function but a motion or an output, which have gates of their own below.
+    ///
+    /// # Errors
+    /// Where it cannot be sent, is refused, or is not done in time.
+    pub fn set(&mut self, command: Command) -> Result<(), SingleError> {
+        match command {
+            Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) => {
+                let message = format!("{} has a gate of its own", command.name());
+                return Err(gate(Reason::new("not_single", message)));
+            }
+            // Known without asking the controller.
+            Command::SetDigin(Signal { number, .. }) => {
+                return Err(QueueError::from(CommandError::InputReadOnly { number }).into());
+            }
+            _ => self.open_epoch()?,
+        }
+        let id = self.robot.send(command)?;
+        self.executed(id, SHORT)
+    }
+
+    /// Moves the axes.
+    ///
+    /// # Errors
+    /// As [`Single::set`], and where the gate refuses.
+    pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8) -> Result<(), SingleError> {
+        self.may_move()?;
+        accepted(judge_joints(&joints))?;
+        self.open_epoch()?;
+        let id =
+            self.robot.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
+        self.executed(id, LONG)
+    }
+
+    /// Moves the tip in a straight line.
+    ///
+    /// # Errors
+    /// As [`Single::move_joints`].
+    pub fn move_line(&mut self, line: &Line, limits: &Limits) -> Result<(), SingleError> {
+        self.may_move()?;
+        let fastest_mm_s = limits.max_speed_mm_s();
+        if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
+            let found_mm_s = line.speed_mm_s;
+            let message =
+                format!("the speed is {found_mm_s} mm/s, allowed are at most {fastest_mm_s}, max_speed_mm_s");
+            return Err(gate(Reason::new("speed", message)));
+        }
+        self.open_epoch()?;
+        self.robot.send(Command::SetBase(line.base))?;
+        let id = self.robot.send(Command::SetTcp(line.tool))?;
+        self.executed(id, SHORT)?;
+        // From where the controller, with these frames, says that the tip stands.
+        let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
+        let gated = routes::air_within(
+            limits,
+            line.base.to_rigid::<Base, Base>(),
+            (from, line.to.to_rigid()),
+            None,
+            line.speed_mm_s,
+        );
+        accepted(gated.judgement)?;
+        self.robot.send(Command::SetAccSpeed(gated.speed))?;
+        let id = self.robot.send_path(gated.points)?;
+        self.executed(id, LONG)
+    }
+
+    /// Sets an output, and waits as long as it is to be kept by this epoch.
+    ///
+    /// # Errors
+    /// As [`Single::set`], and where an interlock is open.
+    pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
+        let number = number_of(name, cell.io())?;
+        self.open_epoch()?;
+        // The feedbacks as they are now, not as they were told when the epoch began.
+        let told = self.state.sequence;
+        while self.state.sequence == told {
+            self.hear()?;
+        }
+        interlocks((name, on), cell.io(), &self.state)?;
+        let id = self.robot.send(Command::SetDigout(Signal { number, on }))?;
+        self.executed(id, SHORT)?;
+        let until = self.robot.now() + keep;
+        while self.robot.now() < until {
+            self.hear()?;
+        }
+        Ok(())
+    }
+
+    /// A person, or nobody, must be able to let it move.
+    fn may_move(&self) -> Result<(), SingleError> {
+        let state = &self.state;
+        let by_hand = matches!(state.mode, Mode::T1 | Mode::T2);
+        let checks = [
+            (state.mode == Mode::T2, "mode", "the mode is T2; use T1, AUT or EXT"),
+            (state.emergency_stop, "emergency_stop", "an emergency stop is pressed; release and acknowledge it"),
+            (!by_hand && !state.guard_closed, "guard", "the guard is open; close it, or work in T1"),
+            (!state.drives_on, "drives", "the drives are off; switch them on (in T1: hold the enabling switch)"),
+            (
+                state.drives_on && !state.motion_possible,
+                "motion",
+                "the controller says that no motion is possible; is \
+              the program running, in T1 the start key held, and every message acknowledged?",
+            ),
+        ];
+        let open = checks.into_iter().filter(|(wrong, ..)| *wrong);
+        let reasons = open.map(|(_, code, message)| Reason::new(code, message)).collect();
+        accepted(Judgement::of(reasons, vec![]))
+    }
+
+    fn open_epoch(&mut self) -> Result<(), SingleError> {
+        let asked = self.robot.open_epoch(Epoch(0))?;
+        let until = self.robot.now() + SHORT;
+        while self.state.epoch != asked {
+            if let Some(Report::EpochNotOpened { asked, found }) = self.hear()? {
+                return Err(SingleError::Robot(format!("it is in epoch {found}, not in {asked}")));
+            }
+            self.in_time(until, SHORT)?;
+        }
+        Ok(())
+    }
+
+    /// Waits until a command is executed and the arm stands.
+    fn executed(&mut self, id: CommandId, allowed: Duration) -> Result<(), SingleError> {
+        let until = self.robot.now() + allowed;
+        while self.state.done < id || self.state.moving {
+            match self.hear()? {
+                Some(Report::Refused { refusal, .. }) => return Err(SingleError::Robot(refusal.to_string())),
+                Some(Report::EchoMismatch(mismatch)) => return Err(SingleError::Robot(mismatch.to_string())),
+                Some(Report::Interrupted { cause }) => return Err(SingleError::Robot(cause.to_string())),
+                Some(Report::SequenceError(error)) => return Err(SingleError::Robot(error.to_string())),
+                Some(Report::WatchdogExpired { channel, silence }) => {
+                    let words = format!("the {channel} was silent for {} ms", silence.as_millis());
+                    return Err(SingleError::Robot(words));
+                }
+                _ => {}
+            }
+            self.in_time(until, allowed)?;
+        }
+        Ok(())
+    }
+
+    fn hear(&mut self) -> Result<Option<Report>, SingleError> {
+        let report = self.robot.next();
+        match &report {
+            Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
+            Some(Report::Rebooted { .. }) => {
+                return Err(SingleError::Robot("the controller was started again".to_owned()));
+            }
+            Some(Report::LinkLost { why }) => return Err(SingleError::LinkLost(why.clone())),
+            _ => {}
+        }
+        Ok(report)
+    }
+
+    fn in_time(&mut self, until: Time, allowed: Duration) -> Result<(), SingleError> {
+        if self.robot.now() <= until {
+            return Ok(());
+        }
+        // It is told to stop; what it says to that is of no more use.
+        let _ = self.robot.abort();
+        Err(SingleError::Late(allowed))
+    }
+}
+
+fn gate(reason: Reason) -> SingleError {
+    SingleError::Gate(Judgement::of(vec![reason], vec![]))
+}
+
+fn accepted(judgement: Judgement) -> Result<(), SingleError> {
+    if judgement.verdict == Verdict::Accept { Ok(()) } else { Err(SingleError::Gate(judgement)) }
+}
+
+fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
+    io.outputs().get(name).copied().ok_or_else(|| {
+        let names = io.outputs().keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+        let message = format!("\"{name}\" is no output of [io.outputs]; allowed are {names}");
+        gate(Reason::new("no_such_output", message))
+    })
+}
+
+/// Whether an output may be set so now. Off is always allowed.
+fn interlocks((name, on): (&str, bool), io: &InputsOutputs, state: &State) -> Result<(), SingleError> {
+    // A feedback that the cell does not have proves nothing.
+    let reads = |feedback| io.feedback_bit(feedback).is_some_and(|bit| state.inputs >> bit & 1 == 1);
+    let is_off = |feedback| io.feedback_bit(feedback).is_some_and(|bit| state.inputs >> bit & 1 == 0);
+    let mut open = Vec::new();
+    let mut needs = |holds: bool, feedback: Feedback, words: &str| {
+        let message =
+            || format!("{name} may be switched on only {words}: the feedback {} does not say so", feedback.name());
+        open.extend((!holds).then(|| Reason::new("interlock", message())));
+    };
+    if on && name == Output::Tool.name() {
+        needs(reads(Feedback::WaterOff), Feedback::WaterOff, "with the water off");
+        needs(reads(Feedback::ExtractionFlow), Feedback::ExtractionFlow, "while the dust extraction draws air");
+    }
+    if on && [Output::Spray.name(), "rinse"].contains(&name) {
+        needs(is_off(Feedback::ToolRunning), Feedback::ToolRunning, "with the tool at rest");
+        needs(reads(Feedback::LensShut), Feedback::LensShut, "with the lens shut");
+    }
+    accepted(Judgement::of(open, vec![]))
+}
+
+/// Speeds as a function of their own.
+pub fn speeds(speed_mm_s: f64, acceleration_m_s2: f64, axis_percent: u8) -> Command {
+    Command::SetAccSpeed(SetAccSpeed {
+        speed_m_s: speed_mm_s / 1_000.0,
+        acceleration_m_s2,
+        axis_speed_percent: axis_percent,
+        axis_acceleration_percent: axis_percent,
+    })
+}

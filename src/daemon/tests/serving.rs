@@ -1,0 +1,209 @@
+//! The service: computing aside, orders, self-tests.
+
+use super::fake::{Cell as Fake, FakeEyes};
+use super::*;
+use crate::cycle::{Act, Answer, Event, Refusal, Report, State};
+use crate::geometry::{ColorPicture, OrganizedCloud};
+use crate::record::{CycleId, Kind};
+use crate::verdict::Reason;
+use std::collections::VecDeque;
+use std::sync::mpsc::{self, Receiver};
+use std::time::Duration;
+
+type When = Box<dyn FnMut(&State) -> bool>;
+
+/// Asks each thing when its time has come, then leaves.
+#[derive(Default)]
+struct Script {
+    steps: VecDeque<(When, Ask)>,
+    refusals: Vec<(Request, Refusal)>,
+    verdicts: Vec<Verdict>,
+    cycles: Vec<CycleId>,
+    noted: Vec<Reason>,
+}
+
+impl Script {
+    fn when(mut self, when: impl FnMut(&State) -> bool + 'static, ask: Ask) -> Self {
+        self.steps.push_back((Box::new(when), ask));
+        self
+    }
+
+    fn reset(self) -> Self {
+        let ready = |state: &State| {
+            state.at == At::Stopped && state.facts.robot == crate::cycle::Robot::Ready
+                || matches!(state.at, At::Complete { .. })
+        };
+        self.when(ready, Ask::For(Request::Reset))
+    }
+
+    fn start(self, cell: &Fake) -> Self {
+        self.when(|state| state.at == At::Idle, Ask::Begin(Box::new(cell.order())))
+    }
+
+    fn leave_when(self, when: impl FnMut(&State) -> bool + 'static) -> Self {
+        self.when(when, Ask::Leave)
+    }
+}
+
+impl Requests for Script {
+    fn next(&mut self, state: &State) -> Ask {
+        let next = self.steps.pop_front_if(|(when, _)| when(state));
+        next.map_or(Ask::Nothing, |(_, ask)| ask)
+    }
+
+    fn refused(&mut self, request: Request, refusal: Refusal) {
+        self.refusals.push((request, refusal));
+    }
+
+    fn begun(&mut self, cycle: CycleId) {
+        self.cycles.push(cycle);
+    }
+
+    fn concluded(&mut self, verdict: Verdict) {
+        self.verdicts.push(verdict);
+    }
+
+    fn noted(&mut self, reasons: &[Reason]) {
+        self.noted.extend_from_slice(reasons);
+    }
+}
+
+fn complete(state: &State) -> bool {
+    matches!(state.at, At::Complete { .. })
+}
+
+#[test]
+fn cycles_come_one_after_the_other() {
+    let cell = Fake::new(Scene::Good);
+    let mut script = Script::default().reset().start(&cell).reset().start(&cell).leave_when(complete);
+    cell.serve(|eyes| eyes, vec![], &mut script);
+    assert_eq!(script.verdicts, [Verdict::Pass, Verdict::Pass]);
+    assert_eq!(script.cycles, [CycleId(1), CycleId(2)]);
+    assert_eq!(script.refusals, []);
+}
+
+/// The same cycle, computed here and aside: the same events, in the same order.
+#[test]
+fn where_it_is_computed_does_not_matter() {
+    let here = Fake::new(Scene::Good).run(super::fake::Asks::one_cycle()).events;
+    let cell = Fake::new(Scene::Good);
+    let mut script = Script::default().reset().start(&cell).leave_when(complete);
+    let aside = cell.serve(|eyes| eyes, vec![], &mut script).events;
+    assert_eq!(here, aside);
+}
+
+/// Eyes whose first scan takes until somebody lets it go on.
+struct Slow {
+    eyes: FakeEyes,
+    go_on: Option<Receiver<()>>,
+}
+
+impl Eyes for Slow {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        if let Some(go_on) = self.go_on.take() {
+            // Far longer than the test takes: where the loop waits for this scan, it is not let go on.
+            let why = |_| SightError { camera: "the scanner", why: "the loop waited for it".to_owned() };
+            go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
+        }
+        self.eyes.scan()
+    }
+
+    fn picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.eyes.picture()
+    }
+
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.eyes.corner_picture()
+    }
+
+    fn check(&mut self) -> Vec<SightError> {
+        self.eyes.check()
+    }
+}
+
+/// A stop while the scan is under way ends in Stopped before the scan does; what the scan then finds is dropped, and
+/// the next cycle makes its own.
+#[test]
+fn a_stop_does_not_wait_for_a_computation() {
+    let cell = Fake::new(Scene::Clean);
+    let (let_go, go_on) = mpsc::channel();
+    let locates = |state: &State| matches!(state.due, Some(due) if due.act == Act::Locate);
+    let stopped = move |state: &State| {
+        let rests = state.at == At::Stopped;
+        if rests {
+            let _ = let_go.send(());
+        }
+        rests
+    };
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(locates, Ask::For(Request::Stop))
+        .when(stopped, Ask::For(Request::Reset))
+        .start(&cell)
+        .leave_when(complete);
+    let record = cell.serve(|eyes| Slow { eyes, go_on: Some(go_on) }, vec![], &mut script);
+    assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
+    let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
+    assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
+    let graded = |event: &&Event| matches!(event, Event::Told(Report::Answered { answer: Answer::Graded(_), .. }));
+    let stop = record.events.iter().position(|event| *event == Event::Asked(Request::Stop)).expect("asked");
+    assert_eq!(record.events[..stop].iter().filter(graded).count(), 0, "it was under way");
+}
+
+/// An order that the table refuses begins no cycle.
+#[test]
+fn an_order_out_of_turn_begins_nothing() {
+    let cell = Fake::new(Scene::Clean);
+    let early = Ask::Begin(Box::new(cell.order()));
+    let heard = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
+    let mut script = Script::default().when(heard, early).leave_when(|_| true);
+    cell.serve(|eyes| eyes, vec![], &mut script);
+    assert_eq!((script.cycles.len(), script.refusals.len()), (0, 1));
+    assert_eq!(script.refusals[0].1, Refusal::NotNow);
+}
+
+/// Eyes that are blind.
+struct Blind(FakeEyes);
+
+impl Eyes for Blind {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        self.0.scan()
+    }
+
+    fn picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.0.picture()
+    }
+
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.0.corner_picture()
+    }
+
+    fn check(&mut self) -> Vec<SightError> {
+        vec![SightError { camera: "the scanner", why: "its cable is out".to_owned() }]
+    }
+}
+
+/// Each thing that is wrong is a reason, and the reset ends in Stopped.
+#[test]
+fn a_self_test_names_all_that_is_wrong() {
+    let failed = |script: &Script| matches!(script.refusals[..], [(Request::Reset, Refusal::Failed(_))]);
+    let codes = |script: &Script| script.noted.iter().map(|reason| reason.code.to_string()).collect::<Vec<_>>();
+    let until = |mut seen: bool| {
+        move |state: &State| {
+            seen |= state.at == At::Resetting;
+            seen && state.at == At::Stopped
+        }
+    };
+    let cell = Fake::new(Scene::Clean);
+    let unreadable = Reason::new("calibration", "scanner.toml: no such file");
+    let mut script = Script::default().reset().leave_when(until(false));
+    cell.serve(Blind, vec![unreadable], &mut script);
+    assert!(failed(&script), "{:?}", script.refusals);
+    assert_eq!(codes(&script), ["camera", "calibration"]);
+
+    let full = Fake::new(Scene::Clean).with_full_disk();
+    let mut script = Script::default().reset().leave_when(until(false));
+    full.serve(|eyes| eyes, vec![], &mut script);
+    assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
+}

@@ -1,0 +1,213 @@
+//! States, refusals and causes in words for the people at the cell: what is, and what to do.
+
+use crate::cycle::{At, Cause, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
+use crate::verdict::Reason;
+
+/// The word by which `panelprep ctl` asks for this.
+pub fn request_word(request: Request) -> &'static str {
+    match request {
+        Request::Reset => "reset",
+        Request::Start { .. } => "start",
+        Request::AirRun { .. } => "air-run",
+        Request::Hold => "hold",
+        Request::Unhold { .. } => "unhold",
+        Request::Accept => "accept",
+        Request::Stop => "stop",
+        Request::Abort => "abort",
+        Request::Clear => "clear",
+    }
+}
+
+/// The phase inside Execute.
+pub(super) fn phase(phase: Phase) -> &'static str {
+    match phase {
+        Phase::Locate => "locate",
+        Phase::Refine { .. } => "refine",
+        Phase::Dry => "dry",
+        Phase::Wet => "wet",
+        Phase::Inspect => "inspect",
+        Phase::Plan => "plan",
+        Phase::Verify => "verify",
+        Phase::Abrade => "abrade",
+        Phase::Retract => "retract",
+        Phase::Rinse => "rinse",
+    }
+}
+
+/// State and phase: `execute, refine`.
+pub(super) fn place(at: At) -> String {
+    match at {
+        At::Execute(inside) => format!("{}, {}", at.word(), phase(inside)),
+        _ => at.word().to_owned(),
+    }
+}
+
+/// What the table would take now.
+fn possible(state: &State) -> Vec<&'static str> {
+    let all = [
+        Request::Reset,
+        Request::Start { max_passes: 1, max_moves: 1 },
+        Request::Hold,
+        Request::Unhold { dried: false },
+        Request::Unhold { dried: true },
+        Request::Accept,
+        Request::Stop,
+        Request::Abort,
+        Request::Clear,
+    ];
+    let taken = |request: &Request| {
+        let (_, effects) = step(*state, crate::cycle::Event::Asked(*request));
+        !effects.iter().any(|effect| matches!(effect, crate::cycle::Effect::Refuse { .. }))
+    };
+    let word = |request: Request| match request {
+        Request::Unhold { dried: true } => "unhold --dried",
+        other => request_word(other),
+    };
+    all.into_iter().filter(taken).map(word).collect()
+}
+
+/// Why a request is refused in this state.
+pub(super) fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
+    let word = request_word(request);
+    let possible = || match possible(state) {
+        words if words.is_empty() => "nothing is possible before that has changed".to_owned(),
+        words => format!("possible now: {}", words.join(", ")),
+    };
+    match refusal {
+        Refusal::NotNow => {
+            let message = format!("{word} is not possible in state {}; {}", place(state.at), possible());
+            Reason::new("not_now", message)
+        }
+        Refusal::Robot(condition) => {
+            let robot = robot(condition);
+            Reason { message: format!("{word} needs a robot that is ready: {}", robot.message), ..robot }
+        }
+        Refusal::Review => {
+            let message = "held for review: look at the result, then accept it; or dry the panel and `unhold --dried`, \
+                           which locates it again";
+            Reason::new("review", message)
+        }
+        Refusal::Failed(what) => {
+            let failed = trouble(what);
+            Reason { message: format!("{word} failed: {}", failed.message), ..failed }
+        }
+    }
+}
+
+/// Why the robot is not ready.
+pub(super) fn robot(robot: Robot) -> Reason {
+    let (code, message) = match robot {
+        Robot::Unknown => ("robot_unknown", "nothing was heard from its controller yet"),
+        Robot::Ready => ("robot_ready", "the robot is ready"),
+        Robot::LinkLost => {
+            ("link_lost", "there is no connection to its controller; check its cable, address and program")
+        }
+        Robot::Restarted => ("robot_restarted", "its controller or program started anew"),
+        Robot::EmergencyStop => {
+            ("emergency_stop", "an emergency stop is pressed; with the drives off nothing retracts")
+        }
+        Robot::GuardOpen => ("guard_open", "the guard is open"),
+        Robot::DrivesOff => ("drives_off", "its drives are off, or it cannot move"),
+        Robot::NotAutomatic => ("not_automatic", "it is in T1 or T2; switch it to automatic"),
+    };
+    Reason::new(code, message)
+}
+
+pub(super) fn trouble(trouble: Trouble) -> Reason {
+    let (code, message) = match trouble {
+        Trouble::Camera => ("camera", "a camera gave no picture"),
+        Trouble::Picture => ("picture", "a camera's pictures cannot be used"),
+        Trouble::Computing => ("computing", "a computation could not be made"),
+        Trouble::Feedback => {
+            ("feedback", "a feedback is not what it should be: tool, extraction, water, lens or light")
+        }
+        Trouble::Starved => ("starved", "the robot ran out of waypoints"),
+        Trouble::Slow => ("slow", "the robot is far behind its plan"),
+        Trouble::Gate => ("gate", "a path did not pass the gate, and none of it was sent"),
+        Trouble::Refused => ("refused", "the robot refused a command, or none could be sent"),
+        Trouble::Short => ("short", "the robot stood before its path's end"),
+        Trouble::Sequence => ("sequence", "the robot acknowledged out of order"),
+        Trouble::Protocol => ("protocol", "what the controller sent is not the protocol"),
+        Trouble::Deviation => ("deviation", "the arm is not where it was sent"),
+        Trouble::Store => ("store", "the store does not write, or its disk is full"),
+        Trouble::Late => ("late", "there was no answer by the deadline"),
+        Trouble::Unexpected => ("unexpected", "an answer does not fit what was asked"),
+    };
+    Reason::new(code, message)
+}
+
+/// Why the cycle stands in this state, where that is not plain, and the way out.
+pub fn why(at: At) -> Option<Reason> {
+    match at {
+        At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
+        At::Held(hold) | At::Holding(hold) => Some(held(hold)),
+        _ => None,
+    }
+}
+
+fn aborted(cause: Cause) -> Reason {
+    let because = match cause {
+        Cause::Asked => Reason::new("asked", "a person asked"),
+        Cause::Robot(condition) => robot(condition),
+        Cause::Trouble(what) => trouble(what),
+        Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took too long"),
+        Cause::Interrupted => Reason::new("interrupted", "the program ended while a motion was open"),
+    };
+    let message = format!(
+        "aborted: {}; look at the cell, jog the pad off the panel where it touches, then `panelprep ctl clear`",
+        because.message
+    );
+    Reason { message, ..because }
+}
+
+fn held(hold: Hold) -> Reason {
+    let next = "`panelprep ctl unhold` goes on";
+    match hold.why {
+        Why::Asked => Reason::new("asked", format!("held: a person asked; {next}")),
+        Why::Review => Reason::new(
+            "review",
+            "held for review: look at the result, then `panelprep ctl accept`, or dry the panel and `panelprep ctl \
+             unhold --dried`",
+        ),
+        Why::NotVerified => Reason::new(
+            "not_verified",
+            "held: the panel is not where it was located; dry it, then `panelprep ctl unhold --dried` locates it again",
+        ),
+        Why::TokenOver => {
+            Reason::new("token_over", format!("held: the localization grew too old in contact; {next}"))
+        }
+        Why::Trouble(what) => {
+            let mended = trouble(what);
+            Reason { message: format!("held: {}; mend it, then {next}", mended.message), ..mended }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cycle::{Event, Report};
+
+    fn ready() -> State {
+        step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0
+    }
+
+    #[test]
+    fn a_refusal_says_what_is_possible() {
+        let words = refusal(Request::Hold, Refusal::NotNow, &ready());
+        assert_eq!(words.message, "hold is not possible in state stopped; possible now: reset, abort");
+        let words = refusal(Request::Reset, Refusal::Robot(Robot::GuardOpen), &State::NEW);
+        assert_eq!(
+            (&*words.code, &*words.message),
+            ("guard_open", "reset needs a robot that is ready: the guard is open")
+        );
+    }
+
+    #[test]
+    fn an_abort_names_its_cause_and_the_way_out() {
+        let reason = why(At::Aborted { cause: Cause::Interrupted }).expect("words");
+        assert_eq!(reason.code, "interrupted");
+        assert!(reason.message.contains("while a motion was open") && reason.message.contains("ctl clear"));
+        assert_eq!(why(At::Idle), None);
+    }
+}

@@ -1,0 +1,121 @@
+//! The order of statements that a stop stands on, and which statements may be where.
+
+use super::krl::{Routine, files};
+use super::{each, routines};
+
+/// A variable that has no value stops the program when EKI_Get writes to it.
+#[test]
+fn what_is_read_into_has_a_value_before() {
+    let mut looked_at = 0;
+    for routine in files().iter().flat_map(|file| &file.routines) {
+        for (index, statement) in routine.body.iter().enumerate() {
+            for (_, arguments) in statement.calls().iter().filter(|(name, _)| name.starts_with("EKI_GET")) {
+                let whole = arguments[2].split('.').next().unwrap_or_default();
+                let set = |target: &str| {
+                    routine.body[..index].iter().any(|before| before.code.starts_with(&format!("{target}=")))
+                };
+                assert!(set(whole) && (!arguments[2].ends_with(".P") || set(&arguments[2])), "{}", statement.code);
+                looked_at += 1;
+            }
+        }
+    }
+    assert_eq!(looked_at, 12);
+}
+
+fn in_order(routine: &Routine, codes: &[&str]) {
+    let mut rest = routine.body.iter();
+    for code in codes {
+        let found = rest.any(|statement| statement.code.starts_with(code));
+        assert!(found, "{}: {code} is not where it must be", routine.name);
+    }
+}
+
+/// The order of two statements is what a stop stands on.
+#[test]
+fn the_order_that_a_stop_stands_on_is_kept() {
+    let files = files();
+    let routines = routines(&files);
+    in_order(routines["CELL_STOP"], &["CELL_OPEN=FALSE", "$OUT[CELL_TOOL_OUT]=FALSE", "$FLAG[CELL_F_HALT]=TRUE"]);
+    in_order(routines["CELL_RESET"], &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"]);
+    in_order(routines["CELL_BEGIN"], &["CELL_RX=0", "CELL_EP=NUMBER"]);
+    in_order(routines["CELL_TAKE"], &["CELL_RING[SLOT]=CMD", "CELL_RX=CMD.ID"]);
+    in_order(
+        routines["CELL_STREAM"],
+        &[
+            "CELL_DONE=0",
+            "CELL_RUN_EP=CELL_EP",
+            "INTERRUPT ON 20",
+            "INTERRUPT ON 21",
+            "INTERRUPT ON 22",
+            "IF $FLAG[CELL_F_STOP] OR $FLAG[CELL_F_HALT] OR $TIMER_FLAG[CELL_T_SUBMIT]",
+            "CELL_DEAD_EP=CELL_RUN_EP",
+            "WHILE",
+            "CMD=CELL_RING[SLOT]",
+            "IF CELL_OPEN AND (CELL_EP==CELL_RUN_EP)",
+            "CELL_EXECUTE",
+            "ENDWHILE",
+            "WAIT SEC 0",
+            "INTERRUPT OFF 20",
+        ],
+    );
+    for isr in ["CELL_ISR_STOP", "CELL_ISR_HALT"] {
+        in_order(
+            routines[isr],
+            &["$OUT[CELL_TOOL_OUT]=FALSE", "CELL_DEAD_EP=CELL_RUN_EP", "BRAKE", "IF CELL_BELOW", "RESUME"],
+        );
+        assert_eq!(routines[isr].body.last().expect("some").code, "ENDIF", "nothing follows RESUME");
+    }
+    // The advance pointer stays in the level that RESUME leaves.
+    for below in ["CELL_STREAM", "CELL_RETREAT"] {
+        assert_eq!(routines[below].body.last().expect("some").code, "$ADVANCE=0", "{below}");
+    }
+    in_order(
+        routines["CELL_MOTION"],
+        &[
+            "CELL_DEAD_EP=CELL_EP",
+            "PTP $AXIS_ACT_MEAS",
+            "LOOP",
+            "INTERRUPT OFF 20",
+            "IF CELL_RETRACT",
+            "CELL_FORGET",
+            "$FLAG[CELL_F_STOP]=FALSE",
+            "IF CELL_OPEN AND (CELL_DEAD_EP<>CELL_EP)",
+            "CELL_STREAM",
+        ],
+    );
+    for open in ["CELL_OPEN_CMD", "CELL_OPEN_STAT"] {
+        in_order(routines[open], &["RET=EKI_Clear", "RET=EKI_Init", "RET=EKI_Open"]);
+    }
+    for read in ["CELL_REQUESTS", "CELL_COMMANDS"] {
+        in_order(routines[read], &["$FLAG[", "RET=EKI_CheckBuffer", "WHILE"]);
+    }
+}
+
+/// Each kind of statement is only where it may be.
+#[test]
+fn motion_waits_and_frames_are_where_they_may_be() {
+    let allowed = [
+        ("PTP", &["CELL_MOTION", "CELL_EXECUTE"][..]),
+        ("LIN", &["CELL_EXECUTE", "CELL_RETREAT"]),
+        ("BRAKE", &["CELL_ISR_STOP", "CELL_ISR_HALT"]),
+        ("RESUME", &["CELL_ISR_STOP", "CELL_ISR_HALT"]),
+        ("TRIGGER", &["CELL_EXECUTE"]),
+        ("WAIT", &["CELL_MOTION", "CELL_STREAM", "CELL_EXECUTE", "CELL_RETREAT", "CELL_USER_0"]),
+        ("$BASE", &["CELL_MOTION", "CELL_STREAM", "CELL_EXECUTE"]),
+        ("$TOOL", &["CELL_MOTION", "CELL_STREAM", "CELL_EXECUTE"]),
+        ("CELL_EP", &["CELL_BEGIN"]),
+        ("CELL_RX", &["CELL_INIT", "CELL_BEGIN", "CELL_TAKE"]),
+        ("CELL_OPEN", &["CELL_INIT", "CELL_STOP", "CELL_RESET"]),
+    ];
+    each(&files(), |routine, statement| {
+        let first = statement.first_word();
+        if let Some((_, homes)) = allowed.iter().find(|(word, _)| *word == first) {
+            let is_write = !first.starts_with(['$', 'C']) || statement.code.starts_with(&format!("{first}="));
+            assert!(!is_write || homes.contains(&routine.name.as_str()), "{}: {}", routine.name, statement.code);
+        }
+        for opener in ["EKI_Open", "EKI_Init", "EKI_Clear"] {
+            let home = routine.name.starts_with("CELL_OPEN_");
+            assert!(home || !statement.code.contains(opener), "{}: {}", routine.name, statement.code);
+        }
+    });
+}

@@ -1,0 +1,123 @@
+//! `panelprep robot` and `panelprep mock-robot`: one function at a time, through every gate.
+
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+const NAMES: &str = "[poses]\n\
+    park = { a1_deg = -120.0, a2_deg = -75.0, a3_deg = 110.0, a4_deg = 0.0, a5_deg = 55.0, a6_deg = 90.0 }\n\
+    [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
+    [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n\
+    [limits]\nbox_min_mm = [100.0, -450.0, 50.0]\nbox_max_mm = [700.0, 450.0, 900.0]\n";
+
+fn cell(folder: &Path, robot: &str) {
+    std::fs::write(folder.join("cell.toml"), format!("store = \"store\"\n{robot}{NAMES}")).expect("written");
+}
+
+/// `panelprep robot …`: its exit code, its JSON object, and what it said on standard error.
+fn robot(folder: &Path, arguments: &str) -> (i32, Value, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(format!("robot {arguments} --cell cell.toml --json").split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("the program starts");
+    let (text, error) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    let object = serde_json::from_str(&text).unwrap_or_else(|wrong| panic!("{arguments}: {wrong}: {text}{error}"));
+    (output.status.code().expect("an exit code"), object, error.into_owned())
+}
+
+fn codes(object: &Value) -> Vec<&str> {
+    object["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect()
+}
+
+#[test]
+fn each_function_goes_through_its_gate() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    cell(folder, "[robot]\nkind = \"mock\"\n");
+    let (exit, told, _) = robot(folder, "state");
+    assert_eq!((exit, &told["state"]["mode"]), (0, &Value::from("EXT")), "{told}");
+    assert!(!folder.join("store").exists(), "to look writes nothing");
+
+    let (exit, told, _) = robot(folder, "move-j park");
+    assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(-120.0)), "{told}");
+    // The arm's home is at (435, 0, 682.058) mm with B 30°: see the mock's kinematics.
+    let (exit, told, _) = robot(folder, "move-lin --speed-mm-s 200 445,20,682.058,180,30,180");
+    assert_eq!(exit, 0, "{told}");
+    let tip = &told["state"]["base_from_tcp"];
+    let off_mm = [("x_mm", 445.0), ("y_mm", 20.0), ("z_mm", 682.058)]
+        .map(|(key, wanted)| (tip[key].as_f64().expect("a number") - wanted).abs());
+    assert!(off_mm.into_iter().all(|off_mm| off_mm < 0.01), "{told}");
+
+    for (arguments, expected) in [
+        ("move-lin 435,0,1000,180,30,180", vec!["outside_box"; 3]),
+        ("move-lin --speed-mm-s 251 435,0,680,180,30,180", vec!["speed"]),
+        ("move-j 0,-90,361,0,60,0", vec!["axis_limit"]),
+        ("set-out ligth on", vec!["no_such_output"]),
+        ("set-out tool on", vec!["interlock"]),
+        ("set-out spray on", vec!["interlock"]),
+    ] {
+        let (exit, told, _) = robot(folder, arguments);
+        assert_eq!((exit, &told["verdict"]), (1, &Value::from("reject")), "{arguments}: {told}");
+        assert_eq!(codes(&told), expected, "{arguments}: {told}");
+    }
+    let (exit, told, _) = robot(folder, "set-out light on --keep-s 2");
+    assert_eq!((exit, &told["state"]["inputs"]["light_on"]), (0, &Value::from(true)), "{told}");
+    let (exit, told, error) = robot(folder, "set-in 3 on");
+    assert_eq!(exit, 2);
+    assert!(error.contains("read-only"), "{error}{told}");
+    let (exit, told, _) = robot(folder, "move-lin 1,2,3");
+    assert_eq!(exit, 2);
+    assert!(told["reasons"][0]["message"].as_str().is_some_and(|words| words.contains("six are needed")), "{told}");
+}
+
+/// Ended when the test ends.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// Two commands, two connections, one controller: what the first did stands when the second asks.
+#[test]
+fn a_stand_alone_mock_keeps_its_pose_between_commands() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    // Ports of its own among the sixteen of the firewall, in EthernetKRL files as a user would change them.
+    let (command, state) = (54_612, 54_613);
+    for (file, shipped, port) in [
+        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), command),
+        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml"), state),
+    ] {
+        let text = shipped.replace("<PORT>54600</PORT>", &format!("<PORT>{port}</PORT>"));
+        let text = text.replace("<PORT>54601</PORT>", &format!("<PORT>{port}</PORT>"));
+        assert!(text.contains(&port.to_string()), "{file} names its port");
+        std::fs::write(folder.join(file), text).expect("written");
+    }
+    let ports = format!("command_port = {command}\nstate_port = {state}\n");
+    cell(folder, &format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}"));
+    let (exit, told, _) = robot(folder, "state");
+    assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
+
+    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args("mock-robot --config . --cell cell.toml".split_whitespace())
+        .current_dir(folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(mock.stderr.take().expect("piped")).lines();
+    let _mock = Running(mock);
+    let first = lines.next().expect("a line").expect("UTF-8");
+    assert!(first.contains("54612"), "{first}");
+
+    let (exit, told, _) = robot(folder, "move-j 5,-90,90,0,60,0 --axis-speed-percent 50");
+    assert_eq!(exit, 0, "{told}");
+    let (exit, told, _) = robot(folder, "state");
+    assert_eq!((exit, &told["state"]["joints"]["a1_deg"]), (0, &Value::from(5.0)), "{told}");
+    let said: Vec<String> = lines.map_while(Result::ok).take(2).collect();
+    assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
+}
