@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect
+bench: bench-seeds bench-inspect bench-link
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -52,3 +52,7 @@ bench-seeds: setup
 # The water-break test alone, on more films.
 bench-inspect: setup
 	cargo bench --locked --bench inspect
+
+# The robot link: rates, from a lost acknowledgement to STOP, long paths. About five minutes.
+bench-link: setup
+	cargo bench --locked --bench link

@@ -139,15 +139,33 @@ impl Default for Framer {
 impl Framer {
     /// Takes the stream's next bytes. What stands behind an error is not looked at.
     pub fn push(&mut self, bytes: &[u8]) {
-        for &byte in bytes {
-            if self.broken.is_some() {
-                return;
+        let mut rest = bytes;
+        while let (Some((&byte, behind)), None) = (rest.split_first(), self.broken) {
+            let plain = self.plain(rest);
+            if plain > 0 {
+                self.document.extend_from_slice(&rest[..plain]);
+                self.at += plain as u64;
+                rest = &rest[plain..];
+                continue;
             }
             match self.step(byte) {
                 Ok(()) => self.at += 1,
                 Err(error) => self.broken = Some(error),
             }
+            rest = behind;
         }
+    }
+
+    /// How many bytes from here on only lengthen the document, wherever in it they stand.
+    fn plain(&self, bytes: &[u8]) -> usize {
+        match self.place {
+            Place::Outside if self.depth > 0 => {}
+            Place::Start { slash: false } | Place::Quoted(_) => {}
+            _ => return 0,
+        }
+        let room = MAX_DOCUMENT_BYTES - self.document.len();
+        let is_plain = |byte: &u8| byte.is_ascii_alphanumeric() || matches!(byte, b' ' | b'.' | b'-' | b'=');
+        bytes.iter().take(room).take_while(|byte| is_plain(byte)).count()
     }
 
     /// The next whole document; `None` while more bytes are needed. Documents before an error come first.

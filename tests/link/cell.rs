@@ -18,8 +18,8 @@ pub const START: Joints =
     Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 90.0, a6_deg: 0.0 };
 /// The sanding tool: 100 mm along the flange's Z.
 pub const TOOL: KukaPose = KukaPose { x_mm: 0.0, y_mm: 0.0, z_mm: 100.0, a_deg: 0.0, b_deg: 0.0, c_deg: 0.0 };
-/// The panel's frame where the tool stands at the start; its Z points down, into the panel.
-pub const BASE: KukaPose = KukaPose { x_mm: 390.0, y_mm: 0.0, z_mm: 570.0, a_deg: 180.0, b_deg: 0.0, c_deg: 180.0 };
+/// The panel's frame, 40 mm below the tool at the start; its Z points down, into the panel.
+pub const BASE: KukaPose = KukaPose { x_mm: 390.0, y_mm: 0.0, z_mm: 530.0, a_deg: 180.0, b_deg: 0.0, c_deg: 180.0 };
 /// The output that runs the tool.
 pub const TOOL_OUTPUT: u16 = 5;
 /// A controller's tick, ms.

@@ -36,8 +36,8 @@ pub struct Oracles {
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
-    /// When standing on the panel was last nobody's fault: the drives were off, or a key was released.
-    exempt_ms: u64,
+    /// Stops at the last moment when the arm could not move in contact: from there it is jogged off by hand.
+    left_there: Option<usize>,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
     traced: usize,
@@ -155,11 +155,13 @@ impl Oracles {
             )
         };
         if last_stop.is_some_and(at_once) || !cell.controller.can_move() {
-            self.exempt_ms = now_ms;
+            self.left_there = Some(cell.controller.stops().len());
+        }
+        if self.left_there == Some(cell.controller.stops().len()) {
             return;
         }
         let low = height_mm(cell.controller) < 1.0;
-        if low && now_ms > self.exempt_ms.max(self.moved_ms) + DWELL_MS {
+        if low && now_ms > self.moved_ms + DWELL_MS {
             self.wrong(now_ms, "the tool stands on the panel".to_owned());
         }
         if let Some(stop) = last_stop.filter(|stop| stop.contact && cell.controller.is_stopped())
@@ -253,6 +255,11 @@ impl Watch for Oracles {
         self.judge_motion(cell);
         self.judge_contact(cell);
         self.judge_window(cell);
+        let ends = [panelprep::devices::mock::Channel::Command, panelprep::devices::mock::Channel::State];
+        let has_link = ends.iter().all(|&end| controller.is_connected(end));
+        if controller.counts().0 > 0 && !controller.is_stopped() && !has_link {
+            self.wrong(cell.now_ms, format!("epoch {} goes on without its link", controller.epoch()));
+        }
         if controller.is_stopped() && controller.outputs().get(&TOOL_OUTPUT) == Some(&true) {
             self.wrong(cell.now_ms, "the tool runs after a stop".to_owned());
         }

@@ -11,6 +11,18 @@ use std::collections::BTreeMap;
 const STATE_EVERY_MS: u64 = 100;
 const ACK_EVERY_MS: u64 = 500;
 
+/// What the programs set, in the order in which they do.
+const ACK_TAGS: [&str; 6] = ["Ack/@Rx", "Ack/@Done", "Ack/@Free", "Ack/@Err", "Ack/@ErrId", "Ack/@Ep"];
+#[rustfmt::skip] // a row for each element
+const STATE_TAGS: [&str; 36] = [
+    "St/@T", "St/@Seq", "St/@Re", "St/@Ep", "St/@Boot", "St/@Sum",
+    "St/@Mode", "St/@Flags", "St/@In", "St/@Out", "St/@Done", "St/@Under",
+    "St/J/@A1", "St/J/@A2", "St/J/@A3", "St/J/@A4", "St/J/@A5", "St/J/@A6",
+    "St/Tcp/@X", "St/Tcp/@Y", "St/Tcp/@Z", "St/Tcp/@A", "St/Tcp/@B", "St/Tcp/@C",
+    "St/Base/@X", "St/Base/@Y", "St/Base/@Z", "St/Base/@A", "St/Base/@B", "St/Base/@C",
+    "St/Tool/@X", "St/Tool/@Y", "St/Tool/@Z", "St/Tool/@A", "St/Tool/@B", "St/Tool/@C",
+];
+
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Ack {
     received: i32,
@@ -34,8 +46,8 @@ pub(super) struct Answers {
 impl Answers {
     pub(super) fn new(setup: &Setup) -> Self {
         Answers {
-            ack: Template::new(&setup.commands.sent),
-            state: Template::new(&setup.states.sent),
+            ack: Template::new(&setup.commands.sent, &ACK_TAGS),
+            state: Template::new(&setup.states.sent, &STATE_TAGS),
             last_ack: None,
             last_state_ms: 0,
             sequence: setup.first_state,
@@ -57,15 +69,8 @@ impl Controller {
             self.answers.last_ack.is_none_or(|(told, at_ms)| told != ack || self.now_ms >= at_ms + ACK_EVERY_MS);
         if due && self.commands.connected && !self.troubles.silences(Channel::Command) {
             self.answers.last_ack = Some((ack, self.now_ms));
-            self.answers.ack.write(&mut self.commands.out, |tag| match tag {
-                "Ack/@Rx" => Value::Int(ack.received),
-                "Ack/@Done" => Value::Int(ack.done),
-                "Ack/@Free" => Value::Int(ack.free),
-                "Ack/@Err" => Value::Int(ack.refusal.0),
-                "Ack/@ErrId" => Value::Int(ack.refusal.1),
-                "Ack/@Ep" => Value::Int(ack.epoch),
-                _ => Value::Unset,
-            });
+            let numbers = [ack.received, ack.done, ack.free, ack.refusal.0, ack.refusal.1, ack.epoch];
+            self.answers.ack.write(&mut self.commands.out, &numbers.map(Value::Int));
         }
         // In a granted time the heartbeat's answer is that state.
         let next_ms = self.now_ms + TICK_MS;
@@ -94,38 +99,30 @@ impl Controller {
         self.answers.last_state_ms = self.now_ms;
         // Counts on from 0 behind the highest number of 32 bits.
         self.answers.sequence = self.answers.sequence.wrapping_add(1 + self.troubles.take_skip()) & i32::MAX;
-        let mut out = std::mem::take(&mut self.states.out);
-        let axes = angles_deg(&self.mover.joints());
-        let base = self.epoch.base.unwrap_or_default();
+        let whole = self.state_numbers().map(Value::Int);
         let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
-        let tcp = self.tcp();
-        self.answers.state.write(&mut out, |tag| match tag.rsplit_once("/@") {
-            Some(("St", name)) => self.state_number(name).map_or(Value::Unset, Value::Int),
-            Some(("St/J", name)) => number(name, ["A1", "A2", "A3", "A4", "A5", "A6"], axes),
-            Some(("St/Tcp", name)) => frame_number(name, &tcp),
-            Some(("St/Base", name)) => frame_number(name, &base),
-            Some(("St/Tool", name)) => frame_number(name, &tool),
-            _ => Value::Unset,
-        });
-        self.states.out = out;
+        let frames = [self.tcp(), self.epoch.base.unwrap_or_default(), tool].map(numbers);
+        let real = angles_deg(&self.mover.joints()).into_iter().chain(frames.into_iter().flatten());
+        let values: Vec<Value> = whole.into_iter().chain(real.map(|number| Value::Real(number as f32))).collect();
+        self.answers.state.write(&mut self.states.out, &values);
     }
 
-    fn state_number(&self, name: &str) -> Option<i32> {
-        Some(match name {
-            "T" => ((self.now_ms - self.started_ms) % (1 << 31)) as i32,
-            "Seq" => self.answers.sequence,
-            "Re" => self.answers.answered,
-            "Ep" => self.epoch.number,
-            "Boot" => self.setup.boot,
-            "Sum" => self.setup.checksum,
-            "Mode" => self.safety.mode as i32,
-            "Flags" => self.flag_bits(),
-            "In" => bits(&self.setup.inputs, &self.inputs),
-            "Out" => bits(&self.setup.outputs, &self.outputs),
-            "Done" => self.epoch.done,
-            "Under" => self.underruns,
-            _ => return None,
-        })
+    /// In the order of [`STATE_TAGS`].
+    fn state_numbers(&self) -> [i32; 12] {
+        [
+            ((self.now_ms - self.started_ms) % (1 << 31)) as i32,
+            self.answers.sequence,
+            self.answers.answered,
+            self.epoch.number,
+            self.setup.boot,
+            self.setup.checksum,
+            self.safety.mode as i32,
+            self.flag_bits(),
+            bits(&self.setup.inputs, &self.inputs),
+            bits(&self.setup.outputs, &self.outputs),
+            self.epoch.done,
+            self.underruns,
+        ]
     }
 
     fn flag_bits(&self) -> i32 {
@@ -148,12 +145,6 @@ fn bits(numbers: &[u16], values: &BTreeMap<u16, bool>) -> i32 {
     numbers.iter().take(31).enumerate().fold(0, |sum, (bit, number)| sum | (set(number) << bit))
 }
 
-fn number(name: &str, names: [&str; 6], numbers: [f64; 6]) -> Value {
-    let place = names.iter().position(|known| *known == name);
-    place.map_or(Value::Unset, |place| Value::Real(numbers[place] as f32))
-}
-
-fn frame_number(name: &str, pose: &KukaPose) -> Value {
-    let numbers = [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg];
-    number(name, ["X", "Y", "Z", "A", "B", "C"], numbers)
+fn numbers(pose: KukaPose) -> [f64; 6] {
+    [pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg]
 }

@@ -156,8 +156,8 @@ pub(super) struct Template {
 #[derive(Debug, Clone)]
 enum Piece {
     Text(String),
-    /// The value of this tag.
-    Slot(String),
+    /// The value at this place of what is written; `None` for a tag that the program does not set.
+    Slot(Option<usize>),
 }
 
 #[derive(Debug, Default)]
@@ -170,8 +170,9 @@ struct Node {
 }
 
 impl Template {
-    /// The documents of a channel's SEND section: its first root, which is all that the cell's files have.
-    pub(super) fn new(elements: &[Element]) -> Self {
+    /// The documents of a channel's SEND section: its first root, which is all that the cell's files have. The program
+    /// sets these tags, in this order.
+    pub(super) fn new(elements: &[Element], tags: &[&str]) -> Self {
         let mut top = Node::default();
         for element in elements {
             let (path, attribute) = element.address();
@@ -191,23 +192,24 @@ impl Template {
         }
         let mut template = Template { pieces: Vec::new() };
         if let Some(root) = top.children.first() {
-            template.lay_out(root);
+            template.lay_out(root, tags);
         }
         template
     }
 
-    fn lay_out(&mut self, node: &Node) {
+    fn lay_out(&mut self, node: &Node, tags: &[&str]) {
+        let place = |tag: &str| Piece::Slot(tags.iter().position(|known| *known == tag));
         self.text(&format!("<{}", node.name));
         for (name, tag) in &node.attributes {
             self.text(&format!(" {name}=\""));
-            self.pieces.push(Piece::Slot(tag.clone()));
+            self.pieces.push(place(tag));
             self.text("\"");
         }
         self.text(">");
         if let Some(tag) = &node.text {
-            self.pieces.push(Piece::Slot(tag.clone()));
+            self.pieces.push(place(tag));
         }
-        node.children.iter().for_each(|child| self.lay_out(child));
+        node.children.iter().for_each(|child| self.lay_out(child, tags));
         self.text(&format!("</{}>", node.name));
     }
 
@@ -218,24 +220,26 @@ impl Template {
         }
     }
 
-    /// Writes one document after what is in `out` already.
-    pub(super) fn write(&self, out: &mut Vec<u8>, value: impl Fn(&str) -> Value) {
+    /// Writes one document after what is in `out` already, with a value for each tag of the program.
+    pub(super) fn write(&self, out: &mut Vec<u8>, values: &[Value]) {
         for piece in &self.pieces {
             match piece {
                 Piece::Text(text) => out.extend_from_slice(text.as_bytes()),
-                Piece::Slot(tag) => write_value(out, value(tag)),
+                Piece::Slot(place) => {
+                    write_value(out, place.and_then(|place| values.get(place)).unwrap_or(&Value::Unset));
+                }
             }
         }
     }
 }
 
-fn write_value(out: &mut Vec<u8>, value: Value) {
+fn write_value(out: &mut Vec<u8>, value: &Value) {
     // Writing into memory cannot fail.
     let _ = match value {
         Value::Int(number) => write!(out, "{number}"),
         Value::Real(number) => write!(out, "{number:.6}"),
-        Value::Bool(value) => write!(out, "{}", i32::from(value)),
-        Value::Text(text) => escape(out, &text),
+        Value::Bool(value) => write!(out, "{}", i32::from(*value)),
+        Value::Text(text) => escape(out, text),
         Value::Unset | Value::Frame(_) => Ok(()),
     };
 }
@@ -310,7 +314,7 @@ mod tests {
         let long = format!("<S><Name>{}</Name></S>", "x".repeat(LONGEST_TEXT + 1));
         assert_eq!(decode(&elements, long.as_bytes()), Err(EkiFault::TextTooLong));
         let mut out = Vec::new();
-        Template::new(&elements[..1]).write(&mut out, |_| Value::Text("a<b".to_owned()));
+        Template::new(&elements[..1], &["S/Name"]).write(&mut out, &[Value::Text("a<b".to_owned())]);
         assert_eq!(out, b"<S><Name>a&lt;b</Name></S>");
     }
 
@@ -334,19 +338,14 @@ mod tests {
     /// By hand, after MA's sample: `%f` of a 32-bit float, −90.00003 becomes −90.000031.
     #[test]
     fn what_is_sent_has_every_tag_in_the_files_order() {
-        let template = Template::new(&commands().sent);
+        let template = Template::new(&commands().sent, &["Ack/@Done", "Ack/@Rx", "Ack/@Ep", "Ack/@Free"]);
         let mut out = Vec::new();
-        template.write(&mut out, |tag| match tag {
-            "Ack/@Rx" => Value::Int(17),
-            "Ack/@Done" => Value::Real(-90.000_03),
-            "Ack/@Ep" => Value::Int(-3),
-            _ => Value::Unset,
-        });
+        template.write(&mut out, &[Value::Real(-90.000_03), Value::Int(17), Value::Int(-3), Value::Unset]);
         let expected = "<Ack Rx=\"17\" Done=\"-90.000031\" Free=\"\" Err=\"\" ErrId=\"\" Ep=\"-3\"></Ack>";
         assert_eq!(String::from_utf8(out).expect("text"), expected);
         let nested = ["A/B", "A/B/@x", "A/C/D/@y"].map(|tag| Element::new(tag, None));
         let mut out = Vec::new();
-        Template::new(&nested).write(&mut out, |_| Value::Int(1));
+        Template::new(&nested, &["A/B", "A/B/@x", "A/C/D/@y"]).write(&mut out, &[const { Value::Int(1) }; 3]);
         assert_eq!(String::from_utf8(out).expect("text"), "<A><B x=\"1\">1</B><C><D y=\"1\"></D></C></A>");
     }
 }

@@ -77,9 +77,11 @@ impl Corner {
         let end = between(&bend.vertex, &bend.next, blend_mm / whole_out_mm);
         let vertex = bend.vertex;
         let mut corner = Corner { start, vertex, end, length_mm: 0.0, whole_out_mm, arc_mm: [0.0; PARTS + 1] };
+        let mut before = start.origin().mm.coords;
         for part in 1..=PARTS {
-            let [before, here] = [part - 1, part].map(|part| corner.origin_mm(part as f64 / PARTS as f64));
+            let here = corner.origin_mm(part as f64 / PARTS as f64);
             corner.arc_mm[part] = corner.arc_mm[part - 1] + (here - before).norm();
+            before = here;
         }
         let turned_mm = measure_mm(&start, &vertex, bend.mm_per_deg) + measure_mm(&vertex, &end, bend.mm_per_deg);
         let chords_mm = 2.0 * blend_mm;
@@ -89,8 +91,15 @@ impl Corner {
     }
 
     fn origin_mm(&self, t: f64) -> nalgebra::Vector3<f64> {
-        let [start, vertex, end] = [self.start, self.vertex, self.end].map(|pose| pose.origin().mm.coords);
-        start * ((1.0 - t) * (1.0 - t)) + vertex * (2.0 * t * (1.0 - t)) + end * (t * t)
+        let (start, vertex, end) = (self.start.isometry(), self.vertex.isometry(), self.end.isometry());
+        let (start, vertex, end) = (&start.translation, &vertex.translation, &end.translation);
+        let shares = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t), t * t);
+        let of = |start: f64, vertex: f64, end: f64| start * shares.0 + vertex * shares.1 + end * shares.2;
+        nalgebra::Vector3::new(
+            of(start.x, vertex.x, end.x),
+            of(start.y, vertex.y, end.y),
+            of(start.z, vertex.z, end.z),
+        )
     }
 
     /// The pose `gone_mm` (of the measure) behind the start.

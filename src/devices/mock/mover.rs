@@ -115,6 +115,8 @@ pub(super) struct Mover {
     /// Along the path, mm/s or degrees/s of the leading axis.
     speed: f64,
     braking: bool,
+    /// The legs ahead, while neither plan nor leg changes.
+    ahead: Option<Vec<Leg>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -167,7 +169,7 @@ impl Leg {
 impl Mover {
     pub(super) fn new(arm: Arm, joints: Joints) -> Self {
         let place = Place::Standing;
-        Mover { arm, joints, planned: VecDeque::new(), place, gone: 0.0, speed: 0.0, braking: false }
+        Mover { arm, joints, planned: VecDeque::new(), place, gone: 0.0, speed: 0.0, braking: false, ahead: None }
     }
 
     pub(super) fn joints(&self) -> Joints {
@@ -210,6 +212,7 @@ impl Mover {
     /// Plans a move behind the others; its target must be reachable from where they end.
     pub(super) fn plan(&mut self, step: Move) {
         self.planned.push_back(step);
+        self.ahead = None;
     }
 
     /// Slows down to a stop on the path and forgets what is left.
@@ -223,6 +226,7 @@ impl Mover {
     /// Stands at once and forgets what is left.
     pub(super) fn freeze(&mut self) {
         self.planned.clear();
+        self.ahead = None;
         self.place = Place::Standing;
         self.speed = 0.0;
         self.braking = false;
@@ -252,7 +256,7 @@ impl Mover {
     }
 
     fn begin(&mut self) {
-        (self.gone, self.speed) = (0.0, 0.0);
+        (self.gone, self.speed, self.ahead) = (0.0, 0.0, None);
         match self.planned.front() {
             None => {}
             Some(Move::Lin(lin)) => {
@@ -292,7 +296,7 @@ impl Mover {
     }
 
     fn step_lines(&mut self, allowed: Override, step_s: f64, done: &mut Vec<Done>) -> Result<(), Blocked> {
-        let legs = self.legs();
+        let legs = self.ahead.take().unwrap_or_else(|| self.legs());
         let Some(flange_from_tool) = legs.first().map(|leg| leg.lin().flange_from_tool) else {
             return Ok(());
         };
@@ -305,7 +309,9 @@ impl Mover {
                 None => {
                     self.speed = if halving == 0 { speed } else { further_mm * share / step_s };
                     self.joints = next;
-                    return self.go_on(&legs, further_mm * share, done).map_err(Blocked::Unreachable);
+                    let same_leg = self.go_on(&legs, further_mm * share, done).map_err(Blocked::Unreachable)?;
+                    self.ahead = same_leg.then_some(legs);
+                    return Ok(());
                 }
                 Some(axis) if halving == HALVINGS => return Err(Blocked::AxisSpeed(axis)),
                 Some(_) => share *= 0.5,
@@ -390,13 +396,13 @@ impl Mover {
         legs
     }
 
-    /// Goes on along the legs, from one to the next where they end.
-    fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<(), Unreachable> {
+    /// Goes on along the legs, from one to the next where they end. True where it is still the first.
+    fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
         for (index, leg) in legs.iter().enumerate() {
             self.pass_middle(leg, done)?;
             if self.gone < leg.length_mm() - ROUNDING_MM {
-                return Ok(());
+                return Ok(index == 0);
             }
             self.gone -= leg.length_mm();
             match leg {
@@ -405,7 +411,7 @@ impl Mover {
                     (self.place, self.gone, self.speed) = (Place::Standing, 0.0, 0.0);
                     let starved = self.is_starved(lin);
                     done.push(Done { step: Move::Lin(*lin), joints: self.joints, starved });
-                    return Ok(());
+                    return Ok(false);
                 }
                 Leg::Line { lin, .. } => {
                     self.planned.pop_front();
@@ -418,7 +424,7 @@ impl Mover {
                 }
             }
         }
-        Ok(())
+        Ok(false)
     }
 
     /// Whether standing at the end of this move was not asked for.

@@ -15,7 +15,7 @@ const GRANT_MS: u64 = 100;
 const WATCHDOG_MS: u64 = 400;
 /// Silence after which the program takes its channels for dead, clears them and listens again: a client that is gone
 /// without a word would else hold its place for ever.
-const SILENCE_MS: u64 = 1_000;
+const SILENCE_MS: u64 = 3_000;
 /// How long clearing, initialising and opening a channel takes.
 pub(super) const REOPEN_MS: u64 = 24;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².

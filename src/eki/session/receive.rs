@@ -89,7 +89,8 @@ impl Session {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
             self.phase = if self.is_greeting() { Phase::Greeting } else { Phase::Idle };
-            (self.last_sequence, self.last_epoch) = (None, state.epoch);
+            // Its count may begin anew; ours does not, so that no number ever means two epochs.
+            (self.last_sequence, self.last_epoch) = (None, self.last_epoch.max(state.epoch));
             self.reports.push_back(Report::Rebooted { state: Box::new(state) });
         }
         self.identity = Some(identity);

@@ -96,7 +96,7 @@ fn starving_in_contact_retracts() {
 fn silence_stops_what_is_queued() {
     let mut rig = sanding(Clock::Free);
     let heard_ms = rig.controller.last_frame_ms;
-    rig.controller.advance_ms(2000);
+    rig.controller.advance_ms(3200);
     rig.listen();
     let stop = rig.controller.stops()[0].clone();
     assert_eq!(
@@ -109,9 +109,9 @@ fn silence_stops_what_is_queued() {
     assert_eq!(rig.controller.fault(Channel::State), Some(EkiFault::NoContact));
     assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
     assert_retracted(&mut rig);
-    // With nothing queued it takes a second until the client is taken for gone.
+    // With nothing queued it takes three seconds until the client is taken for gone.
     let mut quiet = Rig::ready(Clock::Free);
-    quiet.controller.advance_ms(860);
+    quiet.controller.advance_ms(2_900);
     assert_eq!(quiet.causes(), []);
     quiet.controller.advance_ms(200);
     assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));

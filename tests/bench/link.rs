@@ -1,0 +1,245 @@
+//! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
+//! without a stop. A table, and exit code 1 where a target is missed. `cargo bench --bench link -- [TRIALS]`
+
+#[path = "../link/cell.rs"]
+#[allow(dead_code)] // the tests use the rest
+mod cell;
+mod link {
+    pub mod peer;
+}
+
+use cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
+use link::peer::Peer;
+use panelprep::devices::mock::{self, Clock, FaultSpec, MockServer, Ports, Setup};
+use panelprep::devices::robot::{Address, BlockingLink};
+use panelprep::eki::{Command, LinkLimits, MoveLin, Pace, Report, Signal};
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// 8 commands in each tick of 12 ms.
+const TICK_COMMANDS_S: f64 = 8.0 / 0.012;
+const LOOPBACK_SHARE: f64 = 0.95;
+const VIRTUAL_COMMANDS_S: f64 = 100_000.0;
+const TIMEOUT: Duration = Duration::from_millis(40);
+const IDLE: Duration = Duration::from_millis(20);
+const BUSY: Duration = Duration::from_millis(50);
+/// Links that are tried at the same time; each has its own thread.
+const LINKS: usize = 8;
+const PATIENCE: Duration = Duration::from_secs(20);
+
+fn main() -> ExitCode {
+    let trials = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(10_000);
+    let reached = [
+        virtual_rate(),
+        loopback_rate(),
+        stop_latency("idle", trials, 0, IDLE),
+        stop_latency("both cores busy", trials, std::thread::available_parallelism().map_or(2, usize::from), BUSY),
+        long_virtual_path(),
+        path_over_sockets(),
+    ];
+    let missed = reached.iter().filter(|reached| !**reached).count();
+    println!("{missed} of {} missed their target", reached.len());
+    if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+fn verdict(reached: bool) -> &'static str {
+    if reached { "ok" } else { "MISSED" }
+}
+
+fn output(index: usize) -> Command {
+    Command::SetDigout(Signal { number: 1, on: index.is_multiple_of(2) })
+}
+
+/// Client and controller in one thread, in virtual time, without sockets; commands without motion.
+fn virtual_rate() -> bool {
+    const COMMANDS: usize = 400_000;
+    let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), 1);
+    cell.delay_ms = (0, 0);
+    cell.open(0.1);
+    let started = Instant::now();
+    for index in 0..COMMANDS {
+        cell.session.queue(output(index)).expect("good");
+        if index % 400 == 399 {
+            cell.run(600, &mut Blind);
+        }
+    }
+    while cell.controller.counts().1 < COMMANDS as i32 + 3 {
+        cell.run(12, &mut Blind);
+    }
+    let rate = COMMANDS as f64 / started.elapsed().as_secs_f64();
+    let reached = rate >= VIRTUAL_COMMANDS_S;
+    println!("virtual time, one core: {rate:.0} commands/s (target {VIRTUAL_COMMANDS_S:.0}) {}", verdict(reached));
+    reached
+}
+
+fn served(faults: &str) -> (MockServer, BlockingLink) {
+    let faults = if faults.is_empty() { FaultSpec::default() } else { faults.parse().expect("good") };
+    let setup = Setup { faults, ..setup(Clock::Free) };
+    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
+    let server = MockServer::start(controller, Ports::free()).expect("starts");
+    let address = Address {
+        host: "127.0.0.1".to_owned(),
+        command_port: server.command_address().port(),
+        state_port: server.state_address().port(),
+    };
+    (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
+}
+
+fn wait(link: &mut BlockingLink, found: impl Fn(&Report) -> bool) {
+    loop {
+        let report = link.next(PATIENCE).expect("the link goes on");
+        if found(&report) {
+            return;
+        }
+    }
+}
+
+fn open(link: &mut BlockingLink) {
+    wait(link, |report| matches!(report, Report::Connected { .. }));
+    link.open_epoch().expect("connected");
+    wait(link, |report| matches!(report, Report::EpochOpened { .. }));
+}
+
+/// Over loopback against the controller's own tick.
+fn loopback_rate() -> bool {
+    const COMMANDS: usize = 6_000;
+    let (_server, mut link) = served("");
+    open(&mut link);
+    let started = Instant::now();
+    for index in 0..COMMANDS {
+        link.send(output(index)).expect("good");
+    }
+    wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 as usize == COMMANDS));
+    let rate = COMMANDS as f64 / started.elapsed().as_secs_f64();
+    let reached = rate >= LOOPBACK_SHARE * TICK_COMMANDS_S;
+    println!(
+        "loopback: {rate:.1} commands/s, {:.1} % of what the tick allows (target {:.0} %) {}",
+        100.0 * rate / TICK_COMMANDS_S,
+        100.0 * LOOPBACK_SHARE,
+        verdict(reached)
+    );
+    reached
+}
+
+/// From a command whose acknowledgement is lost to the abort at the other end, with so many cores kept busy.
+fn stop_latency(name: &str, trials: usize, busy: usize, spare: Duration) -> bool {
+    let ends = AtomicBool::new(false);
+    let mut found: Vec<Duration> = std::thread::scope(|scope| {
+        for _ in 0..busy {
+            scope.spawn(|| {
+                while !ends.load(Ordering::Relaxed) {
+                    std::hint::spin_loop();
+                }
+            });
+        }
+        let links: Vec<_> =
+            (0..LINKS).map(|_| scope.spawn(|| lose_acknowledgements(trials.div_ceil(LINKS)))).collect();
+        let found = links.into_iter().flat_map(|link| link.join().expect("ends")).collect();
+        ends.store(true, Ordering::Relaxed);
+        found
+    });
+    found.sort_unstable();
+    let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
+    let (worst, limit) = (at(0.999), TIMEOUT + spare);
+    let reached = worst <= limit;
+    let ms = |time: Duration| time.as_secs_f64() * 1_000.0;
+    println!(
+        "lost acknowledgement to STOP, {name}: {} trials, timeout {} ms: median {:.1} ms, p99 {:.1}, p99.9 {:.1} (target {:.0}), \
+         most {:.1} {}",
+        found.len(),
+        TIMEOUT.as_millis(),
+        ms(at(0.5)),
+        ms(at(0.99)),
+        ms(worst),
+        ms(limit),
+        ms(at(1.0)),
+        verdict(reached)
+    );
+    reached
+}
+
+fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
+    let peer = Peer::start();
+    let (command_port, state_port) = peer.ports();
+    let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
+    // Heartbeats and their answers far inside the timeout, so that only the acknowledgement is missed.
+    let limits = LinkLimits { watchdog: TIMEOUT, heartbeat: Duration::from_millis(8), ..LinkLimits::default() };
+    let mut link = BlockingLink::start(address, limits, Pace::Wall).expect("starts");
+    let mut found = Vec::with_capacity(trials);
+    wait(&mut link, |report| matches!(report, Report::Connected { .. }));
+    while found.len() < trials {
+        if link.open_epoch().is_err() {
+            // Busy cores may have cost the connection: it comes back.
+            wait(&mut link, |report| matches!(report, Report::Connected { .. } | Report::State(_)));
+            continue;
+        }
+        wait(&mut link, |report| {
+            matches!(report, Report::EpochOpened { .. } | Report::EpochNotOpened { .. } | Report::LinkLost { .. })
+        });
+        peer.lose_acknowledgements();
+        let sent = Instant::now();
+        if link.send(output(0)).is_err() {
+            continue;
+        }
+        let is_over = |report: &Report| matches!(report, Report::Standstill { .. } | Report::LinkLost { .. });
+        wait(&mut link, is_over);
+        if let Some(stopped) = peer.stopped() {
+            found.push(stopped.saturating_duration_since(sent));
+        }
+    }
+    found
+}
+
+/// Back and forth over 120 mm in steps of 3 mm at 150 mm/s: 20 ms each.
+fn meander(points: usize) -> Vec<MoveLin> {
+    let row = pass(41, 3.0, false);
+    let point = |index: usize| {
+        let column = if index / 40 % 2 == 0 { index % 40 } else { 39 - index % 40 };
+        let mut point = row[column];
+        point.pose.y_mm += 3.0 * (index / 40 % 20) as f64;
+        (point.pose.z_mm, point.blend_mm) = (-10.0, if index + 1 == points { 0.0 } else { 1.2 });
+        point
+    };
+    (0..points).map(point).collect()
+}
+
+/// 10,000 points in virtual time at 20 ms round trip.
+fn long_virtual_path() -> bool {
+    let started = Instant::now();
+    let mut cell = Cell::ready(setup(Clock::Free), 0.15);
+    cell.delay_ms = (10, 10);
+    let last = cell.session.queue_path(&meander(10_000)).expect("a good path");
+    let done = cell.until(300_000, |report| *report == Report::PathDone { last });
+    let (underruns, stops) = (cell.controller.underruns(), cell.controller.stops().len());
+    let reached = done && underruns == 0 && stops == 0 && cell.executed().len() == 10_000;
+    println!(
+        "10,000 points in virtual time, 20 ms round trip: {} executed, {underruns} underruns, {stops} stops, {:.1} s of path in \
+         {:.1} s {}",
+        cell.executed().len(),
+        cell.now_ms as f64 / 1_000.0,
+        started.elapsed().as_secs_f64(),
+        verdict(reached)
+    );
+    reached
+}
+
+/// 500 points over sockets at 20 ms round trip, in pieces.
+fn path_over_sockets() -> bool {
+    let (server, mut link) = served("seed=3,delay=10ms,fragment");
+    open(&mut link);
+    for command in [Command::SetBase(BASE), sanding_tool(), speed(0.15)] {
+        link.send(command).expect("good");
+    }
+    let last = link.send_path(meander(500)).expect("a good path");
+    wait(&mut link, |report| *report == Report::PathDone { last });
+    let (executed, underruns, stops) = server
+        .handle()
+        .with(|controller| (controller.executed().len(), controller.underruns(), controller.stops().len()));
+    let reached = (executed, underruns, stops) == (500, 0, 0);
+    println!(
+        "500 points over sockets, 20 ms round trip, in pieces: {executed} executed, {underruns} underruns, {stops} stops {}",
+        verdict(reached)
+    );
+    reached
+}
