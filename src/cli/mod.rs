@@ -18,6 +18,7 @@ mod locate;
 mod log;
 mod mock_robot;
 mod outcome;
+mod person;
 mod pictures;
 mod plan;
 mod refine;

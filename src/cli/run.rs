@@ -6,6 +6,7 @@ use super::fault::Fault;
 use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::person::Person;
 use super::report::{self, Kept};
 use crate::cycle::At;
 use crate::daemon::{self, Desk, Letter, Loader, Service, Site, Socket, StoreRecord};
@@ -40,22 +41,24 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
     let path = files.socket();
-    let socket = Socket::listen(&path, tell, loader(files.clone(), common.clone(), world)).map_err(Fault::stage)?;
+    let socket =
+        Socket::listen(&path, tell, loader(files.clone(), common.clone(), world.clone())).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let pages = write_pages(files.clone(), pages)?;
-    let mut desk = Desk::new(letters, ended, left_open);
+    let desk = Desk::new(letters, ended, left_open);
+    let mut person = Person { asks: desk, world };
     let (again, whole) = (files.clone(), common.clone());
     let service = Service {
         robot: &mut live.robot,
         eyes: Box::new(live.eyes),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
         record: &mut StoreRecord::new(&mut store, left_open),
-        requests: &mut desk,
+        requests: &mut person,
     };
     let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
-    drop((socket, desk));
+    drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());

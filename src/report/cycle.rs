@@ -171,6 +171,7 @@ fn motions(record: &CycleRecord) -> Section {
             Path::Corner { view } => format!("to corner pose {}", view + 1),
             Path::Approach => "to the approach".to_owned(),
             Path::Contact => "contact".to_owned(),
+            Path::Air => "the path in the air".to_owned(),
             Path::Retract => "clear of the panel".to_owned(),
         };
         let plan = match motion.motion.plan {

@@ -195,7 +195,7 @@ fn lose_acknowledgements(trials: usize) -> Vec<Duration> {
 fn meander(points: usize) -> Vec<MoveLin> {
     let row = pass(41, 3.0, false);
     let point = |index: usize| {
-        let column = if index / 40 % 2 == 0 { index % 40 } else { 39 - index % 40 };
+        let column = if (index / 40).is_multiple_of(2) { index % 40 } else { 39 - index % 40 };
         let mut point = row[column];
         point.pose.y_mm += 3.0 * (index / 40 % 20) as f64;
         (point.pose.z_mm, point.blend_mm) = (-10.0, if index + 1 == points { 0.0 } else { 1.2 });

@@ -56,7 +56,7 @@ pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
         let in_air = index < 2 || index + 2 >= points;
         let z_mm = if in_air { -10.0 } else { 0.0 };
         // A shallow zigzag, so that every corner is one.
-        let y_mm = if index % 2 == 0 { 0.0 } else { 0.2 * step_mm };
+        let y_mm = if index.is_multiple_of(2) { 0.0 } else { 0.2 * step_mm };
         let pose = KukaPose { x_mm: step_mm * index as f64 - 40.0, y_mm, z_mm, ..KukaPose::default() };
         let blend_mm = if index + 1 == points { 0.0 } else { 0.4 * step_mm };
         MoveLin { pose, blend_mm, contact: contact && !in_air }

@@ -538,6 +538,10 @@ impl Journal for Memory {
 
     fn begin(&mut self, _: &CycleStart) -> Result<CycleId, RecordError> {
         self.cycles += 1;
+        // Another panel, dry and as greasy as the last one.
+        let mut world = self.world.borrow_mut();
+        (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
+        drop(world);
         self.written().map(|()| CycleId(self.cycles))
     }
 

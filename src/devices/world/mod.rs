@@ -155,6 +155,11 @@ impl SimulatedWorld {
         self.lock().disc_diameter_mm = diameter_mm;
     }
 
+    /// Somebody has wiped the panel dry.
+    pub fn dry_panel(&self) {
+        self.lock().wetting = None;
+    }
+
     /// The mock controller's configuration in this world: inputs, outputs and the tool's output as the cell's file
     /// has them, in the order of their numbers.
     pub fn setup(&self, cell: &cell::Cell, commands: ChannelFile, states: ChannelFile) -> Setup {

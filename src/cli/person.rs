@@ -1,0 +1,57 @@
+//! The person at a simulated cell, who dries the panel before saying that it is dry.
+//!
+//! `start` and `unhold --dried` are such words; nobody else could do it there.
+
+use crate::cycle::{At, Refusal, Request, State};
+use crate::daemon::{Ask, Requests};
+use crate::devices::world::SimulatedWorld;
+use crate::record::CycleId;
+use crate::verdict::{Reason, Verdict};
+
+/// Passes on what is asked, and dries the panel first where that is said; does nothing more at a real cell.
+pub struct Person<R> {
+    /// Who asks.
+    pub asks: R,
+    /// The simulated world.
+    pub world: Option<SimulatedWorld>,
+}
+
+impl<R> Person<R> {
+    fn dries(&self) {
+        if let Some(world) = &self.world {
+            world.dry_panel();
+        }
+    }
+}
+
+impl<R: Requests> Requests for Person<R> {
+    fn next(&mut self, state: &State) -> Ask {
+        let ask = self.asks.next(state);
+        let unholds = matches!(ask, Ask::For(Request::Unhold { dried: true }));
+        if unholds && matches!(state.at, At::Held(_)) {
+            self.dries();
+        }
+        ask
+    }
+
+    fn refused(&mut self, request: Request, refusal: Refusal) {
+        self.asks.refused(request, refusal);
+    }
+
+    fn unable(&mut self, reasons: Vec<Reason>) {
+        self.asks.unable(reasons);
+    }
+
+    fn begun(&mut self, cycle: CycleId) {
+        self.dries();
+        self.asks.begun(cycle);
+    }
+
+    fn concluded(&mut self, verdict: Verdict) {
+        self.asks.concluded(verdict);
+    }
+
+    fn noted(&mut self, reasons: &[Reason]) {
+        self.asks.noted(reasons);
+    }
+}
