@@ -17,8 +17,8 @@ use crate::path::judge_joints;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
-/// How long a controller may take to answer at all, by the wall clock.
-const CONNECT: Duration = Duration::from_secs(8);
+/// How long a controller may take to answer at all, by the wall clock: it may still be closing the client before.
+const CONNECT: Duration = Duration::from_secs(4);
 /// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
 const SHORT: Duration = Duration::from_secs(30);
 const LONG: Duration = Duration::from_secs(300);
@@ -85,8 +85,6 @@ impl<'r> Single<'r> {
                     return Ok(Single { robot, state: *state });
                 }
                 Some(Report::LinkLost { why: lost }) => why = Some(lost),
-                // An idle link tells nothing more of a controller that is not there.
-                None if why.is_some() => break,
                 _ => {}
             }
         }
