@@ -63,6 +63,12 @@ impl ReportQueue {
         inside.waiting.pop_front().ok_or(Empty { told: inside.told, closed: inside.closed })
     }
 
+    /// Whoever gives orders is there, too.
+    pub(super) fn attended(&self) {
+        let mut inside = self.lock();
+        inside.unread_since = inside.unread_since.map(|_| Instant::now());
+    }
+
     /// For how long nobody has taken what waits.
     pub(super) fn unread_for(&self) -> Duration {
         self.lock().unread_since.map_or(Duration::ZERO, |since| since.elapsed())

@@ -218,6 +218,7 @@ impl Link {
     }
 
     fn obey(&mut self, order: Order) {
+        self.reports.attended();
         // Whoever asked and does not wait for the answer does not want it.
         match order {
             Order::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
