@@ -81,7 +81,7 @@ fn unescape(text: &str) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut rest = text;
     while let Some(at) = rest.find('\\') {
-        bytes.extend_from_slice(rest[..at].as_bytes());
+        bytes.extend_from_slice(&rest.as_bytes()[..at]);
         let (byte, length) = match rest.as_bytes()[at + 1] {
             b'n' => (b'\n', 2),
             b'r' => (b'\r', 2),

@@ -43,7 +43,10 @@ fn open(link: &mut BlockingLink, speed_m_s: f64) {
 
 fn path_done(link: &mut BlockingLink, last: CommandId) {
     wait(link, |report| match report {
-        Report::PathDone { last: done } => Some(assert_eq!(*done, last)),
+        Report::PathDone { last: done } => {
+            assert_eq!(*done, last);
+            Some(())
+        }
         Report::State(_) | Report::Progress { .. } => None,
         other => panic!("unexpected: {other:?}"),
     });
@@ -55,7 +58,7 @@ fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
     let (server, mut link) = cell("seed=3,delay=10ms,fragment");
     open(&mut link, 0.15);
     let back_and_forth = |index: usize| {
-        let column = if index / 40 % 2 == 0 { index % 40 } else { 39 - index % 40 };
+        let column = if (index / 40).is_multiple_of(2) { index % 40 } else { 39 - index % 40 };
         let mut point = pass(41, 3.0, false)[column];
         point.pose.y_mm += 3.0 * (index / 40) as f64;
         (point.pose.z_mm, point.blend_mm) = (-10.0, if index == 499 { 0.0 } else { 1.2 });
@@ -87,7 +90,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
     let executed = server.handle().with(|controller| {
         let stop = controller.stops()[0].clone();
         assert_eq!((stop.cause, stop.contact), (Stop::Watchdog, true));
-        assert!(super::cell::height_mm(controller) > 40.0 && controller.outputs()[&TOOL_OUTPUT] == false);
+        assert!(super::cell::height_mm(controller) > 40.0 && !controller.outputs()[&TOOL_OUTPUT]);
         controller.executed().len()
     });
     for _ in 0..10 {

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::time::Duration;
 
-const WALKS: u64 = 1_000;
+const WALKS: u64 = 20_000;
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
@@ -124,7 +124,9 @@ impl Walk {
             self.queue(Command::CallSubroutine { index: 0 });
         }
         for _ in 0..self.draw.random_range(1..3) {
-            let points = pass(self.draw.random_range(5..36), 3.0, self.draw.random_bool(0.6));
+            // Now and then more than the window holds.
+            let count = if self.draw.random_bool(0.1) { 60..140 } else { 5..36 };
+            let points = pass(self.draw.random_range(count), 3.0, self.draw.random_bool(0.6));
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: true }));
             let Some(last) = self.queue_path(&points, speed_m_s) else { break };
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: false }));
