@@ -1,0 +1,3 @@
+//! Hand-eye calibration on synthetic corners with known truth.
+
+mod hand_eye;
