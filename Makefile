@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-calib
 
 help:
 	@echo 'make demo    render a cell, locate, inspect and plan on its files, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect
+bench: bench-seeds bench-inspect bench-calib
 
 # Ten seeds from rendering to the planned path, against the renderer's truth.
 bench-seeds: setup
@@ -52,3 +52,16 @@ bench-seeds: setup
 # The water-break test alone, on more films.
 bench-inspect: setup
 	cargo bench --locked --bench inspect
+
+OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jpg
+
+# A real camera's pictures, from Debian's opencv-doc; unpacked beside the build, nothing is installed.
+$(OPENCV_DOC):
+	mkdir -p target/opencv-doc
+	cd target/opencv-doc && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb . && rm opencv-doc_*.deb
+
+# Calibrations against the renderer's truth and on a real camera's pictures.
+bench-calib: setup
+	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
+	cargo test --locked --test all -- --nocapture real_pictures
+	cargo bench --locked --bench calib

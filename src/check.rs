@@ -3,7 +3,8 @@
 //! The kind is decided by the names at the top of the file, so that a file may have any name.
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount, ToolMount,
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
+    TargetMount, ToolMount,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
@@ -27,7 +28,7 @@ struct Kind {
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 6] = [
+const KINDS: [Kind; 7] = [
     Kind {
         name: "cell",
         keys: &CELL_KEYS,
@@ -46,6 +47,7 @@ const KINDS: [Kind; 6] = [
     mount::<ScannerMount>(&[ScannerMount::TABLE]),
     mount::<FlangeCameraMount>(&[FlangeCameraMount::TABLE]),
     mount::<ToolMount>(&[ToolMount::TABLE]),
+    mount::<TargetMount>(&[TargetMount::TABLE]),
 ];
 
 const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {

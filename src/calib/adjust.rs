@@ -325,7 +325,8 @@ impl Step {
         state.mount *= exp(&mount);
         state.board *= exp(&board);
         for (index, gram) in grams.iter().enumerate() {
-            let twist = self.flange_inverse[index] * (self.flange_gradient[index] - gram.cross().transpose() * self.both);
+            let twist =
+                self.flange_inverse[index] * (self.flange_gradient[index] - gram.cross().transpose() * self.both);
             state.deviations[index] *= exp(&twist);
         }
         let weigh = |twist: &Twist| twist.fixed_rows::<3>(0).norm() * 1e3 + twist.fixed_rows::<3>(3).norm();
@@ -342,7 +343,8 @@ impl Step {
     /// The smaller redundancy of those that count: a component at its floor has none.
     fn redundancy(&self, noise: &Noise) -> f64 {
         let [turn, shift] = self.redundancies(noise);
-        let counts = |sigma: f64, floor: f64, redundancy: f64| if sigma > 1.5 * floor { redundancy } else { f64::INFINITY };
+        let counts =
+            |sigma: f64, floor: f64, redundancy: f64| if sigma > 1.5 * floor { redundancy } else { f64::INFINITY };
         let least = counts(noise.turn_rad, NOISE_FLOOR.turn_rad, turn)
             .min(counts(noise.shift_mm, NOISE_FLOOR.shift_mm, shift))
             .min(6.0 * self.stations as f64 - 12.0);
@@ -416,8 +418,7 @@ pub(super) fn surprise<A: Arrangement>(
         let noise = &adjusted.noise;
         let [turn, shift] = [noise.turn_rad.powi(2), noise.shift_mm.powi(2)];
         let robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
-        let spread =
-            inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
+        let spread = inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
         let twist = log(&deviation);
         Some(twist.dot(&(spread.cholesky()?.inverse() * twist)))
     });
@@ -429,8 +430,7 @@ pub(super) fn needed_flange<A: Arrangement>(
     adjusted: &Adjusted<A>,
     camera_from_board: &Rigid<A::From, Board>,
 ) -> Rigid<Base, Flange> {
-    let to_from_holder =
-        adjusted.to_from_camera * *camera_from_board * adjusted.holder_from_board.inverse();
+    let to_from_holder = adjusted.to_from_camera * *camera_from_board * adjusted.holder_from_board.inverse();
     let bare = *to_from_holder.isometry();
     Rigid::claim(if A::EYE_IN_HAND { bare.inverse() } else { bare })
 }

@@ -116,7 +116,9 @@ impl Board {
 
     /// All inner corners, row by row.
     pub fn corners(&self) -> Vec<Point<BoardFrame>> {
-        (0..self.rows).flat_map(|row| (0..self.columns).filter_map(move |column| self.corner(column, row))).collect()
+        (0..self.rows)
+            .flat_map(|row| (0..self.columns).filter_map(move |column| self.corner(column, row)))
+            .collect()
     }
 
     /// The middle of its inner corners.

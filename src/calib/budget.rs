@@ -1,54 +1,54 @@
-//! The error at the tool, from its parts: each a radius that holds the error with 95 %, mm.
+//! The parts of the error at the tool that calibrations know, each a radius that holds the error with 95 %, mm.
 //!
-//! The parts are independent, so that their squares add. A part that was not measured makes the whole unmeasured.
+//! Whole budgets stand in the cycle's record; the panel's place and the surface's fit are not known here.
 
-/// The parts.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Budget {
-    /// The camera's mount, at the panel.
+use super::health::Verification;
+use crate::cell::{Mount, MountedPose, ToolMount};
+
+/// Two parts of the budget; `None` while not measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parts {
+    /// The camera's mount, at the panel: what its calibration states.
     pub hand_eye_mm: Option<f64>,
-    /// The panel's place.
-    pub locate_mm: Option<f64>,
-    /// The fitted surface.
-    pub fit_mm: Option<f64>,
-    /// The robot and its tool: what the tool's calibration and a touch check leave.
+    /// The robot and its tool: what the tool's calibration states, and what the last touch of known points missed.
     pub robot_mm: Option<f64>,
 }
 
-impl Budget {
-    /// All parts together; `None` while one is not measured.
-    pub fn total_mm(&self) -> Option<f64> {
-        let parts = [self.hand_eye_mm?, self.locate_mm?, self.fit_mm?, self.robot_mm?];
-        let total = parts.iter().map(|part| part * part).sum::<f64>().sqrt();
-        // A NaN part is not measured.
-        total.is_finite().then_some(total)
-    }
-
-    /// The part that counts most, by its name in reports.
-    pub fn largest(&self) -> Option<&'static str> {
-        let parts = [
-            ("hand_eye", self.hand_eye_mm),
-            ("locate", self.locate_mm),
-            ("fit", self.fit_mm),
-            ("robot", self.robot_mm),
-        ];
-        let known = parts.into_iter().filter_map(|(name, part)| Some((name, part?)));
-        known.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(name, _)| name)
-    }
+/// The parts from the files in use and the last touch check. A touch is the one look at the robot's absolute error, so
+/// without one the robot's part is not measured.
+pub fn parts<M: Mount>(
+    camera: &MountedPose<M>,
+    tool: &MountedPose<ToolMount>,
+    last_touch: Option<&Verification>,
+) -> Parts {
+    let measured = |mm: f64| mm.is_finite().then_some(mm);
+    let robot = tool.uncertainty_mm.zip(last_touch).map(|(tool_mm, touch)| tool_mm.hypot(touch.error_mm));
+    Parts { hand_eye_mm: camera.uncertainty_mm.and_then(measured), robot_mm: robot.and_then(measured) }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cell::ScannerMount;
+    use crate::geometry::KukaPose;
 
-    /// By hand: 0.1² + 0.2² + 0.2² + 0.4² = 0.25.
+    /// By hand: 0.3 mm of the tool and 0.4 mm missed at the touch are 0.5 mm together.
     #[test]
-    fn squares_add() {
-        let budget =
-            Budget { hand_eye_mm: Some(0.1), locate_mm: Some(0.2), fit_mm: Some(0.2), robot_mm: Some(0.4) };
-        assert!((budget.total_mm().expect("measured") - 0.5).abs() < 1e-12);
-        assert_eq!(budget.largest(), Some("robot"));
-        assert_eq!(Budget { fit_mm: None, ..budget }.total_mm(), None);
-        assert_eq!(Budget { fit_mm: Some(f64::NAN), ..budget }.total_mm(), None);
+    fn tool_and_touch_add_as_squares() {
+        let mut camera = MountedPose::<ScannerMount>::of(KukaPose::default());
+        let mut tool = MountedPose::<ToolMount>::of(KukaPose::default());
+        let touch = Verification {
+            subject: "tool".to_owned(),
+            error_mm: 0.4,
+            limit_mm: 0.5,
+            calibration_hash: String::new(),
+            at_unix_s: 0,
+        };
+        assert_eq!(parts(&camera, &tool, Some(&touch)), Parts { hand_eye_mm: None, robot_mm: None });
+        (camera.uncertainty_mm, tool.uncertainty_mm) = (Some(0.1), Some(0.3));
+        let known = parts(&camera, &tool, Some(&touch));
+        assert_eq!(known.hand_eye_mm, Some(0.1));
+        assert!((known.robot_mm.expect("measured") - 0.5).abs() < 1e-12);
+        assert_eq!(parts(&camera, &tool, None).robot_mm, None);
     }
 }

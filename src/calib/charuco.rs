@@ -12,6 +12,8 @@ use crate::geometry::{GrayPicture, Pixel};
 
 /// Fewer corners than this place no board well.
 const MIN_CORNERS: usize = 8;
+/// How far a marker's corner may lie from the common plane, as a share of its side: a lens bends far less.
+const BENT: f64 = 0.15;
 
 pub(super) fn detect(
     name: &str,
@@ -40,12 +42,8 @@ pub(super) fn detect(
             corners.extend(foretold(board, charuco, &near, [q.mm.x, q.mm.y]).map(|corner| (q, corner)));
         }
     }
-    if corners.len() < MIN_CORNERS || !fits_one_plane(&corners) {
-        return Err(CalibError::NoBoard {
-            picture: name.to_owned(),
-            columns: board.columns(),
-            rows: board.rows(),
-        });
+    if corners.len() < MIN_CORNERS {
+        return Err(CalibError::NoBoard { picture: name.to_owned(), columns: board.columns(), rows: board.rows() });
     }
     let reach_px = corners.iter().map(|(_, (_, reach_px))| *reach_px).fold(f64::INFINITY, f64::min);
     let half_window_px = half_window_px.unwrap_or(reach_px.clamp(3.0, 11.0) as usize);
@@ -75,24 +73,14 @@ fn foretold(board: &Board, charuco: &Charuco, near: &[Near], at: [f64; 2]) -> Op
     };
     let corner = pixel_of(0.0, 0.0);
     let nearest = pixels.iter().map(|pixel| pixel.distance_px(corner)).fold(f64::INFINITY, f64::min);
+    // Two markers of another layout, or of another board, do not lie on one plane together.
+    let side_px = pixels[0].distance_px(pixels[1]);
+    let apart = |([x, y], pixel): (&[f64; 2], &Pixel)| pixel_of(*x, *y).distance_px(*pixel);
+    if places.iter().zip(&pixels).map(apart).any(|apart| apart > BENT * side_px) {
+        return None;
+    }
     // The marker's corner is √2 insets away, the window's side only one: 0.6 of the way is clear of it.
     Some((corner, 0.6 * nearest))
-}
-
-/// How far a corner may lie from the plane's picture, as a share of a square: a lens bends less, a wrong layout more.
-const BENT: f64 = 0.35;
-
-/// Do the corners lie as those of one flat board? Markers of another layout are seen, but not where they belong.
-fn fits_one_plane(corners: &[(crate::geometry::Point<crate::geometry::Board>, (Pixel, f64))]) -> bool {
-    let places: Vec<[f64; 2]> = corners.iter().map(|(q, _)| [q.mm.x, q.mm.y]).collect();
-    let pixels: Vec<Pixel> = corners.iter().map(|(_, (pixel, _))| *pixel).collect();
-    let Some(plane) = foreign::homography(&places, &pixels) else { return false };
-    let apart = |(place, pixel): (&[f64; 2], &Pixel)| {
-        let p = plane * nalgebra::Vector3::new(place[0], place[1], 1.0);
-        pixel.distance_px(Pixel::at(p.x / p.z, p.y / p.z))
-    };
-    let reach = corners.iter().map(|(_, (_, reach))| *reach).fold(f64::INFINITY, f64::min);
-    places.iter().zip(&pixels).map(apart).all(|apart| apart < (BENT / 0.6 * 4.0 * reach).max(3.0))
 }
 
 /// The cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing it.

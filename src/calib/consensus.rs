@@ -57,8 +57,11 @@ pub(super) fn start<A: Arrangement>(
         }
         let Some(mount) = foreign::hand_eye(&pick(&moved), &pick(&seen)) else { continue };
         let mount: Rigid<A::To, A::From> = Rigid::claim(mount);
-        let boards: Vec<Rigid<A::Holder, Board>> =
-            to_from_holder.iter().zip(camera_from_board).map(|(moved, seen)| moved.inverse() * mount * *seen).collect();
+        let boards: Vec<Rigid<A::Holder, Board>> = to_from_holder
+            .iter()
+            .zip(camera_from_board)
+            .map(|(moved, seen)| moved.inverse() * mount * *seen)
+            .collect();
         let found = medoid(mount, &boards, places);
         if best.as_ref().is_none_or(|best| found.median_mm < best.median_mm) {
             best = Some(found);

@@ -53,7 +53,10 @@ pub(super) fn solve_pnp(
 
 /// The camera's mount from moved parts of the chain and board poses (Park & Martin, IEEE T-RA 10, 1994); `None` where
 /// the turns do not determine it.
-pub(super) fn hand_eye(holder_from_to: &[Isometry3<f64>], camera_from_board: &[Isometry3<f64>]) -> Option<Isometry3<f64>> {
+pub(super) fn hand_eye(
+    holder_from_to: &[Isometry3<f64>],
+    camera_from_board: &[Isometry3<f64>],
+) -> Option<Isometry3<f64>> {
     let turns = |poses: &[Isometry3<f64>]| -> opencv::Result<Vector<Mat>> {
         let turn = |pose: &Isometry3<f64>| {
             let m = pose.rotation.to_rotation_matrix();
@@ -62,7 +65,8 @@ pub(super) fn hand_eye(holder_from_to: &[Isometry3<f64>], camera_from_board: &[I
         poses.iter().map(turn).collect()
     };
     let shifts = |poses: &[Isometry3<f64>]| -> opencv::Result<Vector<Mat>> {
-        let shift = |pose: &Isometry3<f64>| Mat::from_slice_2d(&[0, 1, 2].map(|row| [pose.translation.vector[row]]));
+        let shift =
+            |pose: &Isometry3<f64>| Mat::from_slice_2d(&[0, 1, 2].map(|row| [pose.translation.vector[row]]));
         poses.iter().map(shift).collect()
     };
     let (mut turn, mut shift) = (Mat::default(), Mat::default());
@@ -94,7 +98,11 @@ fn picture_of(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core
 }
 
 /// `findChessboardCorners`: the inner corners row by row to about a pixel; `None` where there is no such board.
-pub(super) fn chessboard(picture: &GrayPicture, columns: usize, rows: usize) -> Result<Option<Vec<Pixel>>, ImagingError> {
+pub(super) fn chessboard(
+    picture: &GrayPicture,
+    columns: usize,
+    rows: usize,
+) -> Result<Option<Vec<Pixel>>, ImagingError> {
     let source = picture_of(picture)?;
     let mut found: Vector<Point2f> = Vector::new();
     let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH | calib3d::CALIB_CB_NORMALIZE_IMAGE;

@@ -39,7 +39,7 @@ impl Reasons {
     /// A NaN is beyond every bound.
     fn bound(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
         let message = |allowed: f64| format!("{words}: {value:.3}, allowed is {allowed}");
-        if !(value <= reject) {
+        if value.is_nan() || value > reject {
             self.reject.push(Reason::new(code, message(reject)));
         } else if value > review {
             self.review.push(Reason::new(code, message(review)));
@@ -62,7 +62,8 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     let mut reasons = Reasons::default();
     reasons.bound("rms_px", found.rms_px, INTRINSICS_RMS_PX, "the corners miss the camera model by so many px rms");
     let used = found.views.iter().filter(|view| view.set_aside.is_none()).count();
-    reasons.doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
+    reasons
+        .doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
     reasons.doubt("coverage", found.coverage < COVERAGE, || {
         format!(
             "corners cover {:.0} % of the picture, {:.0} % are wanted; bring the board into the corners too",
@@ -78,7 +79,7 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         )
     });
     let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
-    reasons.doubt("focal_length", !(focal <= FOCAL_SHARE), || {
+    reasons.doubt("focal_length", focal.is_nan() || focal > FOCAL_SHARE, || {
         format!(
             "the focal length is known to {:.2} % only, {:.1} % is wanted; take more pictures, tilted",
             focal * 100.0,
@@ -109,13 +110,13 @@ pub fn hand_eye<A: Arrangement>(found: &HandEye<A>, second: Option<&HandEye<A>>)
     let used = found.residuals.iter().filter(|residual| residual.used).count();
     reasons.doubt("few_poses", used < FEW_POSES, || format!("{used} poses were used; take {FEW_POSES} or more"));
     let (left_out_mm, name) = &found.leave_one_out;
-    reasons.doubt("one_pose", !(*left_out_mm <= found.uncertainty_mm.max(0.02)), || {
+    reasons.doubt("one_pose", *left_out_mm > found.uncertainty_mm.max(0.02), || {
         format!("without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture")
     });
     if let Some(second) = second {
         let apart = apart_mm(found, second);
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
-        reasons.doubt("second_result", !(apart <= 2.0 * allowed), || {
+        reasons.doubt("second_result", apart > 2.0 * allowed, || {
             format!(
                 "the 3D camera's own points give a mount {apart:.3} mm away at the panel, {:.3} mm are allowed; are these \
                  the intrinsics of the camera that took the pictures?",
@@ -135,10 +136,16 @@ pub fn apart_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 
 pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
     let mut reasons = Reasons::default();
     for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
-        let words = format!("the touched points {between} are farther apart or nearer than on the board by so many mm");
+        let words =
+            format!("the touched points {between} are farther apart or nearer than on the board by so many mm");
         reasons.bound("distance", error.abs(), DISTANCE_ERROR_MM, &words);
     }
-    reasons.bound("pnp_rms_px", found.pnp_rms_px, PNP_RMS_PX, "the board's corners miss its pose by so many px rms");
+    reasons.bound(
+        "pnp_rms_px",
+        found.pnp_rms_px,
+        PNP_RMS_PX,
+        "the board's corners miss its pose by so many px rms",
+    );
     match found.check_mm {
         Some(check) => reasons.bound("check_point", check, CHECK_MM, "the fourth point is off by so many mm"),
         None => reasons.doubt("no_check_point", rough.is_none(), || {
@@ -152,7 +159,7 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
             rough.distance_at_mm(found.to_from_camera, Point::at(0.0, 0.0, 0.0)),
             (rough.inverse() * found.to_from_camera).turn().0,
         );
-        if !(mm <= ROUGH_MM && deg <= ROUGH_DEG) {
+        if mm > ROUGH_MM || deg > ROUGH_DEG {
             let message = format!(
                 "the camera comes out {mm:.0} mm and {deg:.0}° from its rough place in the cell's file, allowed are \
                  {ROUGH_MM:.0} mm and {ROUGH_DEG:.0}°; were the corners touched that the picture numbers?"

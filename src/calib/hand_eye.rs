@@ -13,7 +13,7 @@ use super::error::CalibError;
 use super::pose::{BoardPose, board_pose};
 use super::quantile::{f_quantile, radius_95};
 use super::suspects::{self, Suspect};
-use crate::geometry::{Degrees, PinholeCamera, Point, Rigid};
+use crate::geometry::{Degrees, PinholeCamera, Point, Rigid, Vector};
 use nalgebra::Matrix3;
 
 /// Fewer stations than this determine nothing that could be checked.
@@ -67,6 +67,13 @@ impl<A: Arrangement> HandEye<A> {
     pub fn covariance_mm2(&self) -> Matrix3<f64> {
         self.adjusted.covariance_at(self.at)
     }
+
+    /// Does the stated 95 % region, an ellipsoid about the stated point, hold an error of this size and direction?
+    pub fn region_holds(&self, error: Vector<A::To>) -> bool {
+        let reach = 3.0 * f_quantile(3.0, self.adjusted.redundancy, 0.95);
+        let inverse = self.covariance_mm2().try_inverse();
+        inverse.is_some_and(|inverse| error.mm.dot(&(inverse * error.mm)) <= reach)
+    }
 }
 
 /// Calibrates. `at` is where the uncertainty is stated, as the camera sees it; without it, the middle of where the
@@ -103,8 +110,10 @@ pub fn hand_eye<A: Arrangement>(
         let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
         (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
     };
-    let suspects = suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len()));
-    let turns: Vec<_> = moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
+    let suspects =
+        suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len()));
+    let turns: Vec<_> =
+        moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
     Ok(HandEye {
         rms_mm: over_used(|residual| residual.mm),
         rms_deg: over_used(|residual| residual.deg),
@@ -206,7 +215,9 @@ impl<C: crate::geometry::Frame> All<'_, C> {
             used = next;
         }
         // Two stations at the limit may take turns: the last result stands, and both are in it or named.
-        fewest_changes.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
+        fewest_changes
+            .map(|adjusted| (adjusted, used))
+            .ok_or(CalibError::NotSettled { what: "the choice of poses" })
     }
 
     /// The surprise of a station against the adjustment without it.
@@ -231,9 +242,8 @@ impl<C: crate::geometry::Frame> All<'_, C> {
         at: Point<C>,
     ) -> (f64, String) {
         let shift = |index: usize| {
-            self.without(adjusted, index).map_or(f64::INFINITY, |without| {
-                without.to_from_camera.distance_at_mm(adjusted.to_from_camera, at)
-            })
+            self.without(adjusted, index)
+                .map_or(f64::INFINITY, |without| without.to_from_camera.distance_at_mm(adjusted.to_from_camera, at))
         };
         let all = (0..used.len()).filter(|&index| used[index]);
         let shifts = all.map(|index| (shift(index), self.stations[index].name.clone()));

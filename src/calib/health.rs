@@ -53,7 +53,8 @@ pub fn health(
     let mut reject = Vec::new();
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     if age_h < 0.0 {
-        let message = format!("the last verification of {subject} lies {:.1} h ahead; set the computer's clock", -age_h);
+        let message =
+            format!("the last verification of {subject} lies {:.1} h ahead; set the computer's clock", -age_h);
         reject.push(Reason::new("verification_ahead", message));
     }
     if age_h > demands.max_age_h {
@@ -62,10 +63,11 @@ pub fn health(
         reject.push(Reason::new("verification_old", message));
     }
     // A NaN is beyond every limit.
-    if !(last.error_mm <= demands.limit_mm) {
+    if last.error_mm.is_nan() || last.error_mm > demands.limit_mm {
         let (found, allowed) = (last.error_mm, demands.limit_mm);
-        let message =
-            format!("the last verification of {subject} was {found:.3} mm off, allowed are {allowed} mm; calibrate it again");
+        let message = format!(
+            "the last verification of {subject} was {found:.3} mm off, allowed are {allowed} mm; calibrate it again"
+        );
         reject.push(Reason::new("verification_limit", message));
     }
     if last.calibration_hash != calibration_hash {

@@ -78,14 +78,16 @@ const FIELDS: (usize, usize) = (8, 6);
 pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result<Calibrated, CalibError> {
     let mut aside: Vec<Option<(f64, String)>> = vec![None; views.len()];
     loop {
-        let used: Vec<&View> = views.iter().zip(&aside).filter(|(_, aside)| aside.is_none()).map(|(v, _)| v).collect();
+        let used: Vec<&View> =
+            views.iter().zip(&aside).filter(|(_, aside)| aside.is_none()).map(|(v, _)| v).collect();
         if used.len() < MIN_VIEWS {
             let (found, given) = (used.len(), views.len());
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
         let corners: Vec<&[(Point<Board>, Pixel)]> = used.iter().map(|view| view.corners.as_slice()).collect();
         let found = foreign::calibrate_camera(size, &corners)?;
-        let poses: Vec<Rigid<Camera, Board>> = found.camera_from_board.iter().map(|pose| Rigid::claim(*pose)).collect();
+        let poses: Vec<Rigid<Camera, Board>> =
+            found.camera_from_board.iter().map(|pose| Rigid::claim(*pose)).collect();
         let residuals: Vec<Vec<CornerResidual>> =
             used.iter().zip(&poses).map(|(view, pose)| residuals_of(&found.camera, pose, view)).collect();
         let rms: Vec<f64> = residuals.iter().map(|view| rms_px(view)).collect();

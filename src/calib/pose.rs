@@ -26,7 +26,8 @@ pub fn board_pose<C: Frame>(camera: &PinholeCamera, seen: &Seen<C>) -> Result<Bo
             let error = |&(q, found): &(Point<Board>, Pixel)| {
                 camera.project(camera_from_board * q).map_or(f64::INFINITY, |pixel| pixel.distance_px(found))
             };
-            let rms = (corners.iter().map(|corner| error(corner).powi(2)).sum::<f64>() / corners.len() as f64).sqrt();
+            let rms =
+                (corners.iter().map(|corner| error(corner).powi(2)).sum::<f64>() / corners.len() as f64).sqrt();
             Ok(BoardPose { camera_from_board, rms })
         }
         Seen::Points(corners) => kabsch(corners),
@@ -40,9 +41,9 @@ fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>
         return Err(few());
     }
     let count = corners.len() as f64;
-    let (sum_q, sum_p) = corners
-        .iter()
-        .fold((Vector3::zeros(), Vector3::zeros()), |(q, p), corner| (q + corner.0.mm.coords, p + corner.1.mm.coords));
+    let (sum_q, sum_p) = corners.iter().fold((Vector3::zeros(), Vector3::zeros()), |(q, p), corner| {
+        (q + corner.0.mm.coords, p + corner.1.mm.coords)
+    });
     let (mean_q, mean_p) = (sum_q / count, sum_p / count);
     let spread: Matrix3<f64> =
         corners.iter().map(|(q, p)| (p.mm.coords - mean_p) * (q.mm.coords - mean_q).transpose()).sum();

@@ -43,13 +43,16 @@ pub fn next_pose<A: Arrangement>(
                 found.adjusted.to_from_camera.inverse() * moved * found.adjusted.holder_from_board;
             let camera_from_board = turned(&seen, board, &change);
             let base_from_flange = adjust::needed_flange(&found.adjusted, &camera_from_board);
-            let Some(candidate) = sighted::<A>(camera, board, base_from_flange, &camera_from_board) else { continue };
+            let Some(candidate) = sighted::<A>(camera, board, base_from_flange, &camera_from_board) else {
+                continue;
+            };
             let Some((gain, _)) = adjust::information(camera, &found.adjusted, &candidate) else { continue };
             let Some(covariance) = adjust::inverse(&(known + gain)) else { continue };
             let spread = covariance_at(&found.adjusted.to_from_camera, &covariance, found.at);
             let uncertainty_mm = radius_95(&spread, found.adjusted.redundancy);
             if best.is_none_or(|best| uncertainty_mm < best.uncertainty_mm) {
-                best = Some(Suggestion { base_from_flange: KukaPose::from_rigid(&base_from_flange), uncertainty_mm });
+                best =
+                    Some(Suggestion { base_from_flange: KukaPose::from_rigid(&base_from_flange), uncertainty_mm });
             }
         }
     }

@@ -161,7 +161,8 @@ impl<A: Arrangement> Trial<'_, A> {
 
     fn mistyped(&self, index: usize) -> Fault {
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
-        let needed = KukaPose::from_rigid(&adjust::needed_flange(self.adjusted, &self.poses[index].camera_from_board));
+        let needed =
+            KukaPose::from_rigid(&adjust::needed_flange(self.adjusted, &self.poses[index].camera_from_board));
         let fits = |pose: KukaPose| self.fits(index, pose.to_rigid());
         for (key, field) in KEYS {
             let mut pose = written;

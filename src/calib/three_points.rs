@@ -72,8 +72,7 @@ pub fn three_points<A: Arrangement>(
     let places = [first.place, second.place, third.place];
     let base_from_frame = frame_through::<Base>(places, MIN_SQUARES * board.square_mm(), "touched points")?;
     let board_from_frame = frame_through::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
-    let base_from_board: Rigid<Base, BoardFrame> =
-        Rigid::claim(base_from_frame * board_from_frame.inverse());
+    let base_from_board: Rigid<Base, BoardFrame> = Rigid::claim(base_from_frame * board_from_frame.inverse());
     let pose = board_pose(camera, seen)?;
     // Eq. 3.18 and 3.19: the camera sits on the flange, or stands in the base.
     let to_from_base: Isometry3<f64> = match (A::EYE_IN_HAND, base_from_flange) {

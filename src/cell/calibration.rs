@@ -259,6 +259,16 @@ impl Mount for ToolMount {
     const HAS_AXIS: bool = true;
 }
 
+/// `[base_from_board]`: where a board stands that calibrations are verified with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TargetMount {}
+
+impl Mount for TargetMount {
+    type To = Base;
+    type From = geometry::Board;
+    const TABLE: &'static str = "base_from_board";
+}
+
 /// A mounted pose as its file holds it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {

@@ -13,7 +13,9 @@ mod rough;
 #[cfg(test)]
 mod tests;
 
-pub use calibration::{Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, ToolMount};
+pub use calibration::{
+    Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
+};
 pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};

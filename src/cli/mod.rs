@@ -5,6 +5,7 @@
 //! other on the same files.
 
 pub mod args;
+mod calibrate;
 mod check;
 mod cycle;
 pub mod demo;
@@ -34,6 +35,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
+        Command::Calibrate(args) => calibrate::run(args, common, &|line| eprintln!("{line}")),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

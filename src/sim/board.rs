@@ -57,9 +57,8 @@ impl BoardPrint {
 
     /// The inner corners, row by row.
     pub fn corners(&self) -> Vec<Point<Board>> {
-        let place = |column: usize, row: usize| {
-            Point::at(column as f64 * self.square_mm, row as f64 * self.square_mm, 0.0)
-        };
+        let place =
+            |column: usize, row: usize| Point::at(column as f64 * self.square_mm, row as f64 * self.square_mm, 0.0);
         (0..self.rows - 1).flat_map(|row| (0..self.columns - 1).map(move |column| place(column, row))).collect()
     }
 
@@ -167,7 +166,8 @@ impl BoardPrint {
         let rim: Vec<Pixel> =
             self.rim().iter().filter_map(|&corner| camera.project(*camera_from_board * corner)).collect();
         let range = |value: fn(&Pixel) -> f64, size: usize| {
-            let (low, high) = rim.iter().map(value).fold((f64::INFINITY, 0.0_f64), |(l, h), n| (l.min(n), h.max(n)));
+            let (low, high) =
+                rim.iter().map(value).fold((f64::INFINITY, 0.0_f64), |(l, h), n| (l.min(n), h.max(n)));
             // The lens bends the rim's edges outwards by less than this.
             (low - 30.0).clamp(0.0, size as f64) as usize..(high + 30.0).clamp(0.0, size as f64) as usize
         };
@@ -182,7 +182,8 @@ impl BoardPrint {
             return GROUND;
         };
         let at = |across: f64, along: f64| {
-            let place = |axis: usize| low[axis] + across * (right[axis] - low[axis]) + along * (down[axis] - low[axis]);
+            let place =
+                |axis: usize| low[axis] + across * (right[axis] - low[axis]) + along * (down[axis] - low[axis]);
             self.gray(place(0), place(1)).unwrap_or(GROUND)
         };
         let middle = at(0.5, 0.5);
@@ -190,8 +191,7 @@ impl BoardPrint {
             return middle;
         }
         let place = |index: usize| (index as f64 + 0.5) / RAYS as f64;
-        let sum: f64 =
-            (0..RAYS * RAYS).map(|index| at(place(index % RAYS), place(index / RAYS))).sum();
+        let sum: f64 = (0..RAYS * RAYS).map(|index| at(place(index % RAYS), place(index / RAYS))).sum();
         sum / (RAYS * RAYS) as f64
     }
 }

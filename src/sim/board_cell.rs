@@ -8,8 +8,8 @@ use super::board::BoardPrint;
 use super::noise::{Normal, PixelNoise, Purpose, Seed};
 use super::scene;
 use crate::geometry::{
-    Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel, Point,
-    Rigid,
+    Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel,
+    Point, Rigid,
 };
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
@@ -199,7 +199,12 @@ impl BoardCell {
     }
 
     /// Places of the board as a person touches them with a pointer, with this much noise each way, in the base.
-    pub fn touched(&self, base_from_board: &Rigid<Base, Board>, places: &[Point<Board>], noise_mm: f64) -> Vec<Point<Base>> {
+    pub fn touched(
+        &self,
+        base_from_board: &Rigid<Base, Board>,
+        places: &[Point<Board>],
+        noise_mm: f64,
+    ) -> Vec<Point<Base>> {
         let mut normal = Normal::new(self.seed.stream(Purpose::Touch, 0));
         places
             .iter()

@@ -1,3 +1,5 @@
-//! Hand-eye calibration on synthetic corners with known truth.
+//! Calibrations against known truth: synthetic corners for statistics, rendered boards for detection.
 
+mod boards;
 mod hand_eye;
+mod three_points;
