@@ -8,6 +8,7 @@ use panelprep::calib::{Arrangement, Board, HandEye, Seen, Station, detect};
 use panelprep::cell::{FlangeCameraMount, ScannerMount};
 use panelprep::geometry::{Base, PinholeCamera, Point, Rigid, Vector};
 use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
+use rayon::prelude::*;
 
 pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 /// 0.5 mm of absolute error, and the turn that comes with it.
@@ -75,7 +76,7 @@ pub fn rendered<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<
         let picture = cell.picture(&A::camera(cell), shot);
         detect::detect(&shot.index.to_string(), &picture, &board(), None).expect("a board").corners
     };
-    shots.iter().map(find).collect()
+    shots.par_iter().map(find).collect()
 }
 
 pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> Vec<Station<A::From>> {
@@ -87,8 +88,19 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
     shots.iter().zip(corners).map(station).collect()
 }
 
-/// The camera that this program calibrates from these corners.
-pub fn own_camera(camera: &PinholeCamera, corners: &[detect::Corners]) -> PinholeCamera {
+/// Pictures for a lens, more than for a mount.
+const LENS_PICTURES: usize = 25;
+
+/// The camera that this program calibrates, from rendered pictures in which the board fills the picture.
+pub fn own_camera<A: Side>(cell: &BoardCell) -> PinholeCamera {
+    let camera = A::camera(cell);
+    let shots = cell.lens_shots::<A::From>(&camera, LENS_PICTURES);
+    let corners = rendered::<A>(cell, &shots);
+    lens_of(&camera, &corners)
+}
+
+/// The lens from these corners.
+pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> PinholeCamera {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
     let views: Vec<View> = corners.iter().enumerate().map(view).collect();

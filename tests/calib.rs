@@ -17,7 +17,7 @@ fn mount_comes_back<A: Side>(seed: u64) {
     let (camera, shots) = (A::camera(&cell), A::shots(&cell, POSES));
     let corners = boards::rendered::<A>(&cell, &shots);
     let with_truth = boards::error(&cell, &boards::many_poses::<A>(&camera, &shots, &corners));
-    let own = boards::own_camera(&camera, &corners);
+    let own = boards::own_camera::<A>(&cell);
     let with_own = boards::error(&cell, &boards::many_poses::<A>(&own, &shots, &corners));
     let name = A::NAME;
     assert!(with_truth.mm < 0.06 && with_truth.deg < 0.015, "{name}, seed {seed}, true lens: {with_truth:?}");
@@ -130,7 +130,9 @@ fn commands_calibrate_verify_and_refuse() {
 
     verify(folder);
 
-    let mistyped = poses[3].replace("b_deg = ", "b_deg = 1");
+    let right = KukaPose::from_rigid(&cell.fixed_shots(4)[3].base_from_flange);
+    let mistyped = KukaPose { b_deg: right.b_deg + 2.0, ..right };
+    let mistyped = format!("[[poses]]\nimage = \"03.png\"\nbase_from_flange = {}\n", pose_text(&mistyped));
     let wrong = poses.iter().enumerate().map(|(i, pose)| if i == 3 { &*mistyped } else { &**pose });
     write(folder, "wrong.toml", wrong.collect::<String>());
     let (exit, found, _) = panelprep(folder, &format!("{many} wrong.toml --out wrong_out.toml"));
@@ -145,10 +147,8 @@ fn commands_calibrate_verify_and_refuse() {
     save(folder, "small.png", &GrayPicture::filled(640, 480, 90));
     let (exit, _, words) = panelprep(folder, &format!("intrinsics {BOARD} --out wrong_out.toml{images} small.png"));
     assert!(exit == 2 && words.contains("small.png has 640 × 480"), "{words}");
-    let (exit, _, words) = panelprep(
-        folder,
-        &format!("intrinsics --board 7x6 --square-mm 25 --out wrong_out.toml board/00.png small.png"),
-    );
+    let (exit, _, words) =
+        panelprep(folder, "intrinsics --board 7x6 --square-mm 25 --out wrong_out.toml board/00.png small.png");
     assert!(exit == 2 && !words.is_empty(), "{words}");
     assert!(!folder.join("wrong_out.toml").exists(), "nothing is written");
 }

@@ -10,7 +10,8 @@
 //!
 //! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. Where the
 //! 3D camera measured the corners, its points stand in place of pixels and σ is in mm. The intrinsics are taken as true:
-//! their own error is not in the covariance.
+//! their own error is not in the covariance. A principal point that is 1 px off turns the mount with it; `gate` asks how
+//! well the lens is known.
 
 use super::arrangement::{Arrangement, Twist, exp, log};
 use super::error::CalibError;

@@ -28,6 +28,8 @@ const LEAST_TILT_DEG: f64 = 20.0;
 const FEW_VIEWS: usize = 8;
 /// Standard deviation of the focal length, as a share of it: 0.1 % is 0.8 mm at 800 mm.
 const FOCAL_SHARE: f64 = 0.001;
+/// Standard deviation of the principal point, as a share of the focal length: 0.2 mm aside at 1 m.
+const CENTRE_SHARE: f64 = 0.000_2;
 
 #[derive(Default)]
 struct Reasons {
@@ -84,6 +86,15 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
             "the focal length is known to {:.2} % only, {:.1} % is wanted; take more pictures, tilted",
             focal * 100.0,
             FOCAL_SHARE * 100.0
+        )
+    });
+    let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
+    reasons.doubt("principal_point", centre.is_nan() || centre > CENTRE_SHARE, || {
+        format!(
+            "the principal point is known to {:.2} mm at 1 m, {:.1} mm is wanted, and a mount calibrated with it is off \
+             by as much; take more pictures in which the board fills the picture, tilted both ways",
+            centre * 1e3,
+            CENTRE_SHARE * 1e3
         )
     });
     reasons.judgement()

@@ -13,7 +13,7 @@ use super::error::CalibError;
 use super::pose::{BoardPose, board_pose};
 use super::quantile::{f_quantile, radius_95};
 use super::suspects::{self, Suspect};
-use crate::geometry::{Degrees, PinholeCamera, Point, Rigid, Vector};
+use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use nalgebra::Matrix3;
 
 /// Fewer stations than this determine nothing that could be checked.
@@ -127,7 +127,7 @@ pub fn hand_eye<A: Arrangement>(
     })
 }
 
-fn enough<C: crate::geometry::Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
+fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
     if stations.len() < MIN_STATIONS {
         let (found, needed) = (stations.len(), MIN_STATIONS);
         return Err(CalibError::TooFewPictures { found, given: found, needed, first_reason: None });
@@ -136,7 +136,7 @@ fn enough<C: crate::geometry::Frame>(stations: &[Station<C>]) -> Result<(), Cali
 }
 
 /// Refuses poses that turn too little, and such as look like radians.
-fn varied<C: crate::geometry::Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
+fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
     let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
     let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
     let largest = |turns: &[nalgebra::Isometry3<f64>]| {
@@ -146,7 +146,7 @@ fn varied<C: crate::geometry::Frame>(stations: &[Station<C>], poses: &[BoardPose
     let (seen_deg, said_deg) = (largest(&seen), largest(&said));
     // In radians, written as degrees, the flange turns by a fifty-seventh of what the pictures show.
     let small = stations.iter().all(|station| {
-        let pose = crate::geometry::KukaPose::from_rigid(&station.base_from_flange);
+        let pose = KukaPose::from_rigid(&station.base_from_flange);
         [pose.a_deg, pose.b_deg, pose.c_deg].iter().all(|angle| angle.abs() < 3.15)
     });
     if small && seen_deg > 10.0 && said_deg < seen_deg / 4.0 {
@@ -164,7 +164,7 @@ fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
     6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM / stations as f64)
 }
 
-fn middle_of<C: crate::geometry::Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
+fn middle_of<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
     let seen: Vec<_> = poses
         .iter()
         .zip(used)
@@ -174,21 +174,21 @@ fn middle_of<C: crate::geometry::Frame>(board: &Board, poses: &[BoardPose<C>], u
     Point::new((seen.iter().sum::<nalgebra::Vector3<f64>>() / seen.len().max(1) as f64).into())
 }
 
-struct All<'a, C: crate::geometry::Frame> {
+struct All<'a, C: Frame> {
     camera: &'a PinholeCamera,
     stations: &'a [Station<C>],
     poses: &'a [BoardPose<C>],
 }
 
-impl<C: crate::geometry::Frame> All<'_, C> {
+impl<C: Frame> All<'_, C> {
     /// Adjusts over the stations that agree, until testing each against the result changes nothing.
     fn settle<A: Arrangement<From = C>>(
         &self,
-        start: (Rigid<A::To, C>, Rigid<A::Holder, crate::geometry::Board>),
+        start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
         mut used: Vec<bool>,
     ) -> Result<(Adjusted<A>, Vec<bool>), CalibError> {
         let mut from = start;
-        let mut fewest_changes = None;
+        let mut last = None;
         for _ in 0..MAX_ROUNDS {
             let chosen: Vec<&Station<C>> =
                 self.stations.iter().zip(&used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
@@ -211,13 +211,11 @@ impl<C: crate::geometry::Frame> All<'_, C> {
             if next == used {
                 return Ok((adjusted, used));
             }
-            fewest_changes = Some(adjusted);
+            last = Some(adjusted);
             used = next;
         }
         // Two stations at the limit may take turns: the last result stands, and both are in it or named.
-        fewest_changes
-            .map(|adjusted| (adjusted, used))
-            .ok_or(CalibError::NotSettled { what: "the choice of poses" })
+        last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
     }
 
     /// The surprise of a station against the adjustment without it.

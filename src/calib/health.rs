@@ -1,5 +1,6 @@
 //! Is a calibration still true? What a look at a known target found, and whether a cycle may start on it.
 
+use crate::cell::Limits;
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
 
@@ -25,6 +26,13 @@ pub struct Demands {
     pub limit_mm: f64,
     /// Largest age, hours.
     pub max_age_h: f64,
+}
+
+impl Demands {
+    /// As the cell's file states them.
+    pub fn of(limits: &Limits) -> Self {
+        Demands { limit_mm: limits.verify_limit_mm(), max_age_h: limits.verify_max_age_h() }
+    }
 }
 
 /// How far a board was found from where it is known to be: the largest distance of its corners, mm.

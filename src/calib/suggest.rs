@@ -37,7 +37,7 @@ pub fn next_pose<A: Arrangement>(
     let used = stations.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
     let mut best: Option<Suggestion> = None;
     for (station, _) in used {
-        for change in changes(board) {
+        for change in changes() {
             let moved = A::to_from_holder(&station.base_from_flange);
             let seen: Rigid<A::From, crate::geometry::Board> =
                 found.adjusted.to_from_camera.inverse() * moved * found.adjusted.holder_from_board;
@@ -65,9 +65,8 @@ struct Change {
     factor: f64,
 }
 
-fn changes(board: &Board) -> Vec<Change> {
+fn changes() -> Vec<Change> {
     let axes = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
-    debug_assert!(board.count() > 0);
     let turn = |axis: &Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).rad());
     [NEARER, 1.0, 1.0 / NEARER]
         .into_iter()

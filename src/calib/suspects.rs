@@ -137,13 +137,11 @@ impl<A: Arrangement> Trial<'_, A> {
             return Fault::Flipped;
         }
         let at_pose_of = |other: usize| self.fits(index, self.stations[other].base_from_flange);
-        let others = (0..self.stations.len()).filter(|&other| other != index);
-        for other in others.filter(|&other| at_pose_of(other)) {
-            let name = self.stations[other].name.clone();
-            let back = wrong.contains(&other) && self.fits(other, self.stations[index].base_from_flange);
-            return if back { Fault::Swapped { with: name } } else { Fault::ShowsPoseOf { other: name } };
-        }
-        self.mistyped(index)
+        let mut others = (0..self.stations.len()).filter(|&other| other != index);
+        let Some(other) = others.find(|&other| at_pose_of(other)) else { return self.mistyped(index) };
+        let name = self.stations[other].name.clone();
+        let back = wrong.contains(&other) && self.fits(other, self.stations[index].base_from_flange);
+        if back { Fault::Swapped { with: name } } else { Fault::ShowsPoseOf { other: name } }
     }
 
     fn is_flipped(&self, index: usize) -> bool {

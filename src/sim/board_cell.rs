@@ -61,7 +61,9 @@ fn held<To: Frame>(middle_mm: Vector3<f64>, turn: UnitQuaternion<f64>, print: &B
     Rigid::claim(Isometry3::from_parts(Translation3::from(shift), turn))
 }
 
-const MAX_DRAWS: usize = 1_000;
+const MAX_DRAWS: usize = 10_000;
+/// Pictures for the lens have noise of their own.
+const LENS_INDEX: u64 = 1_000;
 /// The rim keeps this distance from the picture's edge, px.
 const MARGIN_PX: f64 = 12.0;
 
@@ -115,6 +117,17 @@ impl BoardCell {
         self.shots(count, 1, &self.flange_camera(), 560.0, |camera_from_board| {
             base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
         })
+    }
+
+    /// Pictures of the board held near this camera by hand, filling the picture: for the lens.
+    pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
+        // The whole rim is to fill about 0.8 of the picture's width where it faces the camera.
+        let [low, right, ..] = self.print.rim();
+        let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
+        let nowhere = |_: &Rigid<C, Board>| Rigid::claim(Isometry3::identity());
+        let mut shots = self.shots(count, 2, camera, distance_mm, nowhere);
+        shots.iter_mut().for_each(|shot| shot.index += LENS_INDEX);
+        shots
     }
 
     /// The panel's middle, as the fixed camera sees it.

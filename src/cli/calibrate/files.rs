@@ -20,7 +20,7 @@ fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
 fn like_radians(pose: &KukaPose) -> bool {
     let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
     let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
-    angles.iter().all(|angle| angle.abs() <= 3.1416)
+    angles.iter().all(|angle| angle.abs() < 3.15)
         && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
 }
 

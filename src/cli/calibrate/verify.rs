@@ -17,7 +17,7 @@ use crate::report;
 use crate::store::calibration_hash;
 use crate::verdict::{Judgement, Reason};
 use serde_json::json;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 /// Where a picture puts the board, through the calibrations in use.
 struct Looked {
@@ -100,7 +100,7 @@ fn learn(args: &Verify, seen: &Looked) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-fn target(file: &PathBuf) -> Result<Rigid<Base, BoardFrame>, Fault> {
+fn target(file: &Path) -> Result<Rigid<Base, BoardFrame>, Fault> {
     let text = disk::read_text(file)?;
     Ok(MountedPose::<TargetMount>::check(&file.display().to_string(), &text)?.rigid())
 }
