@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect bench-link
+bench: bench-seeds bench-inspect bench-link bench-calib
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -56,3 +56,16 @@ bench-inspect: setup
 # The robot link: rates, from a lost acknowledgement to STOP, long paths. About five minutes.
 bench-link: setup
 	cargo bench --locked --bench link
+
+OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jpg
+
+# A real camera's pictures, from Debian's opencv-doc; unpacked beside the build, nothing is installed.
+$(OPENCV_DOC):
+	mkdir -p target/opencv-doc
+	cd target/opencv-doc && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb . && rm opencv-doc_*.deb
+
+# Calibrations against the renderer's truth and on a real camera's pictures.
+bench-calib: setup
+	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
+	cargo test --locked --test all -- --nocapture real_pictures
+	cargo bench --locked --bench calib

@@ -6,7 +6,8 @@
 mod eki;
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount, ToolMount,
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
+    TargetMount, ToolMount,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
@@ -32,7 +33,7 @@ struct Kind {
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 6] = [
+const KINDS: [Kind; 7] = [
     Kind {
         name: "cell",
         keys: &CELL_KEYS,
@@ -51,6 +52,7 @@ const KINDS: [Kind; 6] = [
     mount::<ScannerMount>(&[ScannerMount::TABLE]),
     mount::<FlangeCameraMount>(&[FlangeCameraMount::TABLE]),
     mount::<ToolMount>(&[ToolMount::TABLE]),
+    mount::<TargetMount>(&[TargetMount::TABLE]),
 ];
 
 const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {

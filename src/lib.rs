@@ -19,6 +19,7 @@ pub mod recipe;
 pub mod check;
 pub mod panel;
 
+pub mod calib;
 pub mod inspect;
 pub mod locate;
 pub mod surface;

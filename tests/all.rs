@@ -1,5 +1,7 @@
 //! All integration tests: one binary, because each one links OpenCV.
 
+mod boards;
+mod calib;
 mod camera_model;
 mod commands;
 mod config_files;

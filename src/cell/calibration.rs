@@ -43,6 +43,67 @@ impl Setting for Date {
     }
 }
 
+/// Where a calibration's numbers come from; every key may be absent.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Provenance {
+    /// The program that made it, with its version.
+    pub program: Option<String>,
+    /// SHA-256 of each picture or points file that was used.
+    pub pictures: Vec<String>,
+    /// The residual of each of them, in their order: px for intrinsics, mm for a mount.
+    pub residuals: Vec<f64>,
+}
+
+impl Provenance {
+    fn take(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
+        let program = section.take("program", (), Some(None));
+        let pictures = section.take("pictures", (), Some(Texts::default()));
+        let residuals = section.take(residuals, (), Some(Numbers::default()));
+        Some(Provenance { program: program?, pictures: pictures?.0, residuals: residuals?.0 })
+    }
+
+    fn write(&self, text: &mut String, residuals: &str) {
+        line(text, "program", self.program.as_ref().map(|program| toml::Value::from(program.as_str())));
+        if !self.pictures.is_empty() {
+            line(text, "pictures", Some(toml::Value::from(self.pictures.clone())));
+        }
+        if !self.residuals.is_empty() {
+            line(text, residuals, Some(format!("{:?}", self.residuals)));
+        }
+    }
+}
+
+/// A list of texts.
+#[derive(Default)]
+struct Texts(Vec<String>);
+
+impl Setting for Texts {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let list = value.as_array().map(|list| list.iter().map(|item| String::parse(item.get_ref(), &())));
+        let list = list.ok_or_else(|| "allowed is a list of texts".to_owned())?;
+        list.collect::<Result<_, _>>().map(Texts)
+    }
+}
+
+/// A list of residuals.
+#[derive(Default)]
+struct Numbers(Vec<f64>);
+
+impl Setting for Numbers {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let list = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &RESIDUALS)));
+        let list = list.ok_or_else(|| "allowed is a list of numbers".to_owned())?;
+        list.collect::<Result<_, _>>().map(Numbers)
+    }
+}
+
+/// A picture that was set aside may be far off.
+const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
+
 /// A camera's intrinsics as their file, `[camera]`, holds them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
@@ -54,6 +115,8 @@ pub struct Intrinsics {
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,
+    /// Program, pictures and their residuals.
+    pub provenance: Provenance,
 }
 
 const SIZE_PX: RangeInclusive<usize> = 16..=20_000;
@@ -65,7 +128,7 @@ const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 impl Intrinsics {
     /// A camera of which nothing else is known.
     pub fn of(camera: PinholeCamera) -> Self {
-        Intrinsics { camera, serial: None, date: None, rms_px: None }
+        Intrinsics { camera, serial: None, date: None, rms_px: None, provenance: Provenance::default() }
     }
 
     /// Checks the text of an intrinsics file.
@@ -90,6 +153,7 @@ impl Intrinsics {
         let serial = section.take("serial", (), Some(None));
         let date = section.take("date", (), Some(None));
         let rms_px = section.take("rms_px", RESIDUAL, Some(None));
+        let provenance = Provenance::take(section, "residuals_px");
         section.done();
         let camera = PinholeCamera {
             width_px: width_px?,
@@ -110,7 +174,7 @@ impl Intrinsics {
                 .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
             return None;
         }
-        Some(Intrinsics { serial: serial?, date: date?, rms_px: rms_px?, ..Self::of(camera) })
+        Some(Intrinsics { camera, serial: serial?, date: date?, rms_px: rms_px?, provenance: provenance? })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -126,6 +190,7 @@ impl Intrinsics {
         line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
         line(&mut text, "date", self.date.as_ref());
         line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));
+        self.provenance.write(&mut text, "residuals_px");
         text
     }
 }
@@ -194,6 +259,16 @@ impl Mount for ToolMount {
     const HAS_AXIS: bool = true;
 }
 
+/// `[base_from_board]`: where a board stands that calibrations are verified with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TargetMount {}
+
+impl Mount for TargetMount {
+    type To = Base;
+    type From = geometry::Board;
+    const TABLE: &'static str = "base_from_board";
+}
+
 /// A mounted pose as its file holds it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {
@@ -207,6 +282,10 @@ pub struct MountedPose<M: Mount> {
     pub uncertainty_mm: Option<f64>,
     /// Tool only: was the axis measured, or only the point?
     pub axis_measured: Option<bool>,
+    /// Serial number of what is mounted.
+    pub serial: Option<String>,
+    /// Program, pictures and their residuals.
+    pub provenance: Provenance,
     mount: PhantomData<M>,
 }
 
@@ -222,6 +301,8 @@ impl<M: Mount> MountedPose<M> {
             rms_mm: None,
             uncertainty_mm: None,
             axis_measured: None,
+            serial: None,
+            provenance: Provenance::default(),
             mount: PhantomData,
         }
     }
@@ -250,10 +331,13 @@ impl<M: Mount> MountedPose<M> {
         let rms_mm = section.take("rms_mm", RESIDUAL, Some(None));
         let uncertainty_mm = section.take("uncertainty_mm", RESIDUAL, Some(None));
         let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
+        let serial = section.take("serial", (), Some(None));
+        let provenance = Provenance::take(section, "residuals_mm");
         section.done();
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
-        Some(MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::of(pose) })
+        let (serial, provenance) = (serial?, provenance?);
+        Some(MountedPose { date, rms_mm, uncertainty_mm, axis_measured, serial, provenance, ..Self::of(pose) })
     }
 
     /// The file that [`MountedPose::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -267,6 +351,8 @@ impl<M: Mount> MountedPose<M> {
         line(&mut text, "rms_mm", self.rms_mm.map(|number| format!("{number:?}")));
         line(&mut text, "uncertainty_mm", self.uncertainty_mm.map(|number| format!("{number:?}")));
         line(&mut text, "axis_measured", self.axis_measured);
+        line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
+        self.provenance.write(&mut text, "residuals_mm");
         text
     }
 }

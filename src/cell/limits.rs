@@ -26,6 +26,10 @@ settings! {
         min_break_mm2: f64, 0.1..=10_000.0, default 5.0;
         /// Error at the tool that is used while the error budget is not measured whole, mm; stated, not measured.
         tool_error_mm: Option<f64>, 0.01..=20.0, default None;
+        /// Error of the last verification of a calibration with which a cycle may start, mm.
+        verify_limit_mm: f64, 0.05..=10.0, default 0.5;
+        /// Age of the last verification with which a cycle may start, h.
+        verify_max_age_h: f64, 0.1..=8_760.0, default 24.0;
         /// Lower corner of the box that the tool's tip must not leave, in the base frame, mm.
         box_min_mm: Option<[f64; 3]>, -5_000.0..=5_000.0, default None;
         /// Upper corner of that box, in the base frame, mm.

@@ -8,14 +8,18 @@ mod calibration;
 mod devices;
 mod limits;
 mod names;
+mod rough;
 
 #[cfg(test)]
 mod tests;
 
-pub use calibration::{Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+pub use calibration::{
+    Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
+};
 pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
+pub use rough::RoughMounts;
 
 use crate::config::{self, Problems, Section};
 use crate::geometry::Joints;
@@ -67,11 +71,12 @@ pub struct Cell {
     io: InputsOutputs,
     calibration: CalibrationFiles,
     limits: Limits,
+    rough: RoughMounts,
 }
 
 /// The keys at the top of a cell's file, by which it is told from other files.
-pub const CELL_KEYS: [&str; 9] =
-    ["store", "socket", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits"];
+pub const CELL_KEYS: [&str; 10] =
+    ["store", "socket", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits", "rough"];
 
 impl Cell {
     /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
@@ -93,6 +98,7 @@ impl Cell {
         let io = names::take_io(&top.section("io"));
         let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
         let limits = limits::take_limits(&top.section("limits"));
+        let rough = rough::take_rough(&top.section("rough"));
         top.done();
         Some(Cell {
             store: folder.join(store?),
@@ -104,6 +110,7 @@ impl Cell {
             io: io?,
             calibration: calibration?,
             limits: limits?,
+            rough: rough?,
         })
     }
 
@@ -155,6 +162,11 @@ impl Cell {
     /// The calibration files.
     pub fn calibration(&self) -> &CalibrationFiles {
         &self.calibration
+    }
+
+    /// Where the cameras are, by hand: what a three-point calibration is held against.
+    pub fn rough(&self) -> &RoughMounts {
+        &self.rough
     }
 
     /// The limits that hold for every panel.

@@ -217,7 +217,8 @@ fn a_mount_is_not_taken_for_another() {
     assert_eq!(
         problems(MountedPose::<FlangeCameraMount>::check("f", &format!("{camera}{axis}"))),
         [
-            "8: flange_from_camera.axis_measured: unknown key; known here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, date, rms_mm, uncertainty_mm"
+            "8: flange_from_camera.axis_measured: unknown key; known here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, date, rms_mm, uncertainty_mm, \
+             serial, program, pictures, residuals_mm"
         ]
     );
     let tool = format!("[flange_from_tool]\n{MOUNT}{axis}");
@@ -266,7 +267,12 @@ proptest! {
         let [cx_px, cy_px] = centre_px;
         let (fx_px, fy_px) = (focal_px, focal_px * 1.001);
         let camera = PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 };
-        let lens = Intrinsics { camera, serial, date, rms_px };
+        let provenance = Provenance {
+            program: Some("panelprep \"0\"".to_owned()),
+            pictures: vec!["ab".to_owned(), "cd".to_owned()],
+            residuals: rms_px.into_iter().collect(),
+        };
+        let lens = Intrinsics { camera, serial, date, rms_px, provenance };
         prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
     }
 

@@ -75,6 +75,8 @@ pub enum Command {
         after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
     )]
     Check(Check),
+    /// Calibrate lenses, camera mounts and tools, and say how good they are.
+    Calibrate(super::calibrate::args::Calibrate),
     /// Learn a panel at its nominal place from a scan and corner pictures.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \

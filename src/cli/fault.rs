@@ -25,6 +25,15 @@ pub enum Fault {
         /// The key.
         key: &'static str,
     },
+    /// The tool has a point and no axis.
+    #[error(
+        "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
+         run `panelprep calibrate tcp` with [[axis]] or [[plate]]"
+    )]
+    NoAxis {
+        /// The tool's file.
+        file: String,
+    },
     /// A program ended while a motion was under way.
     #[error(
         "a motion is open in the store: a program ended while the robot moved, and nothing moves before a person has \

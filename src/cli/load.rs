@@ -142,9 +142,14 @@ impl CellFiles {
     /// Where the sanding tool's contact is.
     ///
     /// # Errors
-    /// As [`CellFiles::scanner`].
+    /// As [`CellFiles::scanner`]; also where the file does not say that the tool's axis was measured.
     pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
-        self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
+        let (name, text) = self.text(ToolMount::TABLE, self.cell.calibration().flange_from_tool.as_ref())?;
+        let tool = MountedPose::<ToolMount>::check(&name, &text)?;
+        if tool.axis_measured != Some(true) {
+            return Err(Fault::NoAxis { file: name });
+        }
+        Ok(Calibrated { value: tool.rigid(), uncertainty_mm: tool.uncertainty_mm, text })
     }
 }
 

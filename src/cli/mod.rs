@@ -5,6 +5,7 @@
 
 pub mod args;
 mod assignment;
+mod calibrate;
 mod check;
 mod ctl;
 mod cycle;
@@ -55,6 +56,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
         Command::Run(args) => run::run(args, common),
         Command::Ctl(args) => ctl::run(args, common),
+        Command::Calibrate(args) => calibrate::run(args, common, &|line| eprintln!("{line}")),
         Command::Teach(args) => teach::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

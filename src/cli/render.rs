@@ -115,7 +115,8 @@ fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Faul
     let flange_from_camera = KukaPose::from_rigid(&cell.calibrated_flange_from_camera());
     // The pad of the simulated tool: 120 mm before the flange, its axis the flange's.
     let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-    let tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
+    let mut tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
+    tool.axis_measured = Some(true);
     let texts = [
         ("scanner.toml", Intrinsics::of(*cell.scanner()).to_toml()),
         ("flange_camera.toml", Intrinsics::of(*cell.flange_camera()).to_toml()),

@@ -10,7 +10,7 @@
 use super::frames::Frame;
 use super::rigid::{Point, Vector};
 use super::units::Pixel;
-use nalgebra::{Matrix2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
 
 /// Intrinsic parameters of a camera: what a calibration finds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -50,6 +50,16 @@ impl PinholeCamera {
             let distorted = self.distort(Vector2::new(p.x / p.z, p.y / p.z)); // Eq. 3.10
             Pixel::at(self.fx_px * distorted.x + self.cx_px, self.fy_px * distorted.y + self.cy_px) // Eq. 3.11
         })
+    }
+
+    /// The pixel that sees this point, and how it moves with the point, px per mm along x, y, z; `None` behind the
+    /// camera.
+    pub fn project_with_slope<F: Frame>(&self, point: Point<F>) -> Option<(Pixel, Matrix2x3<f64>)> {
+        let (p, pixel) = (point.mm, self.project(point)?);
+        let (x, y) = (p.x / p.z, p.y / p.z);
+        let flat = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / p.z; // of Eq. 3.10
+        let focal = Matrix2::new(self.fx_px, 0.0, 0.0, self.fy_px);
+        Some((pixel, focal * self.distortion_jacobian(Vector2::new(x, y)) * flat))
     }
 
     /// The pixel that sees this point, or `None` where it lies outside the picture or behind the camera.
@@ -148,6 +158,20 @@ mod tests {
     fn behind_the_camera_is_no_pixel() {
         assert_eq!(LENS.project(Point::<Camera>::at(0.0, 0.0, -700.0)), None);
         assert_eq!(LENS.project_inside(Point::<Camera>::at(500.0, 0.0, 700.0)), None);
+    }
+
+    /// Against central differences: a point moved by ±0.01 mm along each axis moves its pixel as the slope says.
+    #[test]
+    fn the_slope_of_a_projection_is_its_difference() {
+        let at = nalgebra::Point3::new(130.0, -90.0, 620.0);
+        let (_, slope) = LENS.project_with_slope(Point::<Camera>::new(at)).expect("in front");
+        for axis in 0..3 {
+            let step = Vector3::ith(axis, 0.01);
+            let pixel = |point| LENS.project(Point::<Camera>::new(point)).expect("in front");
+            let (low, high) = (pixel(at - step), pixel(at + step));
+            let (found, expected) = (Vector2::new(high.u - low.u, high.v - low.v), slope * step * 2.0);
+            assert!((found - expected).norm() < 1e-9, "{axis}: {found} is not {expected}");
+        }
     }
 
     proptest! {

@@ -1,11 +1,13 @@
 //! Pictures and pages for people: from results to something to look at. Computes nothing that decides.
 
+mod calibration;
 pub mod canvas;
 mod closeup;
 mod cycle;
 mod overlay;
 pub mod page;
 
+pub use calibration::{corners_to_touch, residual_field, trend};
 pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
 pub use cycle::cycle_page;
 pub use overlay::View;

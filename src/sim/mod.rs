@@ -6,11 +6,14 @@
 //! - `shape`, `outline`: the panel as a height field cut along an outline
 //! - `scene`, `fixture`: where everything stands
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
+//! - `board`, `board_cell`: calibration boards before both cameras
 //! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
 //!
 //! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
 
 mod appearance;
+mod board;
+mod board_cell;
 mod cast;
 mod film;
 mod fixture;
@@ -24,6 +27,8 @@ mod shape;
 mod spots;
 mod truth;
 
+pub use board::{BoardPrint, Marker};
+pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};

@@ -17,6 +17,11 @@ pub(super) enum Purpose {
     FlangePicture,
     Film,
     Runoff,
+    BoardPose,
+    BoardPicture,
+    BoardCorners,
+    BoardScan,
+    Touch,
 }
 
 /// The seed from which everything is drawn.

@@ -17,10 +17,12 @@ mod lease;
 mod motions;
 mod schema;
 mod teaching;
+mod verifications;
 
 pub use cycles::CycleStart;
 pub use error::StoreError;
 pub use teaching::{Taught, TaughtCorner, Teaching};
+pub use verifications::calibration_hash;
 
 use blobs::Blobs;
 use lease::Lease;

@@ -1,12 +1,13 @@
 //! The tables' version: looked at before anything is written, raised step by step.
 
 use super::error::StoreError;
-use super::{cycles, journal, motions, teaching};
+use super::{cycles, journal, motions, teaching, verifications};
 use rusqlite::{Connection, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-pub(super) const SCHEMA: i64 = 2;
+/// 3: verifications.
+pub(super) const SCHEMA: i64 = 3;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -51,6 +52,9 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
         transaction.execute_batch(cycles::TABLES)?;
         transaction.execute_batch(journal::TABLES)?;
         transaction.execute_batch(motions::TABLES)?;
+    }
+    if found < 3 {
+        transaction.execute_batch(verifications::TABLES)?;
     }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
     transaction.commit()

@@ -1,0 +1,437 @@
+//! The joint adjustment of camera mount and board over all pictures, with the noise estimated from the residuals.
+//!
+//! A corner q of the board is seen by station i at
+//!     p = X⁻¹ · Mᵢ(eᵢ) · Y · q,   X = to_from_camera, Y = holder_from_board, Mᵢ = to_from_holder,              (1)
+//! where the flange stood at `base_from_flange · exp(eᵢ)`: what the robot reports is off by an unknown small twist
+//! eᵢ = (ω, v), the same for all corners of a picture. Minimised over X, Y and every eᵢ is
+//!     Σᵢ Σⱼ |pixelᵢⱼ − π(pᵢⱼ)|² / σ²  +  Σᵢ |ωᵢ|² / σω² + |vᵢ|² / σv².                                        (2)
+//! By Gauss–Newton on right perturbations, the eᵢ eliminated picture by picture (Schur complement). Without eᵢ, the
+//! corners of a picture would count as independent and the stated uncertainty would be many times too small.
+//!
+//! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. Where the
+//! 3D camera measured the corners, its points stand in place of pixels and σ is in mm. The intrinsics are taken as true:
+//! their own error is not in the covariance. A principal point that is 1 px off turns the mount with it; `gate` asks how
+//! well the lens is known.
+
+use super::arrangement::{Arrangement, Twist, exp, log};
+use super::error::CalibError;
+use crate::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
+
+/// What a camera sees of the board.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Seen<C: Frame> {
+    /// Corners in a picture.
+    Pixels(Vec<(Point<Board>, Pixel)>),
+    /// Corners that a 3D camera measured.
+    Points(Vec<(Point<Board>, Point<C>)>),
+}
+
+/// One picture of the board with the robot's word on where the flange was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Station<C: Frame> {
+    /// The picture's name in messages.
+    pub name: String,
+    /// Where the robot says that the flange was.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// What the picture shows.
+    pub seen: Seen<C>,
+}
+
+/// Standard deviations, estimated from the residuals.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Noise {
+    /// Of a corner along each axis: px in pictures, mm among 3D points.
+    pub corner: f64,
+    /// Of the flange's reported turn about each axis, rad.
+    pub turn_rad: f64,
+    /// Of the flange's reported place along each axis, mm.
+    pub shift_mm: f64,
+}
+
+const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
+const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
+const MAX_STEPS: usize = 200;
+/// The steps end when camera and board move by less than this, mm and mrad.
+const SETTLED: f64 = 1e-7;
+
+pub(super) type Both = SMatrix<f64, 12, 12>;
+type Normal = SMatrix<f64, 18, 18>;
+
+/// One station's part of the normal equations: of X, Y and e, in this order.
+pub(super) struct Gram {
+    normal: Normal,
+    gradient: SVector<f64, 18>,
+    square: f64,
+    rows: usize,
+}
+
+impl Gram {
+    fn empty() -> Self {
+        Gram { normal: Normal::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
+    }
+
+    fn add<const R: usize>(&mut self, slope: &SMatrix<f64, R, 3>, at: &Corner, residual: &SVector<f64, R>) {
+        let mut jacobian = SMatrix::<f64, R, 18>::zeros();
+        for (index, (turn, shift)) in [at.camera, at.board, at.flange].into_iter().enumerate() {
+            jacobian.fixed_columns_mut::<3>(6 * index).copy_from(&(slope * turn));
+            jacobian.fixed_columns_mut::<3>(6 * index + 3).copy_from(&(slope * shift));
+        }
+        self.normal += jacobian.transpose() * jacobian;
+        self.gradient += jacobian.transpose() * residual;
+        self.square += residual.norm_squared();
+        self.rows += R;
+    }
+
+    fn flange(&self) -> Matrix6<f64> {
+        self.normal.fixed_view::<6, 6>(12, 12).into_owned()
+    }
+
+    fn cross(&self) -> SMatrix<f64, 12, 6> {
+        self.normal.fixed_view::<12, 6>(0, 12).into_owned()
+    }
+
+    fn both(&self) -> Both {
+        self.normal.fixed_view::<12, 12>(0, 0).into_owned()
+    }
+}
+
+/// How a corner in the camera's frame moves with small turns and shifts of camera, board and flange.
+struct Corner {
+    camera: (Matrix3<f64>, Matrix3<f64>),
+    board: (Matrix3<f64>, Matrix3<f64>),
+    flange: (Matrix3<f64>, Matrix3<f64>),
+}
+
+/// The transforms of (1) for one station.
+pub(super) struct Chain {
+    camera_from_to: Isometry3<f64>,
+    flange_from_base: Isometry3<f64>,
+    holder_from_board: Isometry3<f64>,
+    eye_in_hand: bool,
+}
+
+impl Chain {
+    fn new<A: Arrangement>(
+        mount: &Isometry3<f64>,
+        board: &Isometry3<f64>,
+        base_from_flange: &Rigid<Base, Flange>,
+        deviation: &Isometry3<f64>,
+    ) -> Self {
+        Chain {
+            camera_from_to: mount.inverse(),
+            flange_from_base: (base_from_flange.isometry() * deviation).inverse(),
+            holder_from_board: *board,
+            eye_in_hand: A::EYE_IN_HAND,
+        }
+    }
+
+    fn camera_from_holder(&self) -> Isometry3<f64> {
+        let base_from_flange = self.flange_from_base.inverse();
+        self.camera_from_to * if self.eye_in_hand { self.flange_from_base } else { base_from_flange }
+    }
+
+    fn corner(&self, camera_from_holder: &Isometry3<f64>, q: &Point<Board>) -> (Vector3<f64>, Corner) {
+        let camera_from_board = camera_from_holder * self.holder_from_board;
+        let seen = (camera_from_board * q.mm).coords;
+        let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
+        let in_holder = self.holder_from_board * q.mm;
+        // exp(e) stands right before the point in the flange's frame; for a camera on the flange its inverse does.
+        let (in_flange, flange_turn) = if self.eye_in_hand {
+            let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
+            ((self.flange_from_base * in_holder).coords, turn)
+        } else {
+            (in_holder.coords, camera_from_holder.rotation.to_rotation_matrix().into_inner())
+        };
+        let corner = Corner {
+            camera: (seen.cross_matrix(), -Matrix3::identity()),
+            board: (-board_turn * q.mm.coords.cross_matrix(), board_turn),
+            flange: (-flange_turn * in_flange.cross_matrix(), flange_turn),
+        };
+        (seen, corner)
+    }
+
+    /// `None` where a corner would stand behind the camera.
+    fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<Gram> {
+        let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
+        match seen {
+            Seen::Pixels(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let (pixel, slope) = camera.project_with_slope(Point::<C>::new(p.into()))?;
+                    gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
+                }
+            }
+            Seen::Points(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
+                }
+            }
+        }
+        Some(gram)
+    }
+}
+
+/// A camera mount and a board's place with the evidence for them.
+#[derive(Debug, Clone)]
+pub struct Adjusted<A: Arrangement> {
+    /// The camera's mount, which is looked for.
+    pub to_from_camera: Rigid<A::To, A::From>,
+    /// Where the board is held.
+    pub holder_from_board: Rigid<A::Holder, Board>,
+    /// The noise found.
+    pub noise: Noise,
+    /// Residuals beyond those that the unknowns can take up: how well the noise is known.
+    pub redundancy: f64,
+    /// Covariance of (mount, board), twists on the right, rad and mm.
+    pub(super) covariance: Both,
+}
+
+impl<A: Arrangement> Adjusted<A> {
+    /// Covariance of a point that stands still before the camera, seen from what the camera is mounted on, mm².
+    pub fn covariance_at(&self, point: Point<A::From>) -> Matrix3<f64> {
+        covariance_at(&self.to_from_camera, &self.covariance, point)
+    }
+
+    /// The same with mount and board moved a little, and another covariance.
+    pub(super) fn moved(&self, both: &SVector<f64, 12>, covariance: Both) -> Self {
+        let [mount, board] = [0, 6].map(|row| exp(&Twist::from(both.fixed_rows::<6>(row))));
+        Adjusted {
+            to_from_camera: Rigid::claim(self.to_from_camera.isometry() * mount),
+            holder_from_board: Rigid::claim(self.holder_from_board.isometry() * board),
+            covariance,
+            ..self.clone()
+        }
+    }
+}
+
+pub(super) fn covariance_at<To: Frame, C: Frame>(
+    to_from_camera: &Rigid<To, C>,
+    covariance: &Both,
+    point: Point<C>,
+) -> Matrix3<f64> {
+    let turn = to_from_camera.rotation().into_inner();
+    let mut slope = SMatrix::<f64, 3, 6>::zeros();
+    slope.fixed_columns_mut::<3>(0).copy_from(&(-turn * point.mm.coords.cross_matrix()));
+    slope.fixed_columns_mut::<3>(3).copy_from(&turn);
+    slope * covariance.fixed_view::<6, 6>(0, 0) * slope.transpose()
+}
+
+struct State {
+    mount: Isometry3<f64>,
+    board: Isometry3<f64>,
+    deviations: Vec<Isometry3<f64>>,
+}
+
+/// 1/σω² and 1/σv² in units of the corners' weight.
+fn prior(noise: &Noise) -> Matrix6<f64> {
+    let [turn, shift] = [noise.turn_rad, noise.shift_mm].map(|sigma| (noise.corner / sigma).powi(2));
+    Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
+}
+
+const WHAT: &str = "camera mount and board";
+
+/// Adjusts from a start; with `noise` given, it is kept.
+///
+/// # Errors
+/// Where the unknowns are not determined, or the steps do not settle.
+pub(super) fn adjust<A: Arrangement>(
+    camera: &PinholeCamera,
+    stations: &[&Station<A::From>],
+    start: (&Rigid<A::To, A::From>, &Rigid<A::Holder, Board>),
+    given: Option<Noise>,
+) -> Result<Adjusted<A>, CalibError> {
+    let unsettled = CalibError::NotSettled { what: WHAT };
+    let mut state = State {
+        mount: *start.0.isometry(),
+        board: *start.1.isometry(),
+        deviations: vec![Isometry3::identity(); stations.len()],
+    };
+    let mut noise = given.unwrap_or(NOISE_START);
+    for _ in 0..MAX_STEPS {
+        let mut grams = Vec::with_capacity(stations.len());
+        for (station, deviation) in stations.iter().zip(&state.deviations) {
+            let chain = Chain::new::<A>(&state.mount, &state.board, &station.base_from_flange, deviation);
+            grams.push(chain.gram(camera, &station.seen).ok_or_else(|| unsettled.clone())?);
+        }
+        let step = Step::of(&grams, &state.deviations, &noise).ok_or_else(|| unsettled.clone())?;
+        let moved = step.apply(&grams, &mut state);
+        let estimated = if given.is_some() { noise } else { step.noise(&grams, &state.deviations, &noise) };
+        let steady = |old: f64, new: f64| (new / old - 1.0).abs() < 2e-3;
+        let settled = moved < SETTLED
+            && steady(noise.corner, estimated.corner)
+            && steady(noise.turn_rad, estimated.turn_rad)
+            && steady(noise.shift_mm, estimated.shift_mm);
+        noise = estimated;
+        if settled {
+            return Ok(Adjusted {
+                to_from_camera: Rigid::claim(state.mount),
+                holder_from_board: Rigid::claim(state.board),
+                noise,
+                redundancy: step.redundancy(&noise),
+                covariance: step.covariance * noise.corner.powi(2),
+            });
+        }
+    }
+    Err(unsettled)
+}
+
+/// The reduced normal equations of (2), solved.
+struct Step {
+    both: SVector<f64, 12>,
+    /// Inverse of the reduced normal matrix, in units of the corners' variance.
+    covariance: Both,
+    /// Σ of the deviations' variances about ω and along v, in the same units.
+    turn_variance: f64,
+    shift_variance: f64,
+    stations: usize,
+    flange_inverse: Vec<Matrix6<f64>>,
+    flange_gradient: Vec<Twist>,
+}
+
+impl Step {
+    fn of(grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Option<Self> {
+        let prior = prior(noise);
+        let (mut normal, mut gradient) = (Both::zeros(), SVector::<f64, 12>::zeros());
+        let (mut flange_inverse, mut flange_gradient) = (Vec::new(), Vec::new());
+        for (gram, deviation) in grams.iter().zip(deviations) {
+            let inverse = (gram.flange() + prior).cholesky()?.inverse();
+            let pull = gram.gradient.fixed_rows::<6>(12) - prior * log(deviation);
+            normal += gram.both() - gram.cross() * inverse * gram.cross().transpose();
+            gradient += gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * pull;
+            flange_inverse.push(inverse);
+            flange_gradient.push(pull);
+        }
+        let covariance = scaled_inverse(&normal)?;
+        let mut variances = Twist::zeros();
+        for (gram, inverse) in grams.iter().zip(&flange_inverse) {
+            let through = inverse * gram.cross().transpose();
+            variances += (inverse + through * covariance * through.transpose()).diagonal();
+        }
+        Some(Step {
+            both: covariance * gradient,
+            covariance,
+            turn_variance: variances.fixed_rows::<3>(0).sum(),
+            shift_variance: variances.fixed_rows::<3>(3).sum(),
+            stations: grams.len(),
+            flange_inverse,
+            flange_gradient,
+        })
+    }
+
+    /// Moves the state and says how far camera and board went, mm and mrad.
+    fn apply(&self, grams: &[Gram], state: &mut State) -> f64 {
+        let [mount, board] = [0, 6].map(|row| Twist::from(self.both.fixed_rows::<6>(row)));
+        state.mount *= exp(&mount);
+        state.board *= exp(&board);
+        for (index, gram) in grams.iter().enumerate() {
+            let twist =
+                self.flange_inverse[index] * (self.flange_gradient[index] - gram.cross().transpose() * self.both);
+            state.deviations[index] *= exp(&twist);
+        }
+        let weigh = |twist: &Twist| twist.fixed_rows::<3>(0).norm() * 1e3 + twist.fixed_rows::<3>(3).norm();
+        weigh(&mount) + weigh(&board)
+    }
+
+    /// How many of the 3·n turns and shifts of the flange are redundant.
+    fn redundancies(&self, noise: &Noise) -> [f64; 2] {
+        let all = 3.0 * self.stations as f64;
+        let of = |variance: f64, sigma: f64| (all - variance * (noise.corner / sigma).powi(2)).max(1e-9);
+        [of(self.turn_variance, noise.turn_rad), of(self.shift_variance, noise.shift_mm)]
+    }
+
+    /// The smaller redundancy of those that count: a component at its floor has none.
+    fn redundancy(&self, noise: &Noise) -> f64 {
+        let [turn, shift] = self.redundancies(noise);
+        let counts =
+            |sigma: f64, floor: f64, redundancy: f64| if sigma > 1.5 * floor { redundancy } else { f64::INFINITY };
+        let least = counts(noise.turn_rad, NOISE_FLOOR.turn_rad, turn)
+            .min(counts(noise.shift_mm, NOISE_FLOOR.shift_mm, shift))
+            .min(6.0 * self.stations as f64 - 12.0);
+        least.max(1.0)
+    }
+
+    fn noise(&self, grams: &[Gram], deviations: &[Isometry3<f64>], noise: &Noise) -> Noise {
+        let [turn, shift] = self.redundancies(noise);
+        let (mut turns, mut shifts) = (0.0, 0.0);
+        for twist in deviations.iter().map(log) {
+            turns += twist.fixed_rows::<3>(0).norm_squared();
+            shifts += twist.fixed_rows::<3>(3).norm_squared();
+        }
+        let rows: usize = grams.iter().map(|gram| gram.rows).sum();
+        let corners = (rows as f64 - 12.0 - turn - shift).max(1.0);
+        let square: f64 = grams.iter().map(|gram| gram.square).sum();
+        // A step is bounded, so that one far start does not throw a component to where it cannot come back from.
+        let bounded = |new: f64, old: f64, floor: f64| new.sqrt().clamp(0.2 * old, 5.0 * old).max(floor);
+        Noise {
+            corner: bounded(square / corners, noise.corner, NOISE_FLOOR.corner),
+            turn_rad: bounded(turns / turn, noise.turn_rad, NOISE_FLOOR.turn_rad),
+            shift_mm: bounded(shifts / shift, noise.shift_mm, NOISE_FLOOR.shift_mm),
+        }
+    }
+}
+
+/// Inverse of a normal matrix whose unknowns have unlike units, scaled to ones on its diagonal first.
+fn scaled_inverse(normal: &Both) -> Option<Both> {
+    let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
+    let scaled = Both::from_fn(|row, column| normal[(row, column)] * scale[row] * scale[column]);
+    let inverse = scaled.cholesky()?.inverse();
+    Some(Both::from_fn(|row, column| inverse[(row, column)] * scale[row] * scale[column]))
+}
+
+/// The inverse covariance that a station adds, and its pull on mount and board, in rad and mm: for leaving one out, and
+/// for choosing the next.
+pub(super) fn information<A: Arrangement>(
+    camera: &PinholeCamera,
+    adjusted: &Adjusted<A>,
+    station: &Station<A::From>,
+) -> Option<(Both, SVector<f64, 12>)> {
+    let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
+    let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
+    let gram = chain.gram(camera, &station.seen)?;
+    let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
+    let reduced = gram.both() - gram.cross() * inverse * gram.cross().transpose();
+    let pull = gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * gram.gradient.fixed_rows::<6>(12);
+    let weight = adjusted.noise.corner.powi(-2);
+    Some((reduced * weight, pull * weight))
+}
+
+pub(super) fn inverse(normal: &Both) -> Option<Both> {
+    scaled_inverse(normal)
+}
+
+/// How unlikely a station is, given an adjustment without it: the squared length of the twist by which the flange would
+/// have to be elsewhere, in standard deviations; 6 is usual.
+pub(super) fn surprise<A: Arrangement>(
+    camera: &PinholeCamera,
+    adjusted: &Adjusted<A>,
+    station: &Station<A::From>,
+    camera_from_board: &Rigid<A::From, Board>,
+) -> f64 {
+    let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
+    let needed = needed_flange(adjusted, camera_from_board);
+    let deviation = (station.base_from_flange.inverse() * needed).isometry().to_owned();
+    let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &deviation);
+    let found = chain.gram(camera, &station.seen).and_then(|gram| {
+        let inverse = gram.flange().cholesky()?.inverse();
+        let through = inverse * gram.cross().transpose();
+        let noise = &adjusted.noise;
+        let [turn, shift] = [noise.turn_rad.powi(2), noise.shift_mm.powi(2)];
+        let robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
+        let spread = inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
+        let twist = log(&deviation);
+        Some(twist.dot(&(spread.cholesky()?.inverse() * twist)))
+    });
+    found.unwrap_or(f64::INFINITY)
+}
+
+/// Where the flange must have been for a picture to show the board where it does.
+pub(super) fn needed_flange<A: Arrangement>(
+    adjusted: &Adjusted<A>,
+    camera_from_board: &Rigid<A::From, Board>,
+) -> Rigid<Base, Flange> {
+    let to_from_holder = adjusted.to_from_camera * *camera_from_board * adjusted.holder_from_board.inverse();
+    let bare = *to_from_holder.isometry();
+    Rigid::claim(if A::EYE_IN_HAND { bare.inverse() } else { bare })
+}

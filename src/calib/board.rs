@@ -1,0 +1,200 @@
+//! The board that is looked at: chessboard or ChArUco, its inner corners as points of frame `Board`.
+//!
+//! Corner (column, row) lies at (column · square, row · square, 0) mm; x runs along a row, y down, z away from the
+//! viewer. A chessboard is named by its inner corners, ChArUco by its squares, as OpenCV does. A chessboard with one odd
+//! and one even side has a unique first corner, the one whose outer square is black; others look the same upside down.
+
+use super::error::CalibError;
+use crate::geometry::{Board as BoardFrame, Point};
+
+/// How the markers of a ChArUco board lie, and which they are.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Charuco {
+    /// Side of a marker, mm.
+    pub marker_mm: f64,
+    /// OpenCV's name of the dictionary, `4X4_50`.
+    pub dictionary: String,
+    /// Printed by OpenCV before 4.6: with an even number of rows the first square is white and holds a marker.
+    pub legacy: bool,
+}
+
+/// A flat calibration board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Board {
+    columns: usize,
+    rows: usize,
+    square_mm: f64,
+    charuco: Option<Charuco>,
+}
+
+const INNER: std::ops::RangeInclusive<usize> = 3..=60;
+
+impl Board {
+    /// The board that `--board` and `--square-mm` name: `9x6`, or `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`.
+    ///
+    /// # Errors
+    /// Where the text names no board, a number is out of range, or a marker is as large as its square.
+    pub fn parse(text: &str, square_mm: f64) -> Result<Self, CalibError> {
+        let wrong = |message: String| CalibError::Board { text: text.to_owned(), message };
+        if !(0.5..=500.0).contains(&square_mm) {
+            return Err(wrong(format!("squares of {square_mm} mm; allowed is 0.5 to 500")));
+        }
+        let parts: Vec<&str> = text.split(':').collect();
+        match parts.as_slice() {
+            ["charuco", size, marker, dictionary] => {
+                Self::charuco(sides(size).ok_or_else(|| wrong(shape()))?, square_mm, marker, dictionary, false)
+            }
+            ["charuco", size, marker, dictionary, "legacy"] => {
+                Self::charuco(sides(size).ok_or_else(|| wrong(shape()))?, square_mm, marker, dictionary, true)
+            }
+            [size] => {
+                let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
+                Self::of(columns, rows, square_mm, None)
+            }
+            _ => Err(shape()),
+        }
+        .map_err(wrong)
+    }
+
+    fn charuco(
+        (columns, rows): (usize, usize),
+        square_mm: f64,
+        marker: &str,
+        dictionary: &str,
+        legacy: bool,
+    ) -> Result<Self, String> {
+        let marker_mm: f64 = marker.parse().map_err(|_| format!("the marker's side '{marker}' is no number"))?;
+        if !(0.2 * square_mm..0.95 * square_mm).contains(&marker_mm) {
+            return Err(format!("markers of {marker_mm} mm in squares of {square_mm} mm; allowed is 20 to 95 %"));
+        }
+        let charuco = Charuco { marker_mm, dictionary: dictionary.to_uppercase(), legacy };
+        Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Some(charuco))
+    }
+
+    fn of(columns: usize, rows: usize, square_mm: f64, charuco: Option<Charuco>) -> Result<Self, String> {
+        if !INNER.contains(&columns) || !INNER.contains(&rows) {
+            return Err(format!("{columns}×{rows} inner corners; allowed is 3 to 60 each way"));
+        }
+        Ok(Board { columns, rows, square_mm, charuco })
+    }
+
+    /// Inner corners in a row.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// Rows of inner corners.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Side of a square, mm.
+    pub fn square_mm(&self) -> f64 {
+        self.square_mm
+    }
+
+    /// Its markers; `None` for a chessboard.
+    pub fn markers(&self) -> Option<&Charuco> {
+        self.charuco.as_ref()
+    }
+
+    /// Number of inner corners.
+    pub fn count(&self) -> usize {
+        self.columns * self.rows
+    }
+
+    /// Does it look different upside down?
+    pub fn is_unique(&self) -> bool {
+        self.charuco.is_some() || self.columns % 2 != self.rows % 2
+    }
+
+    /// The inner corner in this column and row, from 0; `None` where the board has none.
+    pub fn corner(&self, column: usize, row: usize) -> Option<Point<BoardFrame>> {
+        (column < self.columns && row < self.rows)
+            .then(|| Point::at(column as f64 * self.square_mm, row as f64 * self.square_mm, 0.0))
+    }
+
+    /// All inner corners, row by row.
+    pub fn corners(&self) -> Vec<Point<BoardFrame>> {
+        (0..self.rows)
+            .flat_map(|row| (0..self.columns).filter_map(move |column| self.corner(column, row)))
+            .collect()
+    }
+
+    /// The middle of its inner corners.
+    pub fn middle(&self) -> Point<BoardFrame> {
+        let half = |count: usize| (count - 1) as f64 * self.square_mm / 2.0;
+        Point::at(half(self.columns), half(self.rows), 0.0)
+    }
+
+    /// The corners to touch in three-point calibration: the origin, the end of the first row, the far end of the last,
+    /// and the last row's begin as the check. As (column, row).
+    pub fn corners_to_touch(&self) -> [(usize, usize); 4] {
+        let (right, low) = (self.columns - 1, self.rows - 1);
+        [(0, 0), (right, 0), (right, low), (0, low)]
+    }
+
+    /// The square (column, row) of the board, from the top left, that holds each marker, in the order of the markers'
+    /// numbers.
+    pub fn marker_squares(&self) -> Vec<(usize, usize)> {
+        let Some(charuco) = &self.charuco else { return Vec::new() };
+        let (columns, rows) = (self.columns + 1, self.rows + 1);
+        // The legacy pattern counts rows from the bottom.
+        let black = |column: usize, row: usize| {
+            let row = if charuco.legacy { rows - 1 - row } else { row };
+            row % 2 == column % 2
+        };
+        let squares = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        squares.filter(|&(column, row)| !black(column, row)).collect()
+    }
+}
+
+fn sides(text: &str) -> Option<(usize, usize)> {
+    let (columns, rows) = text.split_once('x')?;
+    Some((columns.parse().ok()?, rows.parse().ok()?))
+}
+
+fn shape() -> String {
+    "allowed is a chessboard by its inner corners, 9x6, or charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy] by its \
+     squares, charuco:8x6:15:4X4_50"
+        .to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_chessboard_is_named_by_its_inner_corners() {
+        let board = Board::parse("9x6", 25.0).expect("a board");
+        assert_eq!((board.columns(), board.rows(), board.count()), (9, 6, 54));
+        assert_eq!(board.corner(8, 5), Some(Point::at(200.0, 125.0, 0.0)));
+        assert_eq!(board.corner(9, 0), None);
+        assert_eq!(board.middle(), Point::at(100.0, 62.5, 0.0));
+        assert!(board.is_unique() && !Board::parse("8x6", 25.0).expect("a board").is_unique());
+    }
+
+    /// By hand, 4×4 squares: today's pattern begins black, the legacy one white with marker 0.
+    #[test]
+    fn legacy_charuco_with_even_rows_begins_white() {
+        let squares = |text: &str| Board::parse(text, 20.0).expect("a board").marker_squares();
+        assert_eq!(squares("charuco:4x4:15:4X4_50")[..3], [(1, 0), (3, 0), (0, 1)]);
+        assert_eq!(squares("charuco:4x4:15:4x4_50:legacy")[..3], [(0, 0), (2, 0), (1, 1)]);
+        let odd = ["charuco:4x5:15:4X4_50", "charuco:4x5:15:4X4_50:legacy"].map(squares);
+        assert_eq!(odd[0], odd[1], "an odd number of rows has one pattern");
+    }
+
+    #[test]
+    fn what_is_no_board_is_refused_in_words() {
+        for (text, square_mm, words) in [
+            ("9 x 6", 25.0, "allowed is a chessboard"),
+            ("9x2", 25.0, "9×2 inner corners"),
+            ("9x6", f64::NAN, "squares of NaN mm"),
+            ("charuco:8x6:25:4X4_50", 25.0, "20 to 95 %"),
+            ("charuco:8x6:ten:4X4_50", 25.0, "is no number"),
+        ] {
+            let error = Board::parse(text, square_mm).expect_err(text).to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+}

@@ -1,0 +1,103 @@
+//! Why data cannot become a calibration: what was found, what is needed, what to do.
+
+use crate::imaging::ImagingError;
+
+/// Why there is no calibration.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibError {
+    /// `--board` or `--square-mm` names no board.
+    #[error("--board {text}: {message}")]
+    Board {
+        /// What was written.
+        text: String,
+        /// What is wrong, what is allowed.
+        message: String,
+    },
+    /// OpenCV refused its input.
+    #[error(transparent)]
+    Imaging(#[from] ImagingError),
+    /// A picture shows no board.
+    #[error(
+        "{picture} shows no board with {columns}×{rows} inner corners; is --board right, and is the whole board in \
+         the picture, sharp, with a white rim?"
+    )]
+    NoBoard {
+        /// The picture.
+        picture: String,
+        /// Inner corners in a row.
+        columns: usize,
+        /// Rows of inner corners.
+        rows: usize,
+    },
+    /// Pictures of several sizes.
+    #[error("{picture} has {found} pixels, {first} has {expected}; one camera takes pictures of one size")]
+    MixedSizes {
+        /// The picture.
+        picture: String,
+        /// Its size.
+        found: String,
+        /// The first picture.
+        first: String,
+        /// Its size.
+        expected: String,
+    },
+    /// Not enough pictures with a board.
+    #[error("{found} of {given} pictures can be used, {needed} are needed{}", told(first_reason))]
+    TooFewPictures {
+        /// Usable ones.
+        found: usize,
+        /// All of them.
+        given: usize,
+        /// How many are needed.
+        needed: usize,
+        /// Why the first unusable one is.
+        first_reason: Option<String>,
+    },
+    /// Touched points that make no frame.
+    #[error("{0}")]
+    Points(String),
+    /// Robot poses that turn too little.
+    #[error(
+        "the poses turn the board too little: {about_second_axis_deg:.1}° about the second axis, {needed_deg:.0}° are \
+         needed; a camera mount cannot be told from such data: tilt the flange about two axes, by 20° and more"
+    )]
+    TooLittleRotation {
+        /// Spread of the turns about the second of their axes, degrees.
+        about_second_axis_deg: f64,
+        /// The least that is needed.
+        needed_deg: f64,
+    },
+    /// Most poses contradict each other.
+    #[error(
+        "no camera mount fits half of the {poses} poses: the best leaves {median_mm:.1} mm; are the poses \
+         base_from_flange in mm and degrees, without a tool or a base frame set, and is --mount right?"
+    )]
+    NoConsensus {
+        /// Poses.
+        poses: usize,
+        /// Median distance from the best consensus, mm.
+        median_mm: f64,
+    },
+    /// Angles in radians.
+    #[error(
+        "every angle of the poses lies within ±3.15 although the pictures turn by {seen_deg:.0}°: these look like \
+         radians; A, B, C are written in degrees"
+    )]
+    Radians {
+        /// The largest turn between two pictures, degrees.
+        seen_deg: f64,
+    },
+    /// The iteration did not settle.
+    #[error("the adjustment of {what} did not settle; the data contradict each other")]
+    NotSettled {
+        /// What was adjusted.
+        what: &'static str,
+    },
+    /// Poses that do not determine a tool.
+    #[error("{0}")]
+    Tool(String),
+}
+
+fn told(reason: &Option<String>) -> String {
+    reason.as_ref().map_or(String::new(), |reason| format!("; {reason}"))
+}

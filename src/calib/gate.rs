@@ -1,0 +1,202 @@
+//! From evidence to a verdict: which calibration may be used, which a person must look at, which not.
+
+use super::arrangement::Arrangement;
+use super::hand_eye::HandEye;
+use super::intrinsics::Calibrated;
+use super::three_points::ThreePoints;
+use super::tool::{ToolAxis, ToolPoint};
+use crate::geometry::{Point, Rigid};
+use crate::verdict::{Judgement, Reason};
+
+/// Beyond the first a person must look, beyond the second it is rejected.
+type Bounds = (f64, f64);
+
+const HAND_EYE_UNCERTAINTY_MM: Bounds = (0.6, 2.0);
+const HAND_EYE_RMS_MM: Bounds = (1.0, 3.0);
+const SPREAD_DEG: f64 = 8.0;
+const FEW_POSES: usize = 10;
+const DISTANCE_ERROR_MM: Bounds = (0.5, 1.5);
+const PNP_RMS_PX: Bounds = (0.5, 2.0);
+const CHECK_MM: Bounds = (0.5, 1.5);
+const ROUGH_MM: f64 = 150.0;
+const ROUGH_DEG: f64 = 20.0;
+const TOOL_RMS_MM: Bounds = (0.4, 1.5);
+const AXIS_DEG: Bounds = (0.5, 2.0);
+const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
+const COVERAGE: f64 = 0.6;
+const LEAST_TILT_DEG: f64 = 20.0;
+const FEW_VIEWS: usize = 8;
+/// Standard deviation of the focal length, as a share of it: 0.1 % is 0.8 mm at 800 mm.
+const FOCAL_SHARE: f64 = 0.001;
+/// Standard deviation of the principal point, as a share of the focal length: 0.2 mm aside at 1 m.
+const CENTRE_SHARE: f64 = 0.000_2;
+
+#[derive(Default)]
+struct Reasons {
+    reject: Vec<Reason>,
+    review: Vec<Reason>,
+}
+
+impl Reasons {
+    /// A NaN is beyond every bound.
+    fn bound(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
+        let message = |allowed: f64| format!("{words}: {value:.3}, allowed is {allowed}");
+        if value.is_nan() || value > reject {
+            self.reject.push(Reason::new(code, message(reject)));
+        } else if value > review {
+            self.review.push(Reason::new(code, message(review)));
+        }
+    }
+
+    fn doubt(&mut self, code: &'static str, doubtful: bool, message: impl FnOnce() -> String) {
+        if doubtful {
+            self.review.push(Reason::new(code, message()));
+        }
+    }
+
+    fn judgement(self) -> Judgement {
+        Judgement::of(self.reject, self.review)
+    }
+}
+
+/// Are the intrinsics good enough?
+pub fn intrinsics(found: &Calibrated) -> Judgement {
+    let mut reasons = Reasons::default();
+    reasons.bound("rms_px", found.rms_px, INTRINSICS_RMS_PX, "the corners miss the camera model by so many px rms");
+    let used = found.views.iter().filter(|view| view.set_aside.is_none()).count();
+    reasons
+        .doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
+    reasons.doubt("coverage", found.coverage < COVERAGE, || {
+        format!(
+            "corners cover {:.0} % of the picture, {:.0} % are wanted; bring the board into the corners too",
+            found.coverage * 100.0,
+            COVERAGE * 100.0
+        )
+    });
+    let [low, high] = found.tilt_deg;
+    reasons.doubt("tilt", high < LEAST_TILT_DEG, || {
+        format!(
+            "the board was tilted by {low:.0}° to {high:.0}°; tilt it by {LEAST_TILT_DEG:.0}° and more both ways, or focal \
+             length and distance cannot be told apart"
+        )
+    });
+    let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
+    reasons.doubt("focal_length", focal.is_nan() || focal > FOCAL_SHARE, || {
+        format!(
+            "the focal length is known to {:.2} % only, {:.1} % is wanted; take more pictures, tilted",
+            focal * 100.0,
+            FOCAL_SHARE * 100.0
+        )
+    });
+    let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
+    reasons.doubt("principal_point", centre.is_nan() || centre > CENTRE_SHARE, || {
+        format!(
+            "the principal point is known to {:.2} mm at 1 m, {:.1} mm is wanted, and a mount calibrated with it is off \
+             by as much; take more pictures in which the board fills the picture, tilted both ways",
+            centre * 1e3,
+            CENTRE_SHARE * 1e3
+        )
+    });
+    reasons.judgement()
+}
+
+/// Is the mount from many poses good enough? Any picture that does not fit rejects it: what is wrong is to be mended,
+/// not voted down. `second` is the result from the 3D camera's own points.
+pub fn hand_eye<A: Arrangement>(found: &HandEye<A>, second: Option<&HandEye<A>>) -> Judgement {
+    let mut reasons = Reasons::default();
+    for suspect in &found.suspects {
+        reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));
+    }
+    reasons.bound(
+        "uncertainty",
+        found.uncertainty_mm,
+        HAND_EYE_UNCERTAINTY_MM,
+        "the mount is uncertain by so many mm (95 %) at the panel",
+    );
+    reasons.bound("rms_mm", found.rms_mm, HAND_EYE_RMS_MM, "picture and robot disagree by so many mm rms");
+    let spread = found.second_axis_deg;
+    reasons.doubt("rotation", spread < SPREAD_DEG, || {
+        format!("the poses turn by {spread:.1}° about the second axis; {SPREAD_DEG:.0}° and more are wanted")
+    });
+    let used = found.residuals.iter().filter(|residual| residual.used).count();
+    reasons.doubt("few_poses", used < FEW_POSES, || format!("{used} poses were used; take {FEW_POSES} or more"));
+    let (left_out_mm, name) = &found.leave_one_out;
+    reasons.doubt("one_pose", *left_out_mm > found.uncertainty_mm.max(0.02), || {
+        format!("without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture")
+    });
+    if let Some(second) = second {
+        let apart = apart_mm(found, second);
+        let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
+        reasons.doubt("second_result", apart > 2.0 * allowed, || {
+            format!(
+                "the 3D camera's own points give a mount {apart:.3} mm away at the panel, {:.3} mm are allowed; are these \
+                 the intrinsics of the camera that took the pictures?",
+                2.0 * allowed
+            )
+        });
+    }
+    reasons.judgement()
+}
+
+/// How far apart two results put the stated point, mm.
+pub fn apart_mm<A: Arrangement>(first: &HandEye<A>, second: &HandEye<A>) -> f64 {
+    first.adjusted.to_from_camera.distance_at_mm(second.adjusted.to_from_camera, first.at)
+}
+
+/// Is the mount from three points to be believed? `rough` is where the cell's file says that the camera is, by hand.
+pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid<A::To, A::From>>) -> Judgement {
+    let mut reasons = Reasons::default();
+    for (error, between) in found.distance_errors_mm.iter().zip(["1 and 2", "2 and 3", "1 and 3"]) {
+        let words =
+            format!("the touched points {between} are farther apart or nearer than on the board by so many mm");
+        reasons.bound("distance", error.abs(), DISTANCE_ERROR_MM, &words);
+    }
+    reasons.bound(
+        "pnp_rms_px",
+        found.pnp_rms_px,
+        PNP_RMS_PX,
+        "the board's corners miss its pose by so many px rms",
+    );
+    match found.check_mm {
+        Some(check) => reasons.bound("check_point", check, CHECK_MM, "the fourth point is off by so many mm"),
+        None => reasons.doubt("no_check_point", rough.is_none(), || {
+            "three points have no residual: a board read from the wrong corner would not show; touch a fourth corner \
+             (p4), or state a rough mount in the cell's file ([rough])"
+                .to_owned()
+        }),
+    }
+    if let Some(rough) = rough {
+        let (mm, deg) = (
+            rough.distance_at_mm(found.to_from_camera, Point::at(0.0, 0.0, 0.0)),
+            (rough.inverse() * found.to_from_camera).turn().0,
+        );
+        if mm > ROUGH_MM || deg > ROUGH_DEG {
+            let message = format!(
+                "the camera comes out {mm:.0} mm and {deg:.0}° from its rough place in the cell's file, allowed are \
+                 {ROUGH_MM:.0} mm and {ROUGH_DEG:.0}°; were the corners touched that the picture numbers?"
+            );
+            reasons.reject.push(Reason::new("rough_mount", message));
+        }
+    }
+    reasons.judgement()
+}
+
+/// Is the tool good enough? Without an axis it may point, not sand.
+pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>) -> Judgement {
+    let mut reasons = Reasons::default();
+    reasons.bound("rms_mm", point.rms_mm, TOOL_RMS_MM, "the poses hold the tip at one spot to so many mm rms");
+    match axis {
+        None => reasons.doubt("no_axis", true, || {
+            "the tool's axis was not measured: good for a pointer, refused for sanding; add [[axis]] or [plate]"
+                .to_owned()
+        }),
+        Some(axis) => {
+            let worst = axis.residuals_deg.iter().copied().fold(0.0, f64::max);
+            reasons.bound("axis", worst, AXIS_DEG, "the touches disagree about the axis by so many degrees");
+            if let Some(rms_mm) = axis.plate_rms_mm {
+                reasons.bound("plate", rms_mm, TOOL_RMS_MM, "the plate is uneven by so many mm rms");
+            }
+        }
+    }
+    reasons.judgement()
+}

@@ -1,0 +1,267 @@
+//! Hand-eye calibration from many poses, with its evidence.
+//!
+//! Pose of the board in each picture → closed-form start by consensus → joint adjustment (`adjust`) over the stations
+//! that agree → every station tested against the adjustment without it → those that fail are named (`suspects`).
+//! The result says how far off it may be, in mm at a point of the panel, from the noise that the residuals show.
+//! Whether that is good enough is `gate`'s to judge.
+
+use super::adjust::{self, Adjusted, Station};
+use super::arrangement::Arrangement;
+use super::board::Board;
+use super::consensus::{self, MIN_SPREAD_DEG};
+use super::error::CalibError;
+use super::pose::{BoardPose, board_pose};
+use super::quantile::{f_quantile, radius_95};
+use super::suspects::{self, Suspect};
+use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
+use nalgebra::Matrix3;
+
+/// Fewer stations than this determine nothing that could be checked.
+pub const MIN_STATIONS: usize = 5;
+/// A right station is set aside in one calibration of a thousand.
+const FALSE_ALARM: f64 = 1e-3;
+/// Stations beyond this many medians do not begin.
+const BEGIN_WITHIN: f64 = 3.0;
+const MAX_ROUNDS: usize = 10;
+
+/// How far apart picture and robot put the board.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Residual {
+    /// The picture.
+    pub name: String,
+    /// At the board's middle, mm.
+    pub mm: f64,
+    /// Turn, degrees.
+    pub deg: f64,
+    /// Did it take part in the result?
+    pub used: bool,
+    /// Root mean square of the picture's own corners about the board's pose: px, or mm among 3D points.
+    pub corners_rms: f64,
+}
+
+/// A calibrated mount with its evidence.
+#[derive(Debug, Clone)]
+pub struct HandEye<A: Arrangement> {
+    /// Mount, board, noise and covariance.
+    pub adjusted: Adjusted<A>,
+    /// Each picture's residual, in the order given.
+    pub residuals: Vec<Residual>,
+    /// Root mean square of the used residuals, mm.
+    pub rms_mm: f64,
+    /// Root mean square of the used residuals, degrees.
+    pub rms_deg: f64,
+    /// The point that the uncertainty is stated at, as the camera sees it.
+    pub at: Point<A::From>,
+    /// Radius that holds the error at that point with 95 %, mm.
+    pub uncertainty_mm: f64,
+    /// How far the point moves when the worst single picture is left out, mm, and its name.
+    pub leave_one_out: (f64, String),
+    /// Spread of the turns about the second axis, degrees.
+    pub second_axis_deg: f64,
+    /// What does not fit, with what was probably meant.
+    pub suspects: Vec<Suspect>,
+}
+
+impl<A: Arrangement> HandEye<A> {
+    /// Covariance of the stated point, mm².
+    pub fn covariance_mm2(&self) -> Matrix3<f64> {
+        self.adjusted.covariance_at(self.at)
+    }
+
+    /// Does the stated 95 % region, an ellipsoid about the stated point, hold an error of this size and direction?
+    pub fn region_holds(&self, error: Vector<A::To>) -> bool {
+        let reach = 3.0 * f_quantile(3.0, self.adjusted.redundancy, 0.95);
+        let inverse = self.covariance_mm2().try_inverse();
+        inverse.is_some_and(|inverse| error.mm.dot(&(inverse * error.mm)) <= reach)
+    }
+}
+
+/// Calibrates. `at` is where the uncertainty is stated, as the camera sees it; without it, the middle of where the
+/// board was seen.
+///
+/// # Errors
+/// Where there are too few stations, they turn too little, look like radians, or contradict each other.
+pub fn hand_eye<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    at: Option<Point<A::From>>,
+) -> Result<HandEye<A>, CalibError> {
+    enough(stations)?;
+    let poses: Vec<BoardPose<A::From>> =
+        stations.iter().map(|station| board_pose(camera, &station.seen)).collect::<Result<_, _>>()?;
+    varied(stations, &poses)?;
+    let moved: Vec<_> = stations.iter().map(|station| A::to_from_holder(&station.base_from_flange)).collect();
+    let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board).collect();
+    let [origin, right, far, low] = board.corners_to_touch();
+    let rim: Vec<_> =
+        [origin, right, far, low].iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
+    let start = consensus::start::<A>(&moved, &seen, &rim)?;
+    let reach_mm = BEGIN_WITHIN * start.median_mm.max(1e-3);
+    let begin: Vec<bool> = start.distances_mm.iter().map(|distance| *distance <= reach_mm).collect();
+    let all = All { camera, stations, poses: &poses };
+    let (adjusted, used) = all.settle((start.to_from_camera, start.holder_from_board), begin)?;
+
+    let residuals = all.residuals(&adjusted, board, &used);
+    let middle = at.unwrap_or_else(|| middle_of(board, &poses, &used));
+    let uncertainty_mm = radius_95(&adjusted.covariance_at(middle), adjusted.redundancy);
+    let leave_one_out = all.leave_one_out(&adjusted, &used, middle);
+    let over_used = |value: fn(&Residual) -> f64| {
+        let squares: Vec<f64> = residuals.iter().filter(|r| r.used).map(|r| value(r).powi(2)).collect();
+        (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+    };
+    let suspects =
+        suspects::name(camera, board, &adjusted, stations, &poses, &used, limit(&adjusted, stations.len()));
+    let turns: Vec<_> =
+        moved.iter().zip(&used).filter(|(_, used)| **used).map(|(m, _)| m.isometry().inverse()).collect();
+    Ok(HandEye {
+        rms_mm: over_used(|residual| residual.mm),
+        rms_deg: over_used(|residual| residual.deg),
+        second_axis_deg: consensus::second_axis_deg(&turns),
+        adjusted,
+        residuals,
+        at: middle,
+        uncertainty_mm,
+        leave_one_out,
+        suspects,
+    })
+}
+
+fn enough<C: Frame>(stations: &[Station<C>]) -> Result<(), CalibError> {
+    if stations.len() < MIN_STATIONS {
+        let (found, needed) = (stations.len(), MIN_STATIONS);
+        return Err(CalibError::TooFewPictures { found, given: found, needed, first_reason: None });
+    }
+    Ok(())
+}
+
+/// Refuses poses that turn too little, and such as look like radians.
+fn varied<C: Frame>(stations: &[Station<C>], poses: &[BoardPose<C>]) -> Result<(), CalibError> {
+    let seen: Vec<_> = poses.iter().map(|pose| pose.camera_from_board.isometry().inverse()).collect();
+    let said: Vec<_> = stations.iter().map(|station| *station.base_from_flange.isometry()).collect();
+    let largest = |turns: &[nalgebra::Isometry3<f64>]| {
+        let pairs = turns.iter().enumerate().flat_map(|(i, a)| turns[i + 1..].iter().map(move |b| (a, b)));
+        Degrees::from_rad(pairs.map(|(a, b)| a.rotation.angle_to(&b.rotation)).fold(0.0, f64::max)).0
+    };
+    let (seen_deg, said_deg) = (largest(&seen), largest(&said));
+    // In radians, written as degrees, the flange turns by a fifty-seventh of what the pictures show.
+    let small = stations.iter().all(|station| {
+        let pose = KukaPose::from_rigid(&station.base_from_flange);
+        [pose.a_deg, pose.b_deg, pose.c_deg].iter().all(|angle| angle.abs() < 3.15)
+    });
+    if small && seen_deg > 10.0 && said_deg < seen_deg / 4.0 {
+        return Err(CalibError::Radians { seen_deg });
+    }
+    let spread = consensus::second_axis_deg(&said).min(consensus::second_axis_deg(&seen));
+    if spread < MIN_SPREAD_DEG {
+        return Err(CalibError::TooLittleRotation { about_second_axis_deg: spread, needed_deg: MIN_SPREAD_DEG });
+    }
+    Ok(())
+}
+
+/// The surprise beyond which a station does not belong.
+fn limit<A: Arrangement>(adjusted: &Adjusted<A>, stations: usize) -> f64 {
+    6.0 * f_quantile(6.0, adjusted.redundancy, 1.0 - FALSE_ALARM / stations as f64)
+}
+
+fn middle_of<C: Frame>(board: &Board, poses: &[BoardPose<C>], used: &[bool]) -> Point<C> {
+    let seen: Vec<_> = poses
+        .iter()
+        .zip(used)
+        .filter(|(_, used)| **used)
+        .map(|(pose, _)| (pose.camera_from_board * board.middle()).mm.coords)
+        .collect();
+    Point::new((seen.iter().sum::<nalgebra::Vector3<f64>>() / seen.len().max(1) as f64).into())
+}
+
+struct All<'a, C: Frame> {
+    camera: &'a PinholeCamera,
+    stations: &'a [Station<C>],
+    poses: &'a [BoardPose<C>],
+}
+
+impl<C: Frame> All<'_, C> {
+    /// Adjusts over the stations that agree, until testing each against the result changes nothing.
+    fn settle<A: Arrangement<From = C>>(
+        &self,
+        start: (Rigid<A::To, C>, Rigid<A::Holder, BoardFrame>),
+        mut used: Vec<bool>,
+    ) -> Result<(Adjusted<A>, Vec<bool>), CalibError> {
+        let mut from = start;
+        let mut last = None;
+        for _ in 0..MAX_ROUNDS {
+            let chosen: Vec<&Station<C>> =
+                self.stations.iter().zip(&used).filter(|(_, used)| **used).map(|(station, _)| station).collect();
+            if chosen.len() < MIN_STATIONS.max(self.stations.len().div_ceil(2)) {
+                let given = self.stations.len();
+                let first_reason = Some("the others contradict them".to_owned());
+                return Err(CalibError::TooFewPictures {
+                    found: chosen.len(),
+                    given,
+                    needed: MIN_STATIONS.max(given.div_ceil(2)),
+                    first_reason,
+                });
+            }
+            let adjusted = adjust::adjust::<A>(self.camera, &chosen, (&from.0, &from.1), None)?;
+            let limit = limit(&adjusted, self.stations.len());
+            let next: Vec<bool> = (0..self.stations.len())
+                .map(|index| self.surprise(&adjusted, index, used[index]) <= limit)
+                .collect();
+            from = (adjusted.to_from_camera, adjusted.holder_from_board);
+            if next == used {
+                return Ok((adjusted, used));
+            }
+            last = Some(adjusted);
+            used = next;
+        }
+        // Two stations at the limit may take turns: the last result stands, and both are in it or named.
+        last.map(|adjusted| (adjusted, used)).ok_or(CalibError::NotSettled { what: "the choice of poses" })
+    }
+
+    /// The surprise of a station against the adjustment without it.
+    fn surprise<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize, used: bool) -> f64 {
+        let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
+        let without = if used { self.without(adjusted, index) } else { Some(adjusted.clone()) };
+        without.map_or(0.0, |without| adjust::surprise(self.camera, &without, station, seen))
+    }
+
+    /// The adjustment with one used station taken out, to first order. `None` where the rest determines nothing.
+    fn without<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize) -> Option<Adjusted<A>> {
+        let all = adjust::inverse(&adjusted.covariance)?;
+        let (gone, pull) = adjust::information(self.camera, adjusted, &self.stations[index])?;
+        let covariance = adjust::inverse(&(all - gone))?;
+        Some(adjusted.moved(&-(covariance * pull), covariance))
+    }
+
+    fn leave_one_out<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &Adjusted<A>,
+        used: &[bool],
+        at: Point<C>,
+    ) -> (f64, String) {
+        let shift = |index: usize| {
+            self.without(adjusted, index)
+                .map_or(f64::INFINITY, |without| without.to_from_camera.distance_at_mm(adjusted.to_from_camera, at))
+        };
+        let all = (0..used.len()).filter(|&index| used[index]);
+        let shifts = all.map(|index| (shift(index), self.stations[index].name.clone()));
+        shifts.fold((0.0, String::new()), |worst, next| if next.0 > worst.0 { next } else { worst })
+    }
+
+    fn residuals<A: Arrangement<From = C>>(
+        &self,
+        adjusted: &Adjusted<A>,
+        board: &Board,
+        used: &[bool],
+    ) -> Vec<Residual> {
+        let residual = |((station, pose), used): ((&Station<C>, &BoardPose<C>), &bool)| {
+            let moved = A::to_from_holder(&station.base_from_flange);
+            let said = adjusted.to_from_camera.inverse() * moved * adjusted.holder_from_board;
+            let seen = pose.camera_from_board;
+            let mm = said.distance_at_mm(seen, board.middle());
+            let deg = (said.inverse() * seen).turn().0;
+            Residual { name: station.name.clone(), mm, deg, used: *used, corners_rms: pose.rms }
+        };
+        self.stations.iter().zip(self.poses).zip(used).map(residual).collect()
+    }
+}

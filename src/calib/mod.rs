@@ -1,0 +1,44 @@
+//! Calibration that proves itself: intrinsics, camera mounts, tool, and how good each of them is.
+//!
+//! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
+//! not fit and why. Data in, data out; pictures are read and files written elsewhere.
+//!
+//! - `board`, `detect`, `charuco`: what is looked at, and where its corners are in a picture
+//! - `intrinsics`: the lens (thesis 3.6) · `pose`: where one picture puts the board
+//! - `three_points`: the thesis's own hand-eye calibration (3.7)
+//! - `hand_eye`, `consensus`, `adjust`, `suspects`, `suggest`: the same from many poses
+//! - `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `gate`: turns evidence into a verdict
+
+mod adjust;
+mod arrangement;
+mod board;
+pub mod budget;
+mod charuco;
+mod consensus;
+pub mod detect;
+mod error;
+mod foreign;
+pub mod gate;
+pub mod hand_eye;
+pub mod health;
+pub mod intrinsics;
+mod pose;
+mod quantile;
+mod suggest;
+mod suspects;
+pub mod three_points;
+pub mod tool;
+
+#[cfg(test)]
+mod tests;
+
+pub use adjust::{Adjusted, Noise, Seen, Station};
+pub use arrangement::Arrangement;
+pub use board::{Board, Charuco};
+pub use charuco::marker_cells;
+pub use error::CalibError;
+pub use hand_eye::{HandEye, Residual};
+pub use pose::{BoardPose, board_pose};
+pub use suggest::{Suggestion, next_pose};
+pub use suspects::{Fault, Suspect};

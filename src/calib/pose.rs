@@ -1,0 +1,81 @@
+//! Where one picture, or one 3D shot, puts the board: perspective-n-point (thesis 3.7) and Kabsch.
+
+use super::adjust::Seen;
+use super::error::CalibError;
+use super::foreign;
+use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid};
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+/// A board's pose with the residual of its corners: px among pixels, mm among points.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardPose<C: Frame> {
+    /// Where the board is.
+    pub camera_from_board: Rigid<C, Board>,
+    /// Root mean square of the distances between seen and computed corners.
+    pub rms: f64,
+}
+
+/// The board's pose from what was seen of it.
+///
+/// # Errors
+/// Where fewer than four corners were seen, or OpenCV finds no pose.
+pub fn board_pose<C: Frame>(camera: &PinholeCamera, seen: &Seen<C>) -> Result<BoardPose<C>, CalibError> {
+    match seen {
+        Seen::Pixels(corners) => {
+            let camera_from_board: Rigid<C, Board> = Rigid::claim(foreign::solve_pnp(camera, corners)?);
+            let error = |&(q, found): &(Point<Board>, Pixel)| {
+                camera.project(camera_from_board * q).map_or(f64::INFINITY, |pixel| pixel.distance_px(found))
+            };
+            let rms =
+                (corners.iter().map(|corner| error(corner).powi(2)).sum::<f64>() / corners.len() as f64).sqrt();
+            Ok(BoardPose { camera_from_board, rms })
+        }
+        Seen::Points(corners) => kabsch(corners),
+    }
+}
+
+/// The rigid motion that carries points best onto others (Kabsch, Acta Cryst. A32, 1976).
+fn kabsch<C: Frame>(corners: &[(Point<Board>, Point<C>)]) -> Result<BoardPose<C>, CalibError> {
+    let few = || CalibError::Points(format!("{} points of the board were measured; 4 are needed", corners.len()));
+    if corners.len() < 4 {
+        return Err(few());
+    }
+    let count = corners.len() as f64;
+    let (sum_q, sum_p) = corners.iter().fold((Vector3::zeros(), Vector3::zeros()), |(q, p), corner| {
+        (q + corner.0.mm.coords, p + corner.1.mm.coords)
+    });
+    let (mean_q, mean_p) = (sum_q / count, sum_p / count);
+    let spread: Matrix3<f64> =
+        corners.iter().map(|(q, p)| (p.mm.coords - mean_p) * (q.mm.coords - mean_q).transpose()).sum();
+    let (u, v_t) = match spread.svd(true, true) {
+        nalgebra::SVD { u: Some(u), v_t: Some(v_t), .. } => (u, v_t),
+        _ => return Err(few()),
+    };
+    let turn = (u * v_t).determinant().signum();
+    let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, turn)) * v_t;
+    let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
+    let isometry = Isometry3::from_parts(Translation3::from(mean_p - rotation * mean_q), rotation);
+    let square: f64 = corners.iter().map(|(q, p)| (isometry * q.mm - p.mm).norm_squared()).sum();
+    Ok(BoardPose { camera_from_board: Rigid::claim(isometry), rms: (square / count).sqrt() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Camera;
+
+    /// By hand: a quarter turn about Z, then 100 mm ahead; the plane's own mirror image is no answer.
+    #[test]
+    fn measured_points_give_the_pose() {
+        let places = [[0.0, 0.0], [200.0, 0.0], [200.0, 125.0], [0.0, 125.0], [75.0, 50.0]];
+        let corners: Vec<_> = places
+            .iter()
+            .map(|&[x, y]| (Point::<Board>::at(x, y, 0.0), Point::<Camera>::at(-y, x, 100.0)))
+            .collect();
+        let pose = kabsch(&corners).expect("a pose");
+        assert!(pose.rms < 1e-9);
+        let ahead = pose.camera_from_board * Point::<Board>::at(1.0, 2.0, 3.0);
+        assert!(ahead.distance_mm(Point::at(-2.0, 1.0, 103.0)) < 1e-9, "{ahead:?}");
+        assert!(kabsch(&corners[..3]).expect_err("three").to_string().contains("4 are needed"));
+    }
+}

@@ -1,0 +1,107 @@
+//! Which pose would help most next.
+//!
+//! Every station so far is tilted and turned about the board's middle, and moved nearer and farther. Of those that keep
+//! the whole board in the picture, the best is the one after which the uncertainty at the panel is least, as the
+//! information of (2) in `adjust` foretells it.
+
+use super::adjust::{self, Seen, Station, covariance_at};
+use super::arrangement::Arrangement;
+use super::board::Board;
+use super::hand_eye::HandEye;
+use super::quantile::radius_95;
+use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Rigid};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// A pose worth taking.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Suggestion {
+    /// Where the flange is to go.
+    pub base_from_flange: KukaPose,
+    /// The uncertainty after it, mm.
+    pub uncertainty_mm: f64,
+}
+
+const TILT_DEG: f64 = 25.0;
+const NEARER: f64 = 0.8;
+/// Tilted beyond this, corners are found badly, degrees.
+const MAX_TILT_DEG: f64 = 50.0;
+
+/// The next pose, if one was found that is better than nothing.
+pub fn next_pose<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    found: &HandEye<A>,
+) -> Option<Suggestion> {
+    let known = adjust::inverse(&found.adjusted.covariance)?;
+    let used = stations.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
+    let mut best: Option<Suggestion> = None;
+    for (station, _) in used {
+        for change in changes() {
+            let moved = A::to_from_holder(&station.base_from_flange);
+            let seen: Rigid<A::From, crate::geometry::Board> =
+                found.adjusted.to_from_camera.inverse() * moved * found.adjusted.holder_from_board;
+            let camera_from_board = turned(&seen, board, &change);
+            let base_from_flange = adjust::needed_flange(&found.adjusted, &camera_from_board);
+            let Some(candidate) = sighted::<A>(camera, board, base_from_flange, &camera_from_board) else {
+                continue;
+            };
+            let Some((gain, _)) = adjust::information(camera, &found.adjusted, &candidate) else { continue };
+            let Some(covariance) = adjust::inverse(&(known + gain)) else { continue };
+            let spread = covariance_at(&found.adjusted.to_from_camera, &covariance, found.at);
+            let uncertainty_mm = radius_95(&spread, found.adjusted.redundancy);
+            if best.is_none_or(|best| uncertainty_mm < best.uncertainty_mm) {
+                best =
+                    Some(Suggestion { base_from_flange: KukaPose::from_rigid(&base_from_flange), uncertainty_mm });
+            }
+        }
+    }
+    best.filter(|best| best.uncertainty_mm < found.uncertainty_mm)
+}
+
+/// A turn about the board's middle, and a factor on its distance.
+struct Change {
+    turn: UnitQuaternion<f64>,
+    factor: f64,
+}
+
+fn changes() -> Vec<Change> {
+    let axes = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+    let turn = |axis: &Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).rad());
+    [NEARER, 1.0, 1.0 / NEARER]
+        .into_iter()
+        .flat_map(|factor| axes.iter().map(move |axis| Change { turn: turn(axis), factor }).collect::<Vec<_>>())
+        .collect()
+}
+
+fn turned<C: crate::geometry::Frame>(
+    camera_from_board: &Rigid<C, crate::geometry::Board>,
+    board: &Board,
+    change: &Change,
+) -> Rigid<C, crate::geometry::Board> {
+    let middle = board.middle().mm.coords;
+    let about = Translation3::from(middle) * change.turn * Translation3::from(-middle);
+    let place = (*camera_from_board * board.middle()).mm.coords;
+    let shift = Translation3::from(place * (change.factor - 1.0));
+    let moved: Isometry3<f64> = shift * camera_from_board.isometry() * about;
+    Rigid::claim(moved)
+}
+
+/// The station as it would be, or `None` where the board leaves the picture or is tilted too far.
+fn sighted<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    base_from_flange: Rigid<Base, Flange>,
+    camera_from_board: &Rigid<A::From, crate::geometry::Board>,
+) -> Option<Station<A::From>> {
+    let facing = (camera_from_board.rotation() * Vector3::z()).z;
+    if facing < Degrees(MAX_TILT_DEG).rad().cos() {
+        return None;
+    }
+    let corners: Option<Vec<_>> = board
+        .corners()
+        .into_iter()
+        .map(|corner| Some((corner, camera.project_inside(*camera_from_board * corner)?)))
+        .collect();
+    Some(Station { name: "the next pose".to_owned(), base_from_flange, seen: Seen::Pixels(corners?) })
+}

@@ -1,0 +1,196 @@
+//! What is wrong with a station that does not fit: named, never repaired.
+//!
+//! A picture says where the flange must have been. Held against what the file says, that tells a board seen upside
+//! down, two pictures that changed places, a number that was mistyped, and poses that are wrong altogether.
+
+use super::adjust::{self, Adjusted, Seen, Station};
+use super::arrangement::Arrangement;
+use super::board::Board;
+use super::pose::{BoardPose, board_pose};
+use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Point, Rigid};
+use std::fmt::Write;
+
+/// What is probably wrong.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fault {
+    /// The board was taken upside down.
+    Flipped,
+    /// This picture and another stand at each other's pose.
+    Swapped {
+        /// The other picture.
+        with: String,
+    },
+    /// The picture shows what another pose should: a copy, or a picture missed.
+    ShowsPoseOf {
+        /// The other picture.
+        other: String,
+    },
+    /// One number of the pose.
+    Mistyped {
+        /// Its key.
+        key: &'static str,
+        /// What the file says.
+        written: f64,
+        /// What the picture says.
+        seen: f64,
+    },
+    /// Two angles or lengths at each other's place.
+    Exchanged {
+        /// One key.
+        key: &'static str,
+        /// The other.
+        other: &'static str,
+    },
+    /// None of these.
+    Unknown {
+        /// Where the flange must have been for this picture.
+        needed: KukaPose,
+    },
+}
+
+/// A station that does not fit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suspect {
+    /// The picture.
+    pub name: String,
+    /// How far apart picture and robot put the board's middle, mm.
+    pub mm: f64,
+    /// What is probably wrong.
+    pub fault: Fault,
+}
+
+impl std::fmt::Display for Suspect {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} is {:.2} mm off: ", self.name, self.mm)?;
+        match &self.fault {
+            Fault::Flipped => write!(
+                f,
+                "its board was taken upside down (turned by 180° it fits); use a board with one odd and one even side, \
+                 or leave the picture out"
+            ),
+            Fault::Swapped { with } => write!(f, "it and {with} fit at each other's pose; exchange them"),
+            Fault::ShowsPoseOf { other } => {
+                write!(f, "it shows what the pose of {other} should; name the right picture, or leave it out")
+            }
+            Fault::Mistyped { key, written, seen } => {
+                write!(f, "its {key} is {written}, the picture says {seen:.3}; correct the number")
+            }
+            Fault::Exchanged { key, other } => write!(f, "its {key} and {other} fit when exchanged; correct them"),
+            Fault::Unknown { needed } => {
+                let mut pose = String::new();
+                let _ = write!(pose, "{needed}"); // Writing to a `String` cannot fail.
+                write!(f, "the picture says that the flange was at {pose}; correct the pose, or leave it out")
+            }
+        }
+    }
+}
+
+pub(super) fn name<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    adjusted: &Adjusted<A>,
+    stations: &[Station<A::From>],
+    poses: &[BoardPose<A::From>],
+    used: &[bool],
+    limit: f64,
+) -> Vec<Suspect> {
+    let trial = Trial { camera, board, adjusted, stations, poses, limit };
+    let wrong: Vec<usize> = (0..stations.len()).filter(|&index| !used[index]).collect();
+    wrong
+        .iter()
+        .map(|&index| Suspect {
+            name: stations[index].name.clone(),
+            mm: trial.apart_mm(index),
+            fault: trial.fault(index, &wrong),
+        })
+        .collect()
+}
+
+struct Trial<'a, A: Arrangement> {
+    camera: &'a PinholeCamera,
+    board: &'a Board,
+    adjusted: &'a Adjusted<A>,
+    stations: &'a [Station<A::From>],
+    poses: &'a [BoardPose<A::From>],
+    limit: f64,
+}
+
+impl<A: Arrangement> Trial<'_, A> {
+    fn apart_mm(&self, index: usize) -> f64 {
+        let moved = A::to_from_holder(&self.stations[index].base_from_flange);
+        let said = self.adjusted.to_from_camera.inverse() * moved * self.adjusted.holder_from_board;
+        said.distance_at_mm(self.poses[index].camera_from_board, self.board.middle())
+    }
+
+    /// Does what a picture shows fit this flange pose?
+    fn fits(&self, index: usize, base_from_flange: Rigid<Base, Flange>) -> bool {
+        let station = Station { base_from_flange, ..self.stations[index].clone() };
+        self.fits_as(&station, &self.poses[index])
+    }
+
+    fn fits_as(&self, station: &Station<A::From>, pose: &BoardPose<A::From>) -> bool {
+        adjust::surprise(self.camera, self.adjusted, station, &pose.camera_from_board) <= self.limit
+    }
+
+    fn fault(&self, index: usize, wrong: &[usize]) -> Fault {
+        if self.is_flipped(index) {
+            return Fault::Flipped;
+        }
+        let at_pose_of = |other: usize| self.fits(index, self.stations[other].base_from_flange);
+        let mut others = (0..self.stations.len()).filter(|&other| other != index);
+        let Some(other) = others.find(|&other| at_pose_of(other)) else { return self.mistyped(index) };
+        let name = self.stations[other].name.clone();
+        let back = wrong.contains(&other) && self.fits(other, self.stations[index].base_from_flange);
+        if back { Fault::Swapped { with: name } } else { Fault::ShowsPoseOf { other: name } }
+    }
+
+    fn is_flipped(&self, index: usize) -> bool {
+        let (right, low) = (self.board.columns() as f64 - 1.0, self.board.rows() as f64 - 1.0);
+        let far = [right * self.board.square_mm(), low * self.board.square_mm()];
+        let turned = |q: &Point<_>| Point::at(far[0] - q.mm.x, far[1] - q.mm.y, 0.0);
+        let station = &self.stations[index];
+        let seen = match &station.seen {
+            Seen::Pixels(corners) => Seen::Pixels(corners.iter().map(|(q, pixel)| (turned(q), *pixel)).collect()),
+            Seen::Points(corners) => Seen::Points(corners.iter().map(|(q, point)| (turned(q), *point)).collect()),
+        };
+        let station = Station { seen, ..station.clone() };
+        board_pose(self.camera, &station.seen).is_ok_and(|pose| self.fits_as(&station, &pose))
+    }
+
+    fn mistyped(&self, index: usize) -> Fault {
+        let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
+        let needed =
+            KukaPose::from_rigid(&adjust::needed_flange(self.adjusted, &self.poses[index].camera_from_board));
+        let fits = |pose: KukaPose| self.fits(index, pose.to_rigid());
+        for (key, field) in KEYS {
+            let mut pose = written;
+            *field(&mut pose) = *field(&mut needed.clone());
+            if fits(pose) {
+                let (written, seen) = (*field(&mut written.clone()), *field(&mut needed.clone()));
+                return Fault::Mistyped { key, written, seen };
+            }
+        }
+        for (first, (key, field)) in KEYS.iter().enumerate() {
+            for (other, other_field) in &KEYS[first + 1..] {
+                let mut pose = written;
+                (*field(&mut pose), *other_field(&mut pose)) =
+                    (*other_field(&mut written.clone()), *field(&mut written.clone()));
+                if fits(pose) {
+                    return Fault::Exchanged { key, other };
+                }
+            }
+        }
+        Fault::Unknown { needed }
+    }
+}
+
+type Field = fn(&mut KukaPose) -> &mut f64;
+
+const KEYS: [(&str, Field); 6] = [
+    ("x_mm", |pose| &mut pose.x_mm),
+    ("y_mm", |pose| &mut pose.y_mm),
+    ("z_mm", |pose| &mut pose.z_mm),
+    ("a_deg", |pose| &mut pose.a_deg),
+    ("b_deg", |pose| &mut pose.b_deg),
+    ("c_deg", |pose| &mut pose.c_deg),
+];

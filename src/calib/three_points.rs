@@ -1,0 +1,126 @@
+//! Hand-eye calibration by three touched points (thesis 3.7, Eq. 3.14–3.19), with the checks that it can bear.
+//!
+//! The pointer touches three corners of the board. The frame through them (Eq. 3.14–3.17, Z normalised) is built twice,
+//! from the touched places and from where the board has these corners, so that any three corners may be touched:
+//!     base_from_board = base_from_frame · frame_from_board,   to_from_camera = to_from_board · board_from_camera.
+//! A wrong corner cannot show in the picture, since the chain cancels: it shows in the distances between the touched
+//! places, in a rough mount where one is known, and in a fourth touched corner, whose miss is the only true residual.
+
+use super::arrangement::Arrangement;
+use super::error::CalibError;
+use super::pose::board_pose;
+use super::{Board, Seen};
+use crate::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
+use nalgebra::Isometry3;
+
+/// A corner of the board that was touched.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Touched {
+    /// Its column and row, from 0.
+    pub corner: (usize, usize),
+    /// Where the pointer's tip was.
+    pub place: Point<Base>,
+}
+
+/// A mount from three touched points with what can be said of it.
+#[derive(Debug, Clone)]
+pub struct ThreePoints<A: Arrangement> {
+    /// The camera's mount.
+    pub to_from_camera: Rigid<A::To, A::From>,
+    /// Where the board was when it was touched.
+    pub base_from_board: Rigid<Base, BoardFrame>,
+    /// Root mean square of the board's corners in the picture, px.
+    pub pnp_rms_px: f64,
+    /// Touched distance minus the board's own: 1–2, 2–3, 1–3, mm.
+    pub distance_errors_mm: [f64; 3],
+    /// How far the fourth touched corner is from where the result puts it, mm.
+    pub check_mm: Option<f64>,
+}
+
+/// Sine of the angle at the first point below which three points count as collinear.
+const MIN_SINE: f64 = 0.1;
+/// The touched points are at least this many squares apart.
+const MIN_SQUARES: f64 = 2.5;
+
+/// Calibrates. `touched` are three corners and, fourth, an optional check; `base_from_flange` is the flange at the
+/// picture, used where the camera sits on it.
+///
+/// # Errors
+/// Where a corner is not on the board, the points are collinear or too close, or the picture gives no pose.
+pub fn three_points<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    seen: &Seen<A::From>,
+    touched: &[Touched],
+    base_from_flange: Option<Rigid<Base, Flange>>,
+) -> Result<ThreePoints<A>, CalibError> {
+    let [first, second, third, ..] = touched else {
+        return Err(CalibError::Points(format!("{} points were touched; 3 are needed", touched.len())));
+    };
+    let on_board = |touched: &Touched| {
+        let (column, row) = touched.corner;
+        board.corner(column, row).ok_or_else(|| {
+            let (columns, rows) = (board.columns(), board.rows());
+            CalibError::Points(format!(
+                "corner [{column}, {row}] is not on the board; allowed is [0, 0] to [{}, {}]",
+                columns - 1,
+                rows - 1
+            ))
+        })
+    };
+    let corners = [on_board(first)?, on_board(second)?, on_board(third)?];
+    let places = [first.place, second.place, third.place];
+    let base_from_frame = frame_through::<Base>(places, MIN_SQUARES * board.square_mm(), "touched points")?;
+    let board_from_frame = frame_through::<BoardFrame>(corners, MIN_SQUARES * board.square_mm(), "named corners")?;
+    let base_from_board: Rigid<Base, BoardFrame> = Rigid::claim(base_from_frame * board_from_frame.inverse());
+    let pose = board_pose(camera, seen)?;
+    // Eq. 3.18 and 3.19: the camera sits on the flange, or stands in the base.
+    let to_from_base: Isometry3<f64> = match (A::EYE_IN_HAND, base_from_flange) {
+        (false, _) => Isometry3::identity(),
+        (true, Some(base_from_flange)) => *base_from_flange.inverse().isometry(),
+        (true, None) => {
+            let message = "base_from_flange at the picture is missing; a camera on the flange needs it";
+            return Err(CalibError::Points(message.to_owned()));
+        }
+    };
+    let to_from_board = to_from_base * base_from_board.isometry();
+    let check_mm = match touched.get(3) {
+        Some(check) => Some((base_from_board * on_board(check)?).distance_mm(check.place)),
+        None => None,
+    };
+    let error = |a: usize, b: usize| places[a].distance_mm(places[b]) - corners[a].distance_mm(corners[b]);
+    Ok(ThreePoints {
+        to_from_camera: Rigid::claim(to_from_board * pose.camera_from_board.isometry().inverse()),
+        base_from_board,
+        pnp_rms_px: pose.rms,
+        distance_errors_mm: [error(0, 1), error(1, 2), error(0, 2)],
+        check_mm,
+    })
+}
+
+/// Origin in the first point, X towards the second, the third on the side of Y (Eq. 3.14–3.17, Z normalised).
+fn frame_through<F: Frame>(points: [Point<F>; 3], apart_mm: f64, what: &str) -> Result<Isometry3<f64>, CalibError> {
+    let sides = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| points[a].distance_mm(points[b]));
+    let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);
+    if shortest < apart_mm {
+        let message = format!("two {what} are {shortest:.1} mm apart; at least {apart_mm:.1} mm are needed");
+        return Err(CalibError::Points(message));
+    }
+    let flat = || {
+        CalibError::Points(format!(
+            "the three {what} lie on one line (sine of the angle below {MIN_SINE}); take corners that span the board"
+        ))
+    };
+    let x = (points[1] - points[0]).mm.normalize(); // Eq. 3.14
+    let v = (points[2] - points[0]).mm.normalize();
+    let z = x.cross(&v); // Eq. 3.15
+    // The flattest angle counts: two of the three may stand close to each other seen from the third.
+    let w = (points[2] - points[1]).mm.normalize();
+    if z.norm().min(x.cross(&w).norm()).min(v.cross(&w).norm()) < MIN_SINE {
+        return Err(flat());
+    }
+    let z = z.normalize();
+    let y = z.cross(&x); // Eq. 3.16
+    let frame: Rigid<F, F> = Rigid::from_axes([x, y, z].map(Vector::new), points[0]); // Eq. 3.17
+    Ok(*frame.isometry())
+}

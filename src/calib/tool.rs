@@ -1,0 +1,242 @@
+//! The tool: its point from poses that hold it at one spot, its axis from a second touch.
+//!
+//! Point: for every pose i, R_i t + p_i = s, with the tip t in the flange and the spot s in the base unknown; least
+//! squares over n ≥ 4 poses. Axis: a second point of the tool's axis, behind the tip, held at the same spot; or the pad
+//! pressed flat on a plate that was touched in three points and more. Z points out of the pad, into the work; X is the
+//! flange's X as far as Z lets it. A pad without a measured axis has a point and no frame: refused for sanding.
+
+use super::error::CalibError;
+use super::quantile::radius_95;
+use crate::geometry::{Base, Flange, Point, Rigid, Tool, Vector};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+
+/// A tool's point with its evidence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolPoint {
+    /// The tip.
+    pub tip: Point<Flange>,
+    /// The spot that it was held at.
+    pub spot: Point<Base>,
+    /// How far each pose puts the tip from the spot, mm.
+    pub residuals_mm: Vec<f64>,
+    /// Root mean square of them, mm.
+    pub rms_mm: f64,
+    /// Radius that holds the tip's error with 95 %, mm.
+    pub uncertainty_mm: f64,
+}
+
+/// What says where the tool's axis points.
+#[derive(Debug, Clone, PartialEq)]
+pub enum AxisTouch {
+    /// Flange poses in which a point of the axis behind the tip is at the spot.
+    Behind(Vec<Rigid<Base, Flange>>),
+    /// A plate, by touched places, and flange poses in which the pad lies flat on it.
+    Plate {
+        /// Places of the plate, by the tool's tip or a pointer.
+        places: Vec<Point<Base>>,
+        /// Flange poses with the pad flat on it.
+        flat: Vec<Rigid<Base, Flange>>,
+    },
+}
+
+/// A tool's axis with its evidence.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolAxis {
+    /// Out of the pad.
+    pub axis: Vector<Flange>,
+    /// How far each touch is from the mean, degrees; empty for one touch.
+    pub residuals_deg: Vec<f64>,
+    /// How flat the plate's places are, mm rms; `None` without a plate or with three places.
+    pub plate_rms_mm: Option<f64>,
+}
+
+/// Poses that are needed.
+pub const MIN_POSES: usize = 4;
+/// The worst-determined direction of the tip is this well determined at least: √ of the mean squared sine of turns.
+const MIN_LEVER: f64 = 0.12;
+/// A second point closer than this to the tip gives no axis, mm.
+const MIN_BEHIND_MM: f64 = 20.0;
+
+/// The tool's point.
+///
+/// # Errors
+/// Where there are fewer than four poses, or they turn too little.
+pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError> {
+    let count = poses.len();
+    if count < MIN_POSES {
+        return Err(CalibError::Tool(format!("{count} poses hold the tip at one spot; {MIN_POSES} are needed")));
+    }
+    let mut a = DMatrix::zeros(3 * count, 6);
+    let mut b = DVector::zeros(3 * count);
+    for (index, pose) in poses.iter().enumerate() {
+        a.view_mut((3 * index, 0), (3, 3)).copy_from(pose.rotation().matrix());
+        a.view_mut((3 * index, 3), (3, 3)).copy_from(&-Matrix3::identity());
+        b.rows_mut(3 * index, 3).copy_from(&-pose.origin().mm.coords);
+    }
+    let normal = a.transpose() * &a;
+    let weakest = normal.symmetric_eigenvalues().min().max(0.0);
+    let lever = (weakest / count as f64).sqrt();
+    if lever < MIN_LEVER {
+        return Err(CalibError::Tool(format!(
+            "the poses turn too little: the tip's weakest direction is determined to {lever:.3}, {MIN_LEVER} is needed; \
+             turn the flange by 30° and more about two axes, and is every angle in degrees?"
+        )));
+    }
+    let singular = || CalibError::Tool("the poses do not determine the tip".to_owned());
+    let inverse = normal.cholesky().ok_or_else(singular)?.inverse();
+    let solution = &inverse * (a.transpose() * &b);
+    let residuals = &a * &solution - &b;
+    let residuals_mm: Vec<f64> = (0..count).map(|index| residuals.rows(3 * index, 3).norm()).collect();
+    let redundancy = 3.0 * count as f64 - 6.0;
+    let variance = residuals.norm_squared() / redundancy;
+    let covariance: Matrix3<f64> = inverse.fixed_view::<3, 3>(0, 0) * variance;
+    Ok(ToolPoint {
+        tip: Point::at(solution[0], solution[1], solution[2]),
+        spot: Point::at(solution[3], solution[4], solution[5]),
+        rms_mm: (residuals.norm_squared() / count as f64).sqrt(),
+        residuals_mm,
+        uncertainty_mm: radius_95(&covariance, redundancy),
+    })
+}
+
+/// The tool's axis.
+///
+/// # Errors
+/// Where a second point is too near the tip, or a plate is not determined.
+pub fn tool_axis(point: &ToolPoint, touch: &AxisTouch) -> Result<ToolAxis, CalibError> {
+    let (axes, plate_rms_mm) = match touch {
+        AxisTouch::Behind(poses) => (behind(point, poses)?, None),
+        AxisTouch::Plate { places, flat } => {
+            let (normal, rms_mm) = plate(places)?;
+            (flat.iter().map(|pose| facing(pose, &normal)).collect(), rms_mm)
+        }
+    };
+    let sum: Vector3<f64> = axes.iter().sum();
+    let none = || CalibError::Tool("no touch says where the tool's axis points".to_owned());
+    let axis = sum.try_normalize(1e-9).ok_or_else(none)?;
+    let residuals_deg = axes.iter().map(|each| each.angle(&axis).to_degrees());
+    let residuals_deg = if axes.len() > 1 { residuals_deg.collect() } else { Vec::new() };
+    Ok(ToolAxis { axis: Vector::new(axis), residuals_deg, plate_rms_mm })
+}
+
+fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector3<f64>>, CalibError> {
+    let axis = |pose: &Rigid<Base, Flange>| {
+        let away = (point.tip - pose.inverse() * point.spot).mm;
+        let found_mm = away.norm();
+        if found_mm < MIN_BEHIND_MM {
+            return Err(CalibError::Tool(format!(
+                "the second point of the axis is {found_mm:.1} mm from the tip; at least {MIN_BEHIND_MM} mm are needed"
+            )));
+        }
+        Ok(away / found_mm)
+    };
+    poses.iter().map(axis).collect()
+}
+
+/// The plate's normal and how far its places are from flat, mm rms.
+fn plate(places: &[Point<Base>]) -> Result<(Vector3<f64>, Option<f64>), CalibError> {
+    let few = |why: &str| CalibError::Tool(format!("the plate's {} touched places {why}", places.len()));
+    if places.len() < 3 {
+        return Err(few("do not determine it; 3 are needed"));
+    }
+    let mean: Vector3<f64> = places.iter().map(|place| place.mm.coords).sum::<Vector3<f64>>() / places.len() as f64;
+    let spread: Matrix3<f64> =
+        places.iter().map(|place| (place.mm.coords - mean) * (place.mm.coords - mean).transpose()).sum();
+    let eigen = spread.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| eigen.eigenvalues[i].total_cmp(&eigen.eigenvalues[j]));
+    if eigen.eigenvalues[order[1]] < 1e-2 * eigen.eigenvalues[order[2]] {
+        return Err(few("lie on one line"));
+    }
+    let rms_mm = (eigen.eigenvalues[order[0]].max(0.0) / places.len() as f64).sqrt();
+    let normal = eigen.eigenvectors.column(order[0]).into_owned();
+    Ok((normal, (places.len() > 3).then_some(rms_mm)))
+}
+
+/// The plate's normal in the flange, on the side that the flange's own axis points to: a pad faces away from the arm.
+fn facing(pose: &Rigid<Base, Flange>, normal: &Vector3<f64>) -> Vector3<f64> {
+    let in_flange = pose.inverse().rotation() * normal;
+    if in_flange.z < 0.0 { -in_flange } else { in_flange }
+}
+
+/// The tool's frame: at the tip, Z along the axis, X as near to the flange's X as Z lets it.
+pub fn flange_from_tool(tip: Point<Flange>, axis: Vector<Flange>) -> Rigid<Flange, Tool> {
+    let z = axis.mm;
+    let along = if z.x.abs() < 0.9 { Vector3::x() } else { Vector3::y() };
+    let x = (along - z * z.dot(&along)).normalize();
+    Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), tip)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::KukaPose;
+
+    /// Poses that hold the tip (10, −5, 180) at the spot (600, 50, 200), each with these angles.
+    fn poses(tip: Point<Flange>, angles: &[[f64; 3]]) -> Vec<Rigid<Base, Flange>> {
+        let spot = Vector3::new(600.0, 50.0, 200.0);
+        let pose = |&[a_deg, b_deg, c_deg]: &[f64; 3]| {
+            let turned: Rigid<Base, Flange> = KukaPose { a_deg, b_deg, c_deg, ..KukaPose::default() }.to_rigid();
+            turned.displaced(Vector::new(spot - (turned * tip).mm.coords))
+        };
+        angles.iter().map(pose).collect()
+    }
+
+    const TIP: [f64; 3] = [10.0, -5.0, 180.0];
+    const ANGLES: [[f64; 3]; 5] =
+        [[0.0, 0.0, 180.0], [0.0, 35.0, 180.0], [40.0, 0.0, 145.0], [-30.0, -30.0, 200.0], [80.0, 10.0, 170.0]];
+
+    fn tip() -> Point<Flange> {
+        Point::at(TIP[0], TIP[1], TIP[2])
+    }
+
+    #[test]
+    fn the_point_comes_back_and_a_wrong_pose_shows() {
+        let mut held = poses(tip(), &ANGLES);
+        let point = tool_point(&held).expect("a tip");
+        assert!(point.tip.distance_mm(tip()) < 1e-9 && point.rms_mm < 1e-9, "{point:?}");
+        assert!(point.spot.distance_mm(Point::at(600.0, 50.0, 200.0)) < 1e-9);
+        held[2] = held[2].displaced(Vector::new(Vector3::new(0.0, 3.0, 0.0)));
+        let point = tool_point(&held).expect("a tip");
+        let worst = point.residuals_mm.iter().copied().enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        assert_eq!(worst.map(|(index, _)| index), Some(2), "{:?}", point.residuals_mm);
+        assert!(point.uncertainty_mm > point.tip.distance_mm(tip()), "{point:?}");
+    }
+
+    #[test]
+    fn poses_that_hardly_turn_are_refused() {
+        let alike = [[0.0, 0.0, 180.0], [2.0, 1.0, 179.0], [1.0, 2.0, 181.0], [3.0, 0.0, 182.0]];
+        let error = tool_point(&poses(tip(), &alike)).expect_err("alike").to_string();
+        assert!(error.contains("turn too little"), "{error}");
+        assert!(tool_point(&poses(tip(), &ANGLES[..3])).expect_err("three").to_string().contains("4 are needed"));
+    }
+
+    /// By hand: with the second point 60 mm behind along (0, 0.6, 0.8) in the flange, that is the axis.
+    #[test]
+    fn a_second_point_gives_the_axis() {
+        let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");
+        let axis = Vector3::new(0.0, 0.6, 0.8);
+        let second = Point::<Flange>::new(tip().mm - axis * 60.0);
+        let found = tool_axis(&point, &AxisTouch::Behind(poses(second, &ANGLES[1..3]))).expect("an axis");
+        assert!((found.axis.mm - axis).norm() < 1e-9 && found.residuals_deg.iter().all(|deg| *deg < 1e-6));
+        let tool = flange_from_tool(point.tip, found.axis);
+        assert!((tool.rotation() * Vector3::z() - axis).norm() < 1e-12);
+        assert!((tool.rotation() * Vector3::x() - Vector3::x()).norm() < 1e-12, "X stays the flange's");
+        let near = Point::<Flange>::new(tip().mm - axis * 5.0);
+        assert!(tool_axis(&point, &AxisTouch::Behind(poses(near, &ANGLES[1..2]))).is_err());
+    }
+
+    /// By hand: on a level plate, a flange turned by C = 180° has the normal along its own +Z.
+    #[test]
+    fn a_plate_gives_the_axis() {
+        let point = tool_point(&poses(tip(), &ANGLES)).expect("a tip");
+        let places = [[0.0, 0.0], [100.0, 0.0], [0.0, 80.0], [90.0, 70.0]];
+        let places: Vec<Point<Base>> = places.iter().map(|&[x, y]| Point::at(500.0 + x, y, 150.0)).collect();
+        let flat = poses(tip(), &[[0.0, 0.0, 180.0], [70.0, 0.0, 180.0]]);
+        let touch = AxisTouch::Plate { places: places.clone(), flat: flat.clone() };
+        let found = tool_axis(&point, &touch).expect("an axis");
+        assert!((found.axis.mm - Vector3::z()).norm() < 1e-9 && found.plate_rms_mm.is_some_and(|rms| rms < 1e-9));
+        let line = AxisTouch::Plate { places: vec![places[0], places[1], places[1]], flat };
+        assert!(tool_axis(&point, &line).expect_err("a line").to_string().contains("one line"));
+    }
+}

@@ -1,0 +1,36 @@
+//! `[rough]`: where the cameras are, measured by hand with a tape. It bounds what a calibration may find.
+
+use crate::config::Section;
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose, Rigid};
+
+/// Rough mounts; each may be absent.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct RoughMounts {
+    /// Where the fixed camera stands.
+    pub base_from_camera: Option<Rigid<Base, Camera>>,
+    /// How the flange camera sits on the flange.
+    pub flange_from_camera: Option<Rigid<Flange, FlangeCamera>>,
+}
+
+pub(super) fn take_rough(section: &Section<'_, '_>) -> Option<RoughMounts> {
+    let [base_from_camera, flange_from_camera] =
+        ["base_from_camera", "flange_from_camera"].map(|key| take_pose(&section.section(key)));
+    section.done();
+    let rough = RoughMounts {
+        base_from_camera: base_from_camera?.map(|pose| pose.to_rigid()),
+        flange_from_camera: flange_from_camera?.map(|pose| pose.to_rigid()),
+    };
+    Some(rough)
+}
+
+/// `Some(None)` where the table is absent.
+fn take_pose(section: &Section<'_, '_>) -> Option<Option<KukaPose>> {
+    if !section.is_present() {
+        return Some(None);
+    }
+    let number = |key, limit: f64| section.take::<f64>(key, -limit..=limit, None);
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| number(key, 20_000.0));
+    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| number(key, 360.0));
+    section.done();
+    Some(Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? }))
+}

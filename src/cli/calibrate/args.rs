@@ -1,0 +1,195 @@
+//! Options of `panelprep calibrate`.
+
+use clap::{Args, Subcommand, ValueEnum};
+use std::path::PathBuf;
+
+/// What to calibrate, or to look at again.
+#[derive(Debug, Clone, Args)]
+pub struct Calibrate {
+    /// The calibration.
+    #[command(subcommand)]
+    pub what: What,
+}
+
+/// The calibrations.
+#[derive(Debug, Clone, Subcommand)]
+pub enum What {
+    /// The lens, from pictures of a board (thesis 3.6).
+    #[command(after_help = "Example, with pictures of a board of 9 × 6 inner corners in the folder board:\n  \
+        panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out flange_camera.toml board/*.png")]
+    Intrinsics(Intrinsics),
+    /// Where a camera is mounted: from three touched points (thesis 3.7), or from many poses.
+    #[command(
+        after_help = "Example, three points; without --points it writes the picture with the corners to touch:\n  \
+        panelprep calibrate hand-eye --mount eye-to-hand --board 9x6 --square-mm 25 --intrinsics scanner.toml \
+        --image board.png --points touched.toml --out base_from_camera.toml\n\
+        Example, many poses:\n  \
+        panelprep calibrate hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 --intrinsics flange_camera.toml \
+        --poses poses.toml --images board --out flange_from_camera.toml"
+    )]
+    HandEye(HandEye),
+    /// The tool's point, and its axis, from poses that hold the tip at one spot.
+    #[command(after_help = "Example:\n  panelprep calibrate tcp --poses tip.toml --out flange_from_tool.toml")]
+    Tcp(Tcp),
+    /// Look at a board that stands still and compare with where it is known to be; kept in the store.
+    #[command(after_help = "Example, once with --learn, then every day:\n  \
+        panelprep calibrate verify --camera scanner --board 9x6 --square-mm 25 --image today.png --target target.toml")]
+    Verify(Verify),
+    /// Touch known corners of that board with the calibrated tool and compare; kept in the store.
+    #[command(after_help = "Example:\n  \
+        panelprep calibrate touch --board 9x6 --square-mm 25 --target target.toml --points touched.toml")]
+    Touch(Touch),
+}
+
+/// The board.
+#[derive(Debug, Clone, Args)]
+pub struct BoardArgs {
+    /// Inner corners of a chessboard, 9x6; or squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy].
+    #[arg(long)]
+    pub board: String,
+    /// Side of a square, mm; measure it over many squares.
+    #[arg(long, value_name = "MM")]
+    pub square_mm: f64,
+    /// Half the side of the window that refines a corner, px; without it, from the distance of corners.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub subpix: Option<u32>,
+}
+
+/// Options of `calibrate intrinsics`.
+#[derive(Debug, Clone, Args)]
+pub struct Intrinsics {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Set no picture aside for its residuals.
+    #[arg(long)]
+    pub keep_all: bool,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for a picture of the residuals.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+    /// Pictures of the board.
+    #[arg(required = true, value_name = "IMAGE")]
+    pub images: Vec<PathBuf>,
+}
+
+/// Where the camera sits.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum MountName {
+    /// Fixed in the cell.
+    EyeToHand,
+    /// On the flange.
+    EyeInHand,
+}
+
+/// Options of `calibrate hand-eye`.
+#[derive(Debug, Clone, Args)]
+pub struct HandEye {
+    /// Where the camera sits.
+    #[arg(long, value_enum)]
+    pub mount: MountName,
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// The camera's intrinsics.
+    #[arg(long, value_name = "FILE")]
+    pub intrinsics: PathBuf,
+    /// Three points: the picture of the board, or the 3D camera's shot of it.
+    #[arg(long, value_name = "FILE", conflicts_with = "poses", required_unless_present = "poses")]
+    pub image: Option<PathBuf>,
+    /// Three points: where the corners were touched.
+    #[arg(long, value_name = "FILE", conflicts_with = "poses")]
+    pub points: Option<PathBuf>,
+    /// Many poses: the flange's pose at each picture.
+    #[arg(long, value_name = "FILE", requires = "images")]
+    pub poses: Option<PathBuf>,
+    /// Many poses: the folder of the pictures.
+    #[arg(long, value_name = "DIR", requires = "poses")]
+    pub images: Option<PathBuf>,
+    /// Many poses, fixed camera: a point of the panel in the base, at which the uncertainty is stated.
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    pub at_mm: Option<[f64; 3]>,
+    /// Serial number of the camera, for the file.
+    #[arg(long)]
+    pub serial: Option<String>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Folder for pictures; without it, the folder of `--out`.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+fn place(text: &str) -> Result<[f64; 3], String> {
+    let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
+    let allowed = || "allowed are three numbers in mm, 560,0,360".to_owned();
+    <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())
+}
+
+/// Options of `calibrate tcp`.
+#[derive(Debug, Clone, Args)]
+pub struct Tcp {
+    /// Flange poses that hold the tip at one spot, and those that tell the axis.
+    #[arg(long, value_name = "FILE")]
+    pub poses: PathBuf,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Which camera.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CameraName {
+    /// The fixed 3D camera.
+    Scanner,
+    /// The camera on the flange.
+    FlangeCamera,
+}
+
+/// Options of `calibrate verify`.
+#[derive(Debug, Clone, Args)]
+pub struct Verify {
+    /// The camera to verify.
+    #[arg(long, value_enum)]
+    pub camera: CameraName,
+    /// The board that stands still.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// A picture of it, or the 3D camera's shot.
+    #[arg(long, value_name = "FILE")]
+    pub image: PathBuf,
+    /// The flange's pose at that picture, for the camera on the flange.
+    #[arg(long, value_name = "POSE.json")]
+    pub flange: Option<PathBuf>,
+    /// Where the board is known to be.
+    #[arg(long, value_name = "FILE")]
+    pub target: PathBuf,
+    /// Write the target from this picture, right after calibrating.
+    #[arg(long)]
+    pub learn: bool,
+    /// Folder for the trend of all verifications.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `calibrate touch`.
+#[derive(Debug, Clone, Args)]
+pub struct Touch {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Where the board is known to be.
+    #[arg(long, value_name = "FILE")]
+    pub target: PathBuf,
+    /// Where the tool's tip was when it touched the corners.
+    #[arg(long, value_name = "FILE")]
+    pub points: PathBuf,
+    /// Folder for the trend of all touches.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}

@@ -1,0 +1,222 @@
+//! `--points` and `--poses`: TOML files that a person writes from the teach pendant.
+
+use crate::calib::three_points::Touched;
+use crate::calib::tool::AxisTouch;
+use crate::config::{self, Problems, Section};
+use crate::geometry::{Base, Flange, KukaPose, Point, Rigid};
+
+const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
+const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
+const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
+
+fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
+    let [x_mm, y_mm, z_mm] = ["x_mm", "y_mm", "z_mm"].map(|key| section.take(key, PLACE_MM, None));
+    let [a_deg, b_deg, c_deg] = ["a_deg", "b_deg", "c_deg"].map(|key| section.take(key, ANGLE_DEG, None));
+    section.done();
+    Some(KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? })
+}
+
+/// Do these angles look like radians? Not proof: the caller asks only where the tool cannot be upright.
+fn like_radians(pose: &KukaPose) -> bool {
+    let angles = [pose.a_deg, pose.b_deg, pose.c_deg];
+    let circle = [std::f64::consts::PI, std::f64::consts::FRAC_PI_2];
+    angles.iter().all(|angle| angle.abs() < 3.15)
+        && angles.iter().any(|angle| circle.iter().any(|turn| (angle.abs() - turn).abs() < 0.05))
+}
+
+/// What `--points` holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Points {
+    /// Three corners, and a fourth where the file has one.
+    pub touched: Vec<Touched>,
+    /// The flange at the picture.
+    pub base_from_flange: Option<Rigid<Base, Flange>>,
+}
+
+/// Checks the text of a points file.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
+    const KEYS: [(&str, &str); 4] =
+        [("p1_mm", "p1_corner"), ("p2_mm", "p2_corner"), ("p3_mm", "p3_corner"), ("p4_mm", "p4_corner")];
+    config::check(file, text, |top| {
+        let touched = |(place, corner): (&'static str, &'static str)| {
+            let place = top.take::<[f64; 3]>(place, PLACE_MM, None);
+            let corner = top.take::<[usize; 2]>(corner, CORNER, None);
+            let ([x, y, z], [column, row]) = (place?, corner?);
+            Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+        };
+        let three = [KEYS[0], KEYS[1], KEYS[2]].map(touched);
+        let check_place = top.take::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
+        let check_corner = top.take::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
+        let flange = top.section("base_from_flange");
+        let flange = if flange.is_present() { Some(pose(&flange)) } else { None };
+        top.done();
+        if flange.flatten().is_some_and(|pose| like_radians(&pose)) {
+            let message = "these angles look like radians; A, B, C are written in degrees";
+            top.problem("base_from_flange", message);
+            return None;
+        }
+        let fourth = match (check_place?, check_corner?) {
+            (Some([x, y, z]), Some([column, row])) => {
+                Some(Touched { corner: (column, row), place: Point::at(x, y, z) })
+            }
+            (None, None) => None,
+            _ => {
+                top.problem("p4_mm", "p4_mm and p4_corner belong together");
+                return None;
+            }
+        };
+        let [first, second, third] = three;
+        let touched = [first?, second?, third?].into_iter().chain(fourth).collect();
+        let base_from_flange = match flange {
+            Some(pose) => Some(pose?.to_rigid()),
+            None => None,
+        };
+        Some(Points { touched, base_from_flange })
+    })
+}
+
+/// One pose of `--poses` with its picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PicturePose {
+    /// The picture's name in its folder.
+    pub image: String,
+    /// Where the robot says that the flange was.
+    pub base_from_flange: Rigid<Base, Flange>,
+}
+
+/// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
+///
+/// # Errors
+/// Every problem with its line and key; also a picture that is missing or named twice.
+pub fn picture_poses(
+    file: &str,
+    text: &str,
+    is_there: &dyn Fn(&str) -> bool,
+) -> Result<Vec<PicturePose>, Problems> {
+    config::check(file, text, |top| {
+        let mut poses: Vec<PicturePose> = Vec::new();
+        let mut whole = true;
+        for section in top.sections("poses") {
+            let image = section.take::<String>("image", (), None);
+            let base_from_flange = pose(&section.section("base_from_flange"));
+            section.done();
+            let (Some(image), Some(base_from_flange)) = (image, base_from_flange) else {
+                whole = false;
+                continue;
+            };
+            let known = poses.iter().any(|pose| pose.image == image);
+            if known || !is_there(&image) {
+                let problem = if known { "is named twice" } else { "is not in the folder of --images" };
+                section.problem("image", format!("{image} {problem}"));
+                whole = false;
+                continue;
+            }
+            poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid() });
+        }
+        top.done();
+        if whole && poses.is_empty() {
+            top.problem("poses", "is missing; write [[poses]] with image and base_from_flange for each picture");
+            return None;
+        }
+        whole.then_some(poses)
+    })
+}
+
+/// What `--poses` of `tcp` holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ToolPoses {
+    /// Poses that hold the tip at one spot.
+    pub tip: Vec<Rigid<Base, Flange>>,
+    /// What tells the axis.
+    pub axis: Option<AxisTouch>,
+}
+
+/// Checks the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn tool_poses(file: &str, text: &str) -> Result<ToolPoses, Problems> {
+    config::check(file, text, |top| {
+        let flange = |key: &'static str| -> Option<Vec<Rigid<Base, Flange>>> {
+            let read = |section: Section<'_, '_>| {
+                let _ = section.take::<Option<String>>("image", (), Some(None));
+                let read = pose(&section.section("base_from_flange"));
+                section.done();
+                read.map(|pose| pose.to_rigid())
+            };
+            // Every table is read, so that every problem is told.
+            let all: Vec<_> = top.sections(key).into_iter().map(read).collect();
+            all.into_iter().collect()
+        };
+        let place = |section: Section<'_, '_>| {
+            let place = section.take::<[f64; 3]>("place_mm", PLACE_MM, None);
+            section.done();
+            place.map(|[x, y, z]| Point::at(x, y, z))
+        };
+        let (tip, behind, flat) = (flange("poses"), flange("axis"), flange("flat"));
+        let plate: Vec<_> = top.sections("plate").into_iter().map(place).collect();
+        top.done();
+        let plate: Vec<Point<Base>> = plate.into_iter().collect::<Option<_>>()?;
+        let (tip, behind, flat) = (tip?, behind?, flat?);
+        let axis = match (behind.is_empty(), plate.is_empty(), flat.is_empty()) {
+            (true, true, true) => None,
+            (false, true, true) => Some(AxisTouch::Behind(behind)),
+            (true, false, false) => Some(AxisTouch::Plate { places: plate, flat }),
+            _ => {
+                top.problem("axis", "allowed is [[axis]] alone, or [[plate]] and [[flat]] together");
+                return None;
+            }
+        };
+        Some(ToolPoses { tip, axis })
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const POSE: &str = "base_from_flange = { x_mm = 1, y_mm = 2, z_mm = 3, a_deg = 90, b_deg = 0, c_deg = 180 }\n";
+
+    fn problems<T: std::fmt::Debug>(found: Result<T, Problems>) -> String {
+        found.expect_err("a problem").to_string()
+    }
+
+    #[test]
+    fn a_missing_or_repeated_picture_is_named_with_its_line() {
+        let text = format!("[[poses]]\nimage = \"1.png\"\n{POSE}\n[[poses]]\nimage = \"2.png\"\n{POSE}");
+        let read = |is_there: &dyn Fn(&str) -> bool| picture_poses("poses.toml", &text, is_there);
+        assert_eq!(read(&|_| true).expect("right").len(), 2);
+        let problem = problems(read(&|image| image == "1.png"));
+        assert!(problem.contains("poses.toml:6") && problem.contains("2.png is not in the folder"), "{problem}");
+        let twice = text.replace("2.png", "1.png");
+        assert!(problems(picture_poses("f", &twice, &|_| true)).contains("1.png is named twice"));
+        assert!(problems(picture_poses("f", "", &|_| true)).contains("write [[poses]]"));
+    }
+
+    #[test]
+    fn points_name_their_corners_and_radians_are_noticed() {
+        let text = "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [200, 0, 0]\np2_corner = [8, 0]\n\
+                    p3_mm = [200, 125, 0]\np3_corner = [8, 5]\n";
+        let read = points("f", text).expect("right");
+        assert_eq!((read.touched.len(), read.touched[1].corner, read.base_from_flange), (3, (8, 0), None));
+        assert!(problems(points("f", &text.replace("p2_corner", "p2_corners"))).contains("did you mean p2_corner"));
+        assert!(problems(points("f", &format!("{text}p4_mm = [0, 125, 0]\n"))).contains("belong together"));
+        assert!(points("f", &format!("{text}{POSE}")).expect("right").base_from_flange.is_some());
+        let radians = POSE.replace("90", "1.5708").replace("180", "3.1416");
+        assert!(problems(points("f", &format!("{text}{radians}"))).contains("look like radians"));
+    }
+
+    #[test]
+    fn a_tool_has_one_way_to_its_axis() {
+        let tip = format!("[[poses]]\n{POSE}");
+        assert_eq!(tool_poses("f", &tip).expect("right").axis, None);
+        let behind = tool_poses("f", &format!("{tip}[[axis]]\n{POSE}")).expect("right").axis;
+        assert!(matches!(behind, Some(AxisTouch::Behind(poses)) if poses.len() == 1));
+        let flat = tool_poses("f", &format!("{tip}[[plate]]\nplace_mm = [1, 2, 3]\n[[flat]]\n{POSE}"));
+        assert!(matches!(flat.expect("right").axis, Some(AxisTouch::Plate { .. })));
+        assert!(problems(tool_poses("f", &format!("{tip}[[flat]]\n{POSE}"))).contains("together"));
+    }
+}

@@ -1,0 +1,246 @@
+//! `panelprep calibrate hand-eye --poses`: a camera's mount from many poses.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::{HandEye as Args, MountName};
+use super::sight::Sight;
+use super::{date, files, keep, provenance};
+use crate::calib::detect::Detected;
+use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
+use crate::calib::{Arrangement, Board, CalibError, HandEye, Seen, Station, gate, next_pose};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+/// What the command needs to know of a mount besides its chain.
+pub trait Mounted: Arrangement {
+    /// Its rough place in the cell's file.
+    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>>;
+
+    /// Points of a 3D camera as this mount's camera sees them.
+    fn points(seen: Seen<Camera>) -> Option<Seen<Self::From>>;
+
+    /// A point of the base as the camera sees it, where the camera stands still.
+    fn seen_from(mount: &Rigid<Self::To, Self::From>, point: Point<Base>) -> Option<Point<Self::From>>;
+}
+
+impl Mounted for ScannerMount {
+    fn rough(cell: &Cell) -> Option<Rigid<Base, Camera>> {
+        cell.rough().base_from_camera
+    }
+
+    fn points(seen: Seen<Camera>) -> Option<Seen<Camera>> {
+        Some(seen)
+    }
+
+    fn seen_from(mount: &Rigid<Base, Camera>, point: Point<Base>) -> Option<Point<Camera>> {
+        Some(mount.inverse() * point)
+    }
+}
+
+impl Mounted for FlangeCameraMount {
+    fn rough(cell: &Cell) -> Option<Rigid<Self::To, Self::From>> {
+        cell.rough().flange_from_camera
+    }
+
+    fn points(_: Seen<Camera>) -> Option<Seen<Self::From>> {
+        None
+    }
+
+    fn seen_from(_: &Rigid<Self::To, Self::From>, _: Point<Base>) -> Option<Point<Self::From>> {
+        None
+    }
+}
+
+/// The cell's file, where there is one: it only bounds the result.
+pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
+    if !common.cell.is_file() {
+        return Ok(None);
+    }
+    Ok(Some(Cell::check(&common.cell.display().to_string(), &disk::read_text(&common.cell)?)?))
+}
+
+/// The intrinsics that `--intrinsics` names.
+pub fn intrinsics(file: &Path) -> Result<PinholeCamera, Fault> {
+    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?.camera)
+}
+
+/// Calibrates and writes the file.
+///
+/// # Errors
+/// Where a file is not what it must be, or the poses cannot support a mount.
+pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
+    match args.mount {
+        MountName::EyeToHand => stage::<ScannerMount>(args, common, progress),
+        MountName::EyeInHand => stage::<FlangeCameraMount>(args, common, progress),
+    }
+}
+
+/// A picture that shows the board, with the robot's word.
+struct Look {
+    sight: Sight,
+    detected: Detected,
+    base_from_flange: Rigid<Base, crate::geometry::Flange>,
+}
+
+fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
+    let board = super::board(&args.board)?;
+    let camera = intrinsics(&args.intrinsics)?;
+    let cell = cell(common)?;
+    let (looks, aside) = looks(args, &board, &camera, progress)?;
+    let stations: Vec<Station<A::From>> =
+        looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
+    progress("mount");
+    let calibrated =
+        |stations: &[Station<A::From>], at| hand_eye::<A>(&camera, &board, stations, at).map_err(Fault::stage);
+    let mut found = calibrated(&stations, None)?;
+    if let Some([x, y, z]) = args.at_mm {
+        let Some(at) = A::seen_from(&found.adjusted.to_from_camera, Point::at(x, y, z)) else {
+            let error = CalibError::Points("--at-mm is a point of the base: it needs a fixed camera".to_owned());
+            return Err(Fault::stage(error));
+        };
+        found = calibrated(&stations, Some(at))?;
+    }
+    let measured: Vec<Station<A::From>> =
+        looks.iter().filter_map(|look| Some(station(look, points_of::<A>(look, &camera)?))).collect();
+    let second = match measured.len() >= MIN_STATIONS {
+        true => Some(calibrated(&measured, Some(found.at))?),
+        false => None,
+    };
+    let judgement = gate::hand_eye(&found, second.as_ref());
+    let mut outcome = Outcome::of(&judgement);
+    tell(&mut outcome, &found, &aside);
+    if let Some(second) = &second {
+        let apart_mm = gate::apart_mm(&found, second);
+        outcome.put(
+            "second",
+            json!({(A::TABLE): pose_of(second), "apart_mm": apart_mm, "uncertainty_mm": second.uncertainty_mm}),
+        );
+        outcome.say(format!(
+            "from the 3D camera's own points: {} ({apart_mm:.3} mm apart at the panel)",
+            pose_of(second)
+        ));
+    }
+    if let Some(rough) = cell.as_ref().and_then(A::rough) {
+        let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
+        outcome.say(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
+    }
+    if let Some(next) = next_pose(&camera, &board, &stations, &found) {
+        outcome.put("next_pose", json!(next.base_from_flange));
+        let text =
+            format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
+        outcome.say(text);
+    }
+    let mut mounted = MountedPose::<A>::of(pose_of(&found));
+    mounted.date = date::today();
+    mounted.serial = args.serial.clone();
+    mounted.rms_mm = Some(found.rms_mm);
+    mounted.uncertainty_mm = Some(found.uncertainty_mm);
+    let used = looks.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
+    let (hashes, residuals) = used.map(|(look, residual)| (look.sight.hash.clone(), residual.mm)).unzip();
+    mounted.provenance = provenance(hashes, residuals);
+    let text = mounted.to_toml();
+    MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
+    keep(&mut outcome, &judgement, &args.out, &text)?;
+    Ok(outcome)
+}
+
+/// The corners as the 3D camera measured them, where it measured most of them.
+fn points_of<A: Mounted>(look: &Look, camera: &PinholeCamera) -> Option<Seen<A::From>> {
+    let seen = look.sight.measured(camera, &look.detected)?;
+    let Seen::Points(points) = &seen else { return None };
+    if 2 * points.len() < look.detected.corners.len() {
+        return None;
+    }
+    A::points(seen)
+}
+
+fn pose_of<A: Arrangement>(found: &HandEye<A>) -> KukaPose {
+    KukaPose::from_rigid(&found.adjusted.to_from_camera)
+}
+
+fn station<C: Frame>(look: &Look, seen: Seen<C>) -> Station<C> {
+    Station { name: look.sight.name.clone(), base_from_flange: look.base_from_flange, seen }
+}
+
+/// The pictures that show the board, and why the others do not count.
+fn looks(
+    args: &Args,
+    board: &Board,
+    camera: &PinholeCamera,
+    progress: &(dyn Fn(&str) + Sync),
+) -> Result<(Vec<Look>, Vec<(String, String)>), Fault> {
+    let (Some(file), Some(folder)) = (&args.poses, &args.images) else {
+        return Err(Fault::stage(CalibError::Points("--poses and --images belong together".to_owned())));
+    };
+    let is_there = |image: &str| folder.join(image).is_file();
+    let poses = files::picture_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
+    let (window, done) = (super::window(&args.board), AtomicUsize::new(0));
+    let look = |pose: &files::PicturePose| {
+        let sight = Sight::read(&folder.join(&pose.image), camera)?;
+        let found = sight.detect(board, window);
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress(&format!("corners: {done} of {}", poses.len()));
+        let base_from_flange = pose.base_from_flange;
+        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
+            sight,
+            detected,
+            base_from_flange,
+        }))
+    };
+    let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let (mut looks, mut aside) = (Vec::new(), Vec::new());
+    for found in all {
+        match found {
+            Ok(look) => looks.push(look),
+            Err(reason) => aside.push(reason),
+        }
+    }
+    if looks.len() < MIN_STATIONS {
+        let first_reason = aside.first().map(|(_, reason)| reason.clone());
+        let (found, given) = (looks.len(), poses.len());
+        return Err(Fault::stage(CalibError::TooFewPictures { found, given, needed: MIN_STATIONS, first_reason }));
+    }
+    Ok((looks, aside))
+}
+
+fn tell<A: Arrangement>(outcome: &mut Outcome, found: &HandEye<A>, aside: &[(String, String)]) {
+    let noise = &found.adjusted.noise;
+    let turn_deg = noise.turn_rad.to_degrees();
+    outcome.put(A::TABLE, json!(pose_of(found)));
+    let residuals = found.residuals.iter().map(|residual| {
+        json!({
+            "file": residual.name, "mm": residual.mm, "deg": residual.deg, "used": residual.used,
+            "corners_rms_px": residual.corners_rms,
+        })
+    });
+    outcome.put("residuals", residuals.collect());
+    let aside_json = aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason}));
+    outcome.put("set_aside", aside_json.collect());
+    outcome.put("rms_mm", json!(found.rms_mm));
+    outcome.put("rms_deg", json!(found.rms_deg));
+    outcome.put("uncertainty_mm", json!(found.uncertainty_mm));
+    let (left_out_mm, left_out) = &found.leave_one_out;
+    outcome.put("leave_one_out_mm", json!(left_out_mm));
+    outcome.put("second_axis_deg", json!(found.second_axis_deg));
+    outcome.put("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
+    outcome.say(format!("{} {}", A::TABLE, pose_of(found)));
+    outcome.say(format!("± {:.3} mm at the panel (95 %)", found.uncertainty_mm));
+    outcome.say(format!(
+        "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
+        found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm
+    ));
+    outcome.say(format!("without the worst picture, {left_out}, the result moves by {left_out_mm:.3} mm"));
+    for residual in &found.residuals {
+        let mark = if residual.used { "" } else { "  does not fit" };
+        outcome.say(format!("  {}: {:.3} mm, {:.4}°{mark}", residual.name, residual.mm, residual.deg));
+    }
+    for (file, reason) in aside {
+        outcome.say(format!("set aside: {file}: {reason}"));
+    }
+}

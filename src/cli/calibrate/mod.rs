@@ -1,0 +1,62 @@
+//! `panelprep calibrate`: reads pictures and poses, writes calibration files with what proves them.
+//!
+//! A rejected calibration writes nothing; one under review is written, with its doubts told.
+
+pub mod args;
+mod date;
+mod files;
+mod hand_eye;
+mod intrinsics;
+mod sight;
+mod tcp;
+mod three_points;
+mod verify;
+
+use super::args::Common;
+use super::disk;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use crate::calib::Board;
+use crate::cell::Provenance;
+use crate::verdict::{Judgement, Verdict};
+use args::{BoardArgs, Calibrate, What};
+use std::path::Path;
+
+/// Runs a calibration; `progress` tells of long work.
+///
+/// # Errors
+/// Where a file is not what it must be, or the data cannot support a calibration. Nothing is written then.
+pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
+    match &args.what {
+        What::Intrinsics(args) => intrinsics::run(args, progress),
+        What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
+        What::HandEye(args) => three_points::run(args, common),
+        What::Tcp(args) => tcp::run(args),
+        What::Verify(args) => verify::run(args, common),
+        What::Touch(args) => verify::touch(args, common),
+    }
+}
+
+fn board(args: &BoardArgs) -> Result<Board, Fault> {
+    Board::parse(&args.board, args.square_mm).map_err(Fault::stage)
+}
+
+fn window(args: &BoardArgs) -> Option<usize> {
+    args.subpix.map(|half_window_px| half_window_px as usize)
+}
+
+fn provenance(pictures: Vec<String>, residuals: Vec<f64>) -> Provenance {
+    let program = Some(concat!("panelprep ", env!("CARGO_PKG_VERSION")).to_owned());
+    Provenance { program, pictures, residuals }
+}
+
+/// Writes a calibration unless it was rejected, and says so.
+fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -> Result<(), Fault> {
+    if judgement.verdict == Verdict::Reject {
+        outcome.say(format!("{}: not written", file.display()));
+        return Ok(());
+    }
+    disk::write(file, text)?;
+    outcome.say(format!("{}: written", file.display()));
+    Ok(())
+}

@@ -1,0 +1,62 @@
+//! A file that shows a board: a picture, or a 3D shot with the points of its pixels.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use crate::calib::detect::{self, Detected};
+use crate::calib::{Board, CalibError, Seen};
+use crate::files;
+use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
+use std::path::Path;
+
+/// A file's picture, and its points where it has them.
+pub struct Sight {
+    /// The name in messages.
+    pub name: String,
+    /// SHA-256 of the file.
+    pub hash: String,
+    /// In grey.
+    pub gray: GrayPicture,
+    cloud: Option<OrganizedCloud<Camera>>,
+}
+
+impl Sight {
+    /// Reads a picture, or a shot (`.pcd`, `.ply`), and holds it against the camera's size.
+    ///
+    /// # Errors
+    /// Where it cannot be read or is of another size.
+    pub fn read(file: &Path, camera: &PinholeCamera) -> Result<Self, Fault> {
+        let bytes = disk::read(file)?;
+        let refused = |error: files::PictureError| Fault::file(file, error);
+        let is_shot =
+            file.extension().is_some_and(|end| end.eq_ignore_ascii_case("pcd") || end.eq_ignore_ascii_case("ply"));
+        let (gray, cloud) = if is_shot {
+            let cloud = files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+            (cloud.picture().to_gray(), Some(cloud))
+        } else {
+            (files::read_gray(&bytes).map_err(refused)?, None)
+        };
+        let size = ColorPicture { width: gray.width, height: gray.height, rgb: Vec::new() };
+        files::check_picture_size(&size, camera).map_err(refused)?;
+        let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
+        Ok(Sight { name, hash: files::content_hash(&bytes), gray, cloud })
+    }
+
+    /// The board's corners.
+    ///
+    /// # Errors
+    /// Where it shows no board.
+    pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<Detected, CalibError> {
+        detect::detect(&self.name, &self.gray, board, half_window_px)
+    }
+
+    /// The corners as the 3D camera measured them; `None` for a picture.
+    pub fn measured(&self, camera: &PinholeCamera, detected: &Detected) -> Option<Seen<Camera>> {
+        self.cloud.as_ref().map(|cloud| detect::measured(cloud, camera, &detected.corners))
+    }
+
+    /// In colour, to be drawn on.
+    pub fn color(&self) -> ColorPicture {
+        let rgb = self.gray.gray.iter().map(|&gray| [gray; 3]).collect();
+        ColorPicture { width: self.gray.width, height: self.gray.height, rgb }
+    }
+}

@@ -1,0 +1,52 @@
+//! `panelprep calibrate tcp`: the tool's point and axis.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::Tcp as Args;
+use super::{date, files, keep, provenance};
+use crate::calib::gate;
+use crate::calib::tool::{flange_from_tool, tool_axis, tool_point};
+use crate::cell::{MountedPose, ToolMount};
+use crate::files::content_hash;
+use crate::geometry::{KukaPose, Vector};
+use serde_json::json;
+
+/// Calibrates; writes the file where `--out` names one.
+///
+/// # Errors
+/// Where the poses file has problems, or its poses determine no tool.
+pub fn run(args: &Args) -> Result<Outcome, Fault> {
+    let text = disk::read_text(&args.poses)?;
+    let poses = files::tool_poses(&args.poses.display().to_string(), &text)?;
+    let point = tool_point(&poses.tip).map_err(Fault::stage)?;
+    let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose().map_err(Fault::stage)?;
+    let judgement = gate::tool(&point, axis.as_ref());
+    // Without an axis the flange's own is written, and the file says that it was not measured.
+    let along = axis.as_ref().map_or(Vector::new(nalgebra::Vector3::z()), |axis| axis.axis);
+    let pose = KukaPose::from_rigid(&flange_from_tool(point.tip, along));
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put("flange_from_tool", json!(pose));
+    outcome.put("rms_mm", json!(point.rms_mm));
+    outcome.put("uncertainty_mm", json!(point.uncertainty_mm));
+    outcome.put("residuals_mm", json!(point.residuals_mm));
+    outcome.put("axis_measured", json!(axis.is_some()));
+    outcome.put("axis_residuals_deg", json!(axis.as_ref().map(|axis| &axis.residuals_deg)));
+    outcome.say(format!("flange_from_tool {pose}"));
+    outcome.say(format!("{:.3} mm rms, the tip ± {:.3} mm (95 %)", point.rms_mm, point.uncertainty_mm));
+    for (index, residual_mm) in point.residuals_mm.iter().enumerate() {
+        outcome.say(format!("  pose {}: {residual_mm:.3} mm", index + 1));
+    }
+    if let Some(out) = &args.out {
+        let mut mounted = MountedPose::<ToolMount>::of(pose);
+        mounted.date = date::today();
+        mounted.rms_mm = Some(point.rms_mm);
+        mounted.uncertainty_mm = Some(point.uncertainty_mm);
+        mounted.axis_measured = Some(axis.is_some());
+        mounted.provenance = provenance(vec![content_hash(text.as_bytes())], point.residuals_mm.clone());
+        let text = mounted.to_toml();
+        MountedPose::<ToolMount>::check(&out.display().to_string(), &text)?;
+        keep(&mut outcome, &judgement, out, &text)?;
+    }
+    Ok(outcome)
+}

@@ -1,0 +1,97 @@
+//! `panelprep calibrate hand-eye --image [--points]`: a camera's mount from three touched points.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::super::pictures;
+use super::args::{HandEye as Args, MountName};
+use super::hand_eye::{Mounted, cell, intrinsics};
+use super::sight::Sight;
+use super::{date, files, keep, provenance};
+use crate::calib::three_points::{ThreePoints, three_points};
+use crate::calib::{CalibError, Seen, gate};
+use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
+use crate::geometry::KukaPose;
+use crate::report;
+use crate::verdict::Judgement;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Writes the picture of the corners to touch; with `--points`, calibrates and writes the file.
+///
+/// # Errors
+/// Where a file is not what it must be, the picture shows no board, or the points give no frame.
+pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
+    match args.mount {
+        MountName::EyeToHand => stage::<ScannerMount>(args, common),
+        MountName::EyeInHand => stage::<FlangeCameraMount>(args, common),
+    }
+}
+
+fn stage<A: Mounted>(args: &Args, common: &Common) -> Result<Outcome, Fault> {
+    let board = super::board(&args.board)?;
+    let camera = intrinsics(&args.intrinsics)?;
+    let Some(image) = &args.image else {
+        return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
+    };
+    let sight = Sight::read(image, &camera)?;
+    let detected = sight.detect(&board, super::window(&args.board)).map_err(Fault::stage)?;
+    let read = |file: &PathBuf| -> Result<files::Points, Fault> {
+        Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
+    };
+    let points = args.points.as_ref().map(read).transpose()?;
+    let to_touch = match &points {
+        Some(points) => points.touched.iter().map(|touched| touched.corner).collect(),
+        None => board.corners_to_touch().to_vec(),
+    };
+    let drawn =
+        report::corners_to_touch(&sight.color(), &board, &detected.corners, &to_touch).map_err(Fault::stage)?;
+    let beside = args.out.parent().unwrap_or(Path::new("")).to_owned();
+    let picture = pictures::save(args.pictures.as_ref().unwrap_or(&beside), "corners_to_touch", &drawn)?;
+    let Some(points) = points else {
+        let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+        outcome.say(format!("{}: touch the corners in their order, 1 to 4", picture.display()));
+        for (index, (column, row)) in to_touch.iter().enumerate() {
+            outcome.say(format!("  p{} is p{}_corner = [{column}, {row}]", index + 1, index + 1));
+        }
+        outcome.put("picture", json!(picture));
+        outcome.put("corners", json!(to_touch));
+        return Ok(outcome);
+    };
+    let seen = Seen::Pixels(detected.corners.clone());
+    let found = three_points::<A>(&camera, &board, &seen, &points.touched, points.base_from_flange);
+    let found = found.map_err(Fault::stage)?;
+    let rough = cell(common)?.as_ref().and_then(A::rough);
+    let judgement = gate::three_points(&found, rough.as_ref());
+    let mut outcome = told(&judgement, &found);
+    outcome.put("picture", json!(picture));
+    let mut mounted = MountedPose::<A>::of(KukaPose::from_rigid(&found.to_from_camera));
+    mounted.date = date::today();
+    mounted.serial = args.serial.clone();
+    // Three points have no residual: the file states none, and no uncertainty.
+    mounted.provenance = provenance(vec![sight.hash.clone()], vec![]);
+    let text = mounted.to_toml();
+    MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
+    keep(&mut outcome, &judgement, &args.out, &text)?;
+    Ok(outcome)
+}
+
+fn told<A: Mounted>(judgement: &Judgement, found: &ThreePoints<A>) -> Outcome {
+    let mut outcome = Outcome::of(judgement);
+    let pose = KukaPose::from_rigid(&found.to_from_camera);
+    outcome.put(A::TABLE, json!(pose));
+    outcome.put("pnp_rms_px", json!(found.pnp_rms_px));
+    outcome.put("distance_errors_mm", json!(found.distance_errors_mm));
+    outcome.put("check_mm", json!(found.check_mm));
+    outcome.say(format!("{} {pose}", A::TABLE));
+    let [first, second, third] = found.distance_errors_mm;
+    outcome.say(format!(
+        "corners {:.3} px rms; distances 1–2 {first:+.3}, 2–3 {second:+.3}, 1–3 {third:+.3} mm",
+        found.pnp_rms_px
+    ));
+    if let Some(check_mm) = found.check_mm {
+        outcome.say(format!("the fourth point is {check_mm:.3} mm off"));
+    }
+    outcome
+}

@@ -1,0 +1,130 @@
+//! Pictures of calibrations: residuals over the picture, the corners to touch, the trend of verifications.
+
+use super::canvas::{Canvas, Ink, Pen};
+use crate::calib::Board;
+use crate::calib::detect::Corners;
+use crate::calib::health::Verification;
+use crate::calib::intrinsics::Calibrated;
+use crate::geometry::{ColorPicture, Pixel};
+use crate::imaging::ImagingError;
+use std::fmt::Write;
+
+/// Residuals of this length fill this share of the picture's width.
+const LONGEST_SHARE: f64 = 0.04;
+const GROUND: [u8; 3] = [60, 60, 60];
+
+/// Every used corner with its residual, drawn so much larger that the longest is well seen: a lens that the model fits
+/// shows no pattern.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Result<ColorPicture, ImagingError> {
+    let mut canvas = Canvas::on(&ColorPicture::filled(width, height, GROUND))?;
+    let longest = found.residuals.iter().map(|r| r.du_px.hypot(r.dv_px)).fold(1e-6, f64::max);
+    let times = LONGEST_SHARE * width as f64 / longest;
+    let pen = Pen { ink: Ink::ORANGE, width_px: (width / 900).max(1) as i32 };
+    for residual in &found.residuals {
+        let end = Pixel::at(residual.at.u + times * residual.du_px, residual.at.v + times * residual.dv_px);
+        canvas.polyline(&[residual.at, end], false, pen)?;
+    }
+    let [low, high] = found.tilt_deg;
+    let legend = format!(
+        "residuals, {times:.0} times larger; {:.3} px rms, longest {longest:.2} px; tilts {low:.0} to {high:.0} degrees",
+        found.rms_px
+    );
+    canvas.with_legend(&[(Ink::ORANGE, &legend)])?.finish()
+}
+
+/// The board's corners in its picture with the ones to touch numbered from 1.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn corners_to_touch(
+    picture: &ColorPicture,
+    board: &Board,
+    corners: &Corners,
+    to_touch: &[(usize, usize)],
+) -> Result<ColorPicture, ImagingError> {
+    let mut canvas = Canvas::on(picture)?;
+    let size_px = (picture.width as f64 / 60.0).max(10.0);
+    let at = |(column, row): (usize, usize)| {
+        let place = board.corner(column, row)?;
+        corners.iter().find(|(q, _)| *q == place).map(|(_, pixel)| *pixel)
+    };
+    for (_, pixel) in corners {
+        canvas.cross(*pixel, size_px / 5.0, Pen { ink: Ink::BLUE, width_px: 1 })?;
+    }
+    for (index, corner) in to_touch.iter().enumerate() {
+        let Some(pixel) = at(*corner) else { continue };
+        canvas.cross(pixel, size_px * 0.6, Pen { ink: Ink::ORANGE, width_px: 3 })?;
+        let label = format!("{} [{}, {}]", index + 1, corner.0, corner.1);
+        canvas.label(Pixel::at(pixel.u + size_px * 0.7, pixel.v - size_px * 0.4), &label, size_px, Ink::YELLOW)?;
+    }
+    let legend = [
+        (Ink::ORANGE, "touch these in their order: 1 is the origin, 4 is the check"),
+        (Ink::BLUE, "found corners"),
+    ];
+    canvas.with_legend(&legend)?.finish()
+}
+
+const WIDTH: f64 = 900.0;
+const HEIGHT: f64 = 320.0;
+const MARGIN: f64 = 55.0;
+
+/// All verifications of a subject over time with their limits, as SVG.
+pub fn trend(subject: &str, verifications: &[Verification]) -> String {
+    let times = verifications.iter().map(|v| v.at_unix_s as f64);
+    let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+    let highest = verifications.iter().flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
+    let x =
+        |v: &Verification| MARGIN + (WIDTH - 2.0 * MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0);
+    let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * mm / highest;
+    let line = |value: fn(&Verification) -> f64| {
+        let points = verifications.iter().map(|v| format!("{:.1},{:.1}", x(v), y(value(v))));
+        points.collect::<Vec<_>>().join(" ")
+    };
+    let mut marks = String::new();
+    for v in verifications {
+        let color = if v.error_mm <= v.limit_mm { "#009e73" } else { "#d55e00" };
+        // Writing to a `String` cannot fail.
+        let _ = write!(marks, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"{color}\"/>", x(v), y(v.error_mm));
+    }
+    let days = (last - first).max(0.0) / 86_400.0;
+    format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"14\">\
+         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\
+         <text x=\"{MARGIN}\" y=\"25\">{subject}: error at the target, mm; {count} verifications over {days:.1} days</text>\
+         <path d=\"M{MARGIN} {MARGIN}V{bottom}H{right}\" fill=\"none\" stroke=\"black\"/>\
+         <text x=\"5\" y=\"{top:.1}\">{highest:.2}</text><text x=\"5\" y=\"{bottom}\">0</text>\
+         <polyline points=\"{limits}\" fill=\"none\" stroke=\"#d55e00\" stroke-dasharray=\"6 4\"/>\
+         <polyline points=\"{errors}\" fill=\"none\" stroke=\"#0072b2\"/>{marks}</svg>\n",
+        count = verifications.len(),
+        bottom = HEIGHT - MARGIN,
+        right = WIDTH - MARGIN,
+        top = MARGIN + 5.0,
+        limits = line(|v| v.limit_mm),
+        errors = line(|v| v.error_mm),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 = 74.1.
+    #[test]
+    fn a_trend_shows_every_verification_and_marks_the_bad_ones() {
+        let verified = |error_mm: f64, at_unix_s: i64| Verification {
+            subject: "scanner".to_owned(),
+            error_mm,
+            limit_mm: 0.5,
+            calibration_hash: String::new(),
+            at_unix_s,
+        };
+        let svg = trend("scanner", &[verified(0.2, 0), verified(1.0, 86_400)]);
+        assert_eq!(svg.matches("<circle").count(), 2);
+        assert!(svg.contains("cx=\"845.0\" cy=\"74.1\" r=\"4\" fill=\"#d55e00\""), "{svg}");
+        assert!(svg.contains("2 verifications over 1.0 days"));
+        assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
+    }
+}

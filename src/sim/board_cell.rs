@@ -1,0 +1,230 @@
+//! Pictures of a board for calibration, with known truth: where the flange truly was, what the robot says, what a
+//! camera sees.
+//!
+//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places and tilts are
+//! drawn so that the whole board is in the picture.
+
+use super::board::BoardPrint;
+use super::noise::{Normal, PixelNoise, Purpose, Seed};
+use super::scene;
+use crate::geometry::{
+    Base, Board, Camera, Degrees, Flange, FlangeCamera, Frame, GrayPicture, OrganizedCloud, PinholeCamera, Pixel,
+    Point, Rigid,
+};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// How far the robot is from where it says, standard deviations about and along each axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RobotNoise {
+    /// Place, mm.
+    pub shift_mm: f64,
+    /// Turn, degrees.
+    pub turn_deg: f64,
+}
+
+/// One picture's poses.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BoardShot<C: Frame> {
+    /// Its number; it has noise of its own.
+    pub index: u64,
+    /// Where the robot says that the flange was.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// Where the board truly was.
+    pub camera_from_board: Rigid<C, Board>,
+}
+
+/// A board before one of the cell's cameras.
+#[derive(Debug, Clone)]
+pub struct BoardCell {
+    seed: Seed,
+    print: BoardPrint,
+    robot: RobotNoise,
+    pixels: PixelNoise,
+}
+
+/// The board's middle on the flange and its turn: the flange does not hold it straight.
+fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
+    // The board's Z points away from the viewer, and so against the flange's.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(181.5, 1.0, 2.0).map(f64::to_radians));
+    held(Vector3::new(12.0, -9.0, 55.0), turn, print)
+}
+
+/// The board in the cell: before the robot, facing up.
+fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(180.0, 0.0, 0.0).map(f64::to_radians))
+        * UnitQuaternion::from_scaled_axis(Vector3::new(1.0, -2.0, 25.0).map(f64::to_radians));
+    held(Vector3::new(560.0, 40.0, 220.0), turn, print)
+}
+
+fn held<To: Frame>(middle_mm: Vector3<f64>, turn: UnitQuaternion<f64>, print: &BoardPrint) -> Rigid<To, Board> {
+    let shift = middle_mm - turn * print.middle().mm.coords;
+    Rigid::claim(Isometry3::from_parts(Translation3::from(shift), turn))
+}
+
+const MAX_DRAWS: usize = 10_000;
+/// Pictures for the lens have noise of their own.
+const LENS_INDEX: u64 = 1_000;
+/// The rim keeps this distance from the picture's edge, px.
+const MARGIN_PX: f64 = 12.0;
+
+impl BoardCell {
+    /// A board of this print, with a robot that is this far off.
+    pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
+        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)) }
+    }
+
+    /// The fixed camera.
+    pub fn scanner(&self) -> PinholeCamera {
+        scene::scanner(1)
+    }
+
+    /// The camera on the flange.
+    pub fn flange_camera(&self) -> PinholeCamera {
+        scene::flange_camera(1)
+    }
+
+    /// Where the fixed camera truly stands.
+    pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
+        scene::base_from_camera()
+    }
+
+    /// How the flange camera is truly mounted.
+    pub fn flange_from_camera(&self) -> Rigid<Flange, FlangeCamera> {
+        scene::flange_from_camera()
+    }
+
+    /// Where the board that the flange camera looks at truly is.
+    pub fn base_from_board(&self) -> Rigid<Base, Board> {
+        base_from_board(&self.print)
+    }
+
+    /// The print.
+    pub fn print(&self) -> &BoardPrint {
+        &self.print
+    }
+
+    /// Shots of the fixed camera, the board on the flange.
+    pub fn fixed_shots(&self, count: usize) -> Vec<BoardShot<Camera>> {
+        let flange_from_board = flange_from_board(&self.print);
+        self.shots(count, 0, &self.scanner(), 760.0, |camera_from_board| {
+            scene::base_from_camera() * *camera_from_board * flange_from_board.inverse()
+        })
+    }
+
+    /// Shots of the flange camera, the board in the cell.
+    pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
+        let base_from_board = base_from_board(&self.print);
+        self.shots(count, 1, &self.flange_camera(), 560.0, |camera_from_board| {
+            base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
+        })
+    }
+
+    /// Pictures of the board held near this camera by hand, filling the picture: for the lens.
+    pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
+        // The whole rim is to fill about 0.8 of the picture's width where it faces the camera.
+        let [low, right, ..] = self.print.rim();
+        let distance_mm = low.distance_mm(right) * camera.fx_px / (0.8 * camera.width_px as f64);
+        let nowhere = |_: &Rigid<C, Board>| Rigid::claim(Isometry3::identity());
+        let mut shots = self.shots(count, 2, camera, distance_mm, nowhere);
+        shots.iter_mut().for_each(|shot| shot.index += LENS_INDEX);
+        shots
+    }
+
+    /// The panel's middle, as the fixed camera sees it.
+    pub fn panel_middle(&self) -> Point<Camera> {
+        scene::base_from_camera().inverse() * Point::new(super::shape::CENTRE_MM.into())
+    }
+
+    fn shots<C: Frame>(
+        &self,
+        count: usize,
+        arrangement: u64,
+        camera: &PinholeCamera,
+        distance_mm: f64,
+        flange: impl Fn(&Rigid<C, Board>) -> Rigid<Base, Flange>,
+    ) -> Vec<BoardShot<C>> {
+        let mut normal = Normal::new(self.seed.stream(Purpose::BoardPose, arrangement));
+        (0..count as u64)
+            .map(|index| {
+                let camera_from_board = self.draw(&mut normal, camera, distance_mm);
+                let shift = Vector3::from_fn(|_, _| normal.next()) * self.robot.shift_mm;
+                let turn = Vector3::from_fn(|_, _| normal.next()) * Degrees(self.robot.turn_deg).rad();
+                let off: Rigid<Flange, Flange> = Rigid::claim(Isometry3::new(shift, turn));
+                BoardShot { index, base_from_flange: flange(&camera_from_board) * off, camera_from_board }
+            })
+            .collect()
+    }
+
+    fn draw<C: Frame>(&self, normal: &mut Normal, camera: &PinholeCamera, distance_mm: f64) -> Rigid<C, Board> {
+        for _ in 0..MAX_DRAWS {
+            let mut spread = |reach: f64| (2.0 * normal.share() - 1.0) * reach;
+            let depth = distance_mm * (1.0 + spread(0.15));
+            let middle = Vector3::new(spread(0.22) * depth, spread(0.14) * depth, depth);
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.6), spread(0.6), 0.0))
+                * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(0.6));
+            let camera_from_board: Rigid<C, Board> = held(middle, turn, &self.print);
+            let inside = |pixel: Pixel| {
+                let within = |at: f64, size: usize| at > MARGIN_PX && at < size as f64 - MARGIN_PX;
+                within(pixel.u, camera.width_px) && within(pixel.v, camera.height_px)
+            };
+            let seen = |corner: &Point<Board>| camera.project(camera_from_board * *corner).is_some_and(inside);
+            if self.print.rim().iter().all(seen) {
+                return camera_from_board;
+            }
+        }
+        unreachable!("a board of this size fits into the picture somewhere")
+    }
+
+    /// The shot as a picture.
+    pub fn picture<C: Frame>(&self, camera: &PinholeCamera, shot: &BoardShot<C>) -> GrayPicture {
+        let seed = self.seed.child(Purpose::BoardPicture, shot.index);
+        self.print.picture(camera, &shot.camera_from_board, (&self.pixels, seed))
+    }
+
+    /// Its corners without rendering, with this much noise each way.
+    pub fn corners<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        shot: &BoardShot<C>,
+        noise_px: f64,
+    ) -> Vec<(Point<Board>, Pixel)> {
+        let mut normal = Normal::new(self.seed.stream(Purpose::BoardCorners, shot.index));
+        let corners = self.print.corners().into_iter().map(|corner| {
+            let (du, dv) = (normal.next() * noise_px, normal.next() * noise_px);
+            let Some(pixel) = camera.project(shot.camera_from_board * corner) else {
+                unreachable!("the whole board stands before the camera")
+            };
+            (corner, Pixel::at(pixel.u + du, pixel.v + dv))
+        });
+        corners.collect()
+    }
+
+    /// The fixed camera's shot with the points it measures, with white noise along the ray.
+    pub fn scan(&self, shot: &BoardShot<Camera>, noise_mm: f64) -> OrganizedCloud<Camera> {
+        let (camera, picture) = (self.scanner(), self.picture(&self.scanner(), shot));
+        let mut normal = Normal::new(self.seed.stream(Purpose::BoardScan, shot.index));
+        let points = self.print.points(&camera, &shot.camera_from_board, || normal.next() * noise_mm);
+        let colors = picture.gray.iter().map(|&gray| [gray; 3]).collect();
+        match OrganizedCloud::new(camera.width_px, camera.height_px, points, colors) {
+            Ok(cloud) => cloud,
+            Err(error) => unreachable!("one point and one colour a pixel were made: {error}"),
+        }
+    }
+
+    /// Places of the board as a person touches them with a pointer, with this much noise each way, in the base.
+    pub fn touched(
+        &self,
+        base_from_board: &Rigid<Base, Board>,
+        places: &[Point<Board>],
+        noise_mm: f64,
+    ) -> Vec<Point<Base>> {
+        let mut normal = Normal::new(self.seed.stream(Purpose::Touch, 0));
+        places
+            .iter()
+            .map(|&place| {
+                let noise = Vector3::from_fn(|_, _| normal.next()) * noise_mm;
+                Point::new((*base_from_board * place).mm + noise)
+            })
+            .collect()
+    }
+}

@@ -1,0 +1,176 @@
+//! Calibrations against the renderer's truth, for the tests and for `make bench-calib`.
+#![allow(dead_code)] // Each of the two uses its part.
+
+use panelprep::calib::hand_eye::hand_eye;
+use panelprep::calib::intrinsics::{self, View};
+use panelprep::calib::three_points::{Touched, three_points};
+use panelprep::calib::{Arrangement, Board, HandEye, Seen, Station, detect};
+use panelprep::cell::{FlangeCameraMount, ScannerMount};
+use panelprep::geometry::{Base, PinholeCamera, Point, Rigid, Vector};
+use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
+use rayon::prelude::*;
+
+pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+/// 0.5 mm of absolute error, and the turn that comes with it.
+pub const BAD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.288_675, turn_deg: 0.03 };
+pub const POSES: usize = 15;
+/// Noise of synthetic corners, px: what detection leaves on rendered pictures.
+pub const CORNER_PX: f64 = 0.05;
+
+pub fn board() -> Board {
+    Board::parse("9x6", 25.0).expect("a board")
+}
+
+pub fn cell(seed: u64, robot: RobotNoise) -> BoardCell {
+    BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), robot)
+}
+
+/// A mount with its camera and its truth.
+pub trait Side: Arrangement {
+    const NAME: &'static str;
+    fn camera(cell: &BoardCell) -> PinholeCamera;
+    fn shots(cell: &BoardCell, count: usize) -> Vec<BoardShot<Self::From>>;
+    fn truth(cell: &BoardCell) -> Rigid<Self::To, Self::From>;
+}
+
+impl Side for ScannerMount {
+    const NAME: &'static str = "fixed camera";
+
+    fn camera(cell: &BoardCell) -> PinholeCamera {
+        cell.scanner()
+    }
+
+    fn shots(cell: &BoardCell, count: usize) -> Vec<BoardShot<Self::From>> {
+        cell.fixed_shots(count)
+    }
+
+    fn truth(cell: &BoardCell) -> Rigid<Self::To, Self::From> {
+        cell.base_from_camera()
+    }
+}
+
+impl Side for FlangeCameraMount {
+    const NAME: &'static str = "flange camera";
+
+    fn camera(cell: &BoardCell) -> PinholeCamera {
+        cell.flange_camera()
+    }
+
+    fn shots(cell: &BoardCell, count: usize) -> Vec<BoardShot<Self::From>> {
+        cell.flange_shots(count)
+    }
+
+    fn truth(cell: &BoardCell) -> Rigid<Self::To, Self::From> {
+        cell.flange_from_camera()
+    }
+}
+
+/// Corners of shots without rendering.
+pub fn synthetic<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
+    shots.iter().map(|shot| cell.corners(&A::camera(cell), shot, CORNER_PX)).collect()
+}
+
+/// Corners as found in rendered pictures of full size.
+pub fn rendered<A: Side>(cell: &BoardCell, shots: &[BoardShot<A::From>]) -> Vec<detect::Corners> {
+    let find = |shot: &BoardShot<A::From>| {
+        let picture = cell.picture(&A::camera(cell), shot);
+        detect::detect(&shot.index.to_string(), &picture, &board(), None).expect("a board").corners
+    };
+    shots.par_iter().map(find).collect()
+}
+
+pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> Vec<Station<A::From>> {
+    let station = |(shot, corners): (&BoardShot<A::From>, &detect::Corners)| Station {
+        name: format!("{:02}.png", shot.index),
+        base_from_flange: shot.base_from_flange,
+        seen: Seen::Pixels(corners.clone()),
+    };
+    shots.iter().zip(corners).map(station).collect()
+}
+
+/// Pictures for a lens, more than for a mount.
+const LENS_PICTURES: usize = 25;
+
+/// The camera that this program calibrates, from rendered pictures in which the board fills the picture.
+pub fn own_camera<A: Side>(cell: &BoardCell) -> PinholeCamera {
+    let camera = A::camera(cell);
+    let shots = cell.lens_shots::<A::From>(&camera, LENS_PICTURES);
+    let corners = rendered::<A>(cell, &shots);
+    lens_of(&camera, &corners)
+}
+
+/// The lens from these corners.
+pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> PinholeCamera {
+    let view =
+        |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
+    let views: Vec<View> = corners.iter().enumerate().map(view).collect();
+    let size = (camera.width_px, camera.height_px);
+    intrinsics::calibrate(size, &views, false).expect("a camera").camera
+}
+
+/// How far a calibration is from the truth.
+#[derive(Debug, Clone, Copy)]
+pub struct Error {
+    pub mm: f64,
+    pub deg: f64,
+    pub stated_mm: f64,
+    /// Is the truth in the stated 95 % region?
+    pub held: bool,
+    pub suspects: usize,
+}
+
+pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
+    let (pose, truth) = (found.adjusted.to_from_camera, A::truth(cell));
+    let off: Vector<A::To> = pose * found.at - truth * found.at;
+    Error {
+        mm: off.mm.norm(),
+        deg: (truth.inverse() * pose).turn().0,
+        stated_mm: found.uncertainty_mm,
+        held: found.region_holds(off),
+        suspects: found.suspects.len(),
+    }
+}
+
+/// Many poses on corners, with these intrinsics.
+pub fn many_poses<A: Side>(
+    camera: &PinholeCamera,
+    shots: &[BoardShot<A::From>],
+    corners: &[detect::Corners],
+) -> HandEye<A> {
+    hand_eye(camera, &board(), &stations::<A>(shots, corners), None).expect("calibrated")
+}
+
+/// A three-point calibration of the fixed camera with the board at the panel's place: error at the panel's centre and
+/// at its farthest corner, mm.
+pub fn three_point_errors(seed: u64, noise_mm: f64, is_rendered: bool) -> [f64; 2] {
+    let cell = cell(seed, RobotNoise { shift_mm: 0.0, turn_deg: 0.0 });
+    let camera = cell.scanner();
+    let mut shot = cell.fixed_shots(1)[0];
+    // The operator holds the board where the panel will be, facing the camera more or less.
+    let middle = board().middle().mm.coords;
+    let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.2, -0.25, 0.05));
+    let place = cell.panel_middle().mm.coords - turn * middle;
+    shot.camera_from_board = Rigid::claim(nalgebra::Isometry3::from_parts(place.into(), turn));
+    let base_from_board = cell.base_from_camera() * shot.camera_from_board;
+    let corners = board().corners_to_touch();
+    let places: Vec<_> = corners.iter().map(|&(c, r)| board().corner(c, r).expect("on the board")).collect();
+    let touched: Vec<Touched> = corners
+        .iter()
+        .zip(cell.touched(&base_from_board, &places, noise_mm))
+        .map(|(&corner, place)| Touched { corner, place })
+        .collect();
+    let seen = if is_rendered {
+        let picture = cell.picture(&camera, &shot);
+        detect::detect("board.png", &picture, &board(), None).expect("a board").corners
+    } else {
+        cell.corners(&camera, &shot, CORNER_PX)
+    };
+    let found = three_points::<ScannerMount>(&camera, &board(), &Seen::Pixels(seen), &touched, None);
+    let found = found.expect("calibrated");
+    let truth = cell.base_from_camera();
+    let off = |point: Point<_>| found.to_from_camera.distance_at_mm(truth, point);
+    let centre: Point<Base> = Point::at(560.0, 0.0, 360.0);
+    let panel = panelprep::sim::Cell::new(1, panelprep::sim::Scene::Clean, 8).truth().outline();
+    let corner = panel.iter().map(|p| off(truth.inverse() * Point::<Base>::new(p.mm))).fold(0.0, f64::max);
+    [off(truth.inverse() * centre), corner]
+}
