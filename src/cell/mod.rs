@@ -4,6 +4,7 @@
 //! limits for every panel. File names are relative to the cell file's folder. A file may leave out what a command
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
+mod arm;
 mod calibration;
 mod devices;
 mod limits;
@@ -12,6 +13,7 @@ mod names;
 #[cfg(test)]
 mod tests;
 
+pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use calibration::{Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
 pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
@@ -66,11 +68,12 @@ pub struct Cell {
     io: InputsOutputs,
     calibration: CalibrationFiles,
     limits: Limits,
+    arm: Arm,
 }
 
 /// The keys at the top of a cell's file, by which it is told from other files.
-pub const CELL_KEYS: [&str; 8] =
-    ["store", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits"];
+pub const CELL_KEYS: [&str; 10] =
+    ["store", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits", "arm", "keep_out"];
 
 impl Cell {
     /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
@@ -91,6 +94,7 @@ impl Cell {
         let io = names::take_io(&top.section("io"));
         let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
         let limits = limits::take_limits(&top.section("limits"));
+        let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         top.done();
         Some(Cell {
             store: folder.join(store?),
@@ -101,6 +105,7 @@ impl Cell {
             io: io?,
             calibration: calibration?,
             limits: limits?,
+            arm: arm?,
         })
     }
 
@@ -152,5 +157,10 @@ impl Cell {
     /// The limits that hold for every panel.
     pub fn limits(&self) -> &Limits {
         &self.limits
+    }
+
+    /// The arm and what it must keep out of.
+    pub fn arm(&self) -> &Arm {
+        &self.arm
     }
 }

@@ -7,15 +7,18 @@
 mod coverage;
 mod edge;
 mod gate;
+mod kinematics;
 mod krl;
 mod orientation;
 mod plan;
 mod raster;
+pub mod reach;
 mod waypoint_gate;
 
 pub use coverage::GridCoverage;
 pub use edge::{Outline, Overhang};
 pub use gate::judge;
+pub use kinematics::Kinematics;
 pub use krl::{ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, panel_from_tool};
 pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};

@@ -39,7 +39,7 @@ fn measured(seed: u64, reduction: usize) -> Measured {
     // The true place of the camera: this measures fit and path, not the calibration.
     let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
         .unwrap_or_else(|e| panic!("{e}"));
-    let Fit { surface, deviation } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
+    let Fit { surface, deviation, .. } = fit(&panel, recipe.surface()).unwrap_or_else(|e| panic!("{e}"));
     let grids: Vec<GridId> = panel.region.ids().collect();
     let plan =
         plan(&surface, &panel.region, &grids, &panel.outline, recipe.path()).unwrap_or_else(|e| panic!("{e}"));

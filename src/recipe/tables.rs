@@ -195,15 +195,33 @@ pub(super) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
     Some(inspect)
 }
 
+/// How control points are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitMethod {
+    /// The surface that deviates least from the scan.
+    LeastSquares,
+    /// The thesis's own way (4.5): points of the scan are the control points.
+    Thesis,
+}
+
+impl Choice for FitMethod {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("least-squares", FitMethod::LeastSquares), ("thesis", FitMethod::Thesis)];
+}
+
 settings! {
     /// `[surface]`: how the B-spline surface is fitted (thesis 4.5).
     pub struct Surface {
+        /// How control points are found.
+        method: FitMethod, (), default FitMethod::LeastSquares;
         /// Distance between control points, mm.
         control_spacing_mm: f64, 5.0..=200.0, default 25.0;
         /// Largest root mean square of the fit's residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.2;
         /// Largest share of the region's pixels without a point, percent.
         max_missing_percent: f64, 0.0..=50.0, default 10.0;
+        /// Side of the largest square without a point, mm.
+        max_hole_mm: f64, 1.0..=200.0, default 12.0;
     }
 }
 
