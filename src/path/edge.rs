@@ -46,6 +46,11 @@ impl Outline {
         }
     }
 
+    /// Is there an outline at all?
+    pub(super) fn is_known(&self) -> bool {
+        !self.points.is_empty()
+    }
+
     /// How far a disc of this radius around a contact reaches beyond the outline, mm; 0 where it does not.
     pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
         let distance_mm = self.distance_mm(contact);

@@ -13,7 +13,7 @@ use crate::verdict::{Judgement, Reason};
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
 /// Smallest covered share of each grid, 0…1.
-const MIN_COVERAGE: f64 = 0.95;
+const MIN_COVERAGE: f64 = 0.995;
 /// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
 
@@ -41,7 +41,7 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
-            settings.waypoint_spacing_mm() + settings.approach_mm()
+            settings.waypoint_spacing_mm().max(settings.landing_mm()) + settings.approach_mm() + settings.press_in_mm()
         };
         if step_mm > limit_mm {
             let message =
@@ -67,14 +67,15 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
     let mut reasons = Vec::new();
     for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
         let message = format!(
-            "grid {}: the disc reaches {:.1} %, wanted {:.0} %; a smaller step_over_mm reaches more",
+            "grid {}: the disc reaches {:.2} %, wanted {:.1} %; a smaller step_over_mm reaches more, and so does a larger \
+             edge_overhang_mm beside the panel's outline",
             grid.id,
             100.0 * grid.share(),
             100.0 * MIN_COVERAGE
         );
         reasons.push(Reason::new("coverage", message));
     }
-    if plan.overhang.largest_mm > settings.edge_overhang_mm() {
+    if plan.overhang.share_beyond > 0.0 {
         let message = format!(
             "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
              edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",
