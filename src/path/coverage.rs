@@ -7,6 +7,8 @@ use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
+/// Smallest covered share of each grid, 0…1.
+pub(super) const MIN_COVERAGE: f64 = 0.995;
 /// Distance between samples, mm, about.
 const SAMPLE_MM: f64 = 1.0;
 

@@ -133,18 +133,20 @@ fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
     for pair in executed.windows(2).filter(|pair| pair[1].contact) {
         let (from, to) = (pair[0].panel_from_tool.origin(), pair[1].panel_from_tool.origin());
         let count = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
-        for step in 0..count {
-            let point = from + (to - from) * ((step as f64 + 0.5) / count as f64);
+        for step in 0..=count {
+            let point = from + (to - from) * (step as f64 / count as f64);
             let Some(at) = foot(surface, guess, point) else { continue };
             guess = at;
-            steps.push(Step { at, point: surface.point(at), seconds: pair[1].seconds / count as f64 });
+            // Each end stands for half a step.
+            let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
+            steps.push(Step { at, point: surface.point(at), seconds: pair[1].seconds * share });
         }
     }
     steps
 }
 
 /// The place on the surface below or above a point, by Gauss and Newton; `None` where there is none nearby.
-fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
+pub(super) fn foot(surface: &BSplineSurface, guess: Parameter, point: Point<Panel>) -> Option<Parameter> {
     let mut at = guess;
     for _ in 0..FOOT_STEPS {
         let tangents = surface.tangents(at);

@@ -5,6 +5,7 @@
 //! beyond the panel's outline. Does not know the robot: reach, speed of the axes and keep-out boxes come where it is
 //! known.
 
+use super::coverage::MIN_COVERAGE;
 use super::plan::{Plan, ToolPath, Waypoint};
 use crate::geometry::{Degrees, Panel, Rigid, Tool};
 use crate::recipe;
@@ -12,10 +13,11 @@ use crate::verdict::{Judgement, Reason};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
-/// Smallest covered share of each grid, 0…1.
-const MIN_COVERAGE: f64 = 0.995;
 /// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
+
+/// Lines are moved inwards until the disc reaches no farther than this over what is allowed, mm.
+const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
@@ -75,7 +77,7 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
         );
         reasons.push(Reason::new("coverage", message));
     }
-    if plan.overhang.share_beyond > 0.0 {
+    if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
         let message = format!(
             "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
              edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",

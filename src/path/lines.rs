@@ -10,6 +10,11 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 /// Angles this near to 0 and 90° run along u and v.
 const ALONG_DEG: f64 = 0.01;
 
+/// Neighbouring turns of a spiral with corners are not parallel: near its middle they are farther apart than their
+/// depths, by up to these shares.
+const WINDING: f64 = 0.85;
+const STEPPED: f64 = 0.85;
+
 /// Lines over a patch.
 #[derive(Debug, Clone)]
 pub(super) struct Lines {
@@ -28,7 +33,7 @@ pub(super) fn lines(
     spacing_mm: f64,
 ) -> Result<Lines, RasterError> {
     let laying = Laying { along: Along::U, insets, step_over_mm: settings.step_over_mm(), spacing_mm };
-    let rings = || Rings::new(surface, patch, insets, settings.step_over_mm());
+    let rings = |share: f64| Rings::new(surface, patch, insets, share * settings.step_over_mm());
     let around = |rings: Vec<[Vec<Parameter>; 4]>| -> Lines {
         let resample = |side: &Vec<Parameter>| resampled(surface, side, [0.0; 2], spacing_mm);
         let rings: Vec<[Vec<Parameter>; 4]> = rings.iter().map(|ring| ring.each_ref().map(resample)).collect();
@@ -39,7 +44,9 @@ pub(super) fn lines(
         Lines { track: joined(surface, &rings.concat(), spacing_mm), neighbours }
     };
     Ok(match settings.pattern() {
-        Pattern::Raster => there_and_back(surface, rows_at(surface, patch, &laying, settings.feed_angle_deg())?, spacing_mm),
+        Pattern::Raster => {
+            there_and_back(surface, rows_at(surface, patch, &laying, settings.feed_angle_deg())?, spacing_mm)
+        }
         Pattern::CrossHatch => {
             let angle_deg = settings.feed_angle_deg();
             let other_deg = if angle_deg > 0.0 { angle_deg - 90.0 } else { angle_deg + 90.0 };
@@ -47,9 +54,9 @@ pub(super) fn lines(
             let second = there_and_back(surface, rows_at(surface, patch, &laying, other_deg)?, spacing_mm);
             crossed(surface, first, second, spacing_mm)
         }
-        Pattern::Offset => around(rings().closed()?),
-        Pattern::OffsetSpiral => around(rings().stepped()?),
-        Pattern::Spiral => around(rings().winding()?),
+        Pattern::Offset => around(rings(1.0).closed()?),
+        Pattern::OffsetSpiral => around(rings(STEPPED).stepped()?),
+        Pattern::Spiral => around(rings(WINDING).winding()?),
     })
 }
 

@@ -8,7 +8,7 @@
 
 use super::areas::{Area, areas, order};
 use super::contact::tool_path;
-use super::coverage::{GridCoverage, coverage, step_overs_mm};
+use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm};
 use super::edge::{Outline, Overhang};
 use super::lines::{Lines, lines};
 use super::orientation::OrientationError;
@@ -123,7 +123,7 @@ pub(super) struct Piece {
 }
 
 /// Times that lines are laid again because the disc reaches too far beyond the outline.
-const OUTLINE_ROUNDS: usize = 4;
+const OUTLINE_ROUNDS: usize = 16;
 /// A disc that reaches this much farther than allowed is right, mm.
 const OUTLINE_EXACT_MM: f64 = 0.01;
 /// Places on each side of a patch at which its bend is looked at.
@@ -202,28 +202,39 @@ fn piece(
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let spacing_mm = spacing_mm(surface, &area.patch, settings);
     let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
+    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
+    let covered = |track: &[Point<Panel>]| -> Vec<GridCoverage> {
+        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), track, radius_mm)).collect()
+    };
     let mut insets = Insets::of_disc(settings);
     let mut round = 0;
-    let (Lines { track, neighbours }, on_track, overhangs_mm) = loop {
+    let (Lines { track, neighbours }, overhangs_mm, coverage) = loop {
         let laid = lines(surface, &area.patch, insets, settings, spacing_mm)
             .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
         let on_track = on_surface(&laid.track);
         let overhangs_mm: Vec<f64> =
             on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
-        let allowed_mm = settings.edge_overhang_mm();
-        let beyond = |mm: &f64| *mm > allowed_mm + OUTLINE_EXACT_MM;
-        if round == OUTLINE_ROUNDS || !outline.is_known() || !overhangs_mm.iter().any(beyond) {
-            break (laid, on_track, overhangs_mm);
-        }
-        for (at, mm) in laid.track.iter().zip(&overhangs_mm).filter(|(_, mm)| beyond(mm)) {
-            insets.keep_off(surface, (&area.patch, *at), mm - allowed_mm);
-        }
-        insets.settle();
         round += 1;
+        if round < OUTLINE_ROUNDS && outline.is_known() {
+            let allowed_mm = settings.edge_overhang_mm();
+            let mut beyond = false;
+            for ((at, point), mm) in laid.track.iter().zip(&on_track).zip(&overhangs_mm) {
+                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm + OUTLINE_EXACT_MM) {
+                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm);
+                    beyond = true;
+                }
+            }
+            if beyond {
+                insets.settle();
+                continue;
+            }
+        }
+        let coverage = covered(&on_track);
+        let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
+        if !(round < OUTLINE_ROUNDS && short && insets.give_way()) {
+            break (laid, overhangs_mm, coverage);
+        }
     };
-    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
-    let coverage =
-        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &on_track, radius_mm)).collect();
     let step_overs_mm = neighbours
         .iter()
         .flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next)))

@@ -18,6 +18,7 @@
 
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
+use nalgebra::Vector3;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
 const INSET_RADII: f64 = 0.6;
@@ -93,31 +94,22 @@ pub(super) struct Insets {
     pub v: [f64; 2],
     /// What each side is to keep farther off: lowest u, highest u, lowest v, highest v.
     pub more: [f64; 4],
+    /// Which of them were pushed off before.
+    pub pushed: [bool; 4],
 }
 
 impl Insets {
     /// Those that the disc alone asks for.
     pub fn of_disc(settings: &recipe::Path) -> Self {
         let inset_mm = INSET_RADII * settings.disc_diameter_mm() / 2.0;
-        Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4] }
+        Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
     }
 
-    /// Notes that at this place the disc reaches too far beyond the outline: the nearest side is to keep farther off.
-    pub fn keep_off(
-        &mut self,
-        surface: &BSplineSurface,
-        (patch, at): (&Patch, Parameter),
-        excess_mm: f64,
-    ) {
-        let tangents = surface.tangents(at);
-        let (per_u, per_v) = (tangents.s_u.mm.norm(), tangents.s_v.mm.norm());
-        let away = [
-            (at.u - patch.low.u) * per_u,
-            (patch.high.u - at.u) * per_u,
-            (at.v - patch.low.v) * per_v,
-            (patch.high.v - at.v) * per_v,
-        ];
-        let side = (0..4).fold(0, |nearest, side| if away[side] < away[nearest] { side } else { nearest });
+    /// Notes that at this place the disc reaches too far: the side towards which it does is to keep farther off.
+    pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
+        let (along_u, along_v) = (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
+        let towards = [-along_u, along_u, -along_v, along_v];
+        let side = (0..4).fold(0, |most, side| if towards[side] > towards[most] { side } else { most });
         self.more[side] = self.more[side].max(excess_mm);
     }
 
@@ -126,7 +118,21 @@ impl Insets {
         for (side, more) in std::mem::take(&mut self.more).into_iter().enumerate() {
             let insets = if side < 2 { &mut self.u } else { &mut self.v };
             insets[side % 2] += more;
+            self.pushed[side] |= more > 0.0;
         }
+    }
+
+    /// Sides that no outline has pushed give way up to their border: the disc laps onto the neighbours by its radius.
+    /// False where no side was pushed, or all gave way before.
+    pub fn give_way(&mut self) -> bool {
+        let free: Vec<usize> = (0..4).filter(|side| !self.pushed[*side]).collect();
+        let mut gave = false;
+        for side in free.into_iter().filter(|_| self.pushed.contains(&true)) {
+            let insets = if side < 2 { &mut self.u } else { &mut self.v };
+            gave |= insets[side % 2] > 0.0;
+            insets[side % 2] = 0.0;
+        }
+        gave
     }
 
     pub fn at_ends(&self, along: Along) -> [f64; 2] {
@@ -256,10 +262,15 @@ fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<V
         }
         let left_mm = width_mm - low_mm - high_mm;
         // No room for both insets: one row, as far from each border as they are to one another.
-        let first_mm = if left_mm > 0.0 { low_mm } else { width_mm * low_mm / (low_mm + high_mm).max(1e-9) };
+        let first_mm = if left_mm > 0.0 { low_mm } else { between_insets_mm(width_mm, [low_mm, high_mm]) };
         Ok(Column { at: along.along(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
     (0..=pieces).map(column).collect()
+}
+
+/// Where one line goes that has no room for both insets, from the low border, mm: as far beyond either.
+pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
+    ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
 }
 
 /// The place on the column of `from` that lies this far across the rows, towards larger parameters.

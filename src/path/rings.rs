@@ -4,7 +4,7 @@
 //! beyond that border's inset. Depths are equal steps r' = h / ceil(h / r) ≤ r down to h, half of what the insets leave of
 //! the patch's shorter side; the innermost ring is the line or the point in the middle.
 
-use super::raster::{Along, Insets, RasterError, across_from, mix};
+use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
 /// Steps of the search for a ring's corner, where two borders meet; each gains about three digits.
@@ -33,7 +33,8 @@ impl<'a> Rings<'a> {
         let (u_mm, v_mm) = (length(Along::U), length(Along::V));
         // No room for both insets: the ring shrinks to a line or a point between them.
         let shrunk = |length_mm: f64, inset: [f64; 2]| {
-            inset.map(|mm| mm * (length_mm / (inset[0] + inset[1]).max(1e-9)).min(1.0))
+            let low_mm = between_insets_mm(length_mm, inset);
+            if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
         };
         let insets = Insets { u: shrunk(u_mm, insets.u), v: shrunk(v_mm, insets.v), ..insets };
         let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
