@@ -1,7 +1,7 @@
 //! Random paths through every gate before motion: the good ones pass, and one planted defect refuses all of a path.
 
 use super::kinematics::{Kinematics, joints};
-use super::reach::{Leg, Obstacle, follow};
+use super::reach::{Leg, Obstacle, Singular, follow};
 use super::{Route, WaypointLimits, judge_route};
 use crate::cell::{Cell, Workspace};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Point, Rigid, Tool, Vector};
@@ -48,8 +48,9 @@ impl Gates {
     }
 }
 
-/// A path like one over an upright panel: rows of 10 mm steps, the tool along X, leaning a little.
-fn good(random: &mut Pcg64Mcg, gates: &Gates) -> (Joints, Vec<Leg>) {
+/// A path like one over an upright panel: rows of 10 mm steps, the tool along X, leaning a little; `None` for the few
+/// that come too near to the wrist's pole whatever the configuration.
+fn good(random: &mut Pcg64Mcg, gates: &Gates) -> Option<(Joints, Vec<Leg>)> {
     let mut share = |low: f64, high: f64| low + (high - low) * random.random::<f64>();
     let (x, y, z) = (share(480.0, 560.0), share(-60.0, 60.0), share(300.0, 440.0));
     let (lean_y, lean_z, bend) = (share(-8.0, 8.0), share(-8.0, 8.0), share(-0.4, 0.4));
@@ -71,8 +72,8 @@ fn good(random: &mut Pcg64Mcg, gates: &Gates) -> (Joints, Vec<Leg>) {
     // The arm stands 15 mm before the first point.
     let before = KukaPose { x_mm: x - 15.0, ..KukaPose::from_rigid(&legs[0].base_from_tool) };
     let start = Leg { base_from_tool: before.to_rigid(), feed_mm_s: 50.0, blend_mm: 0.0 };
-    let travel = follow(&gates.arm, gates.flange_from_tool, None, &[start]).expect("the start is in reach");
-    (travel.joints[0], legs)
+    let whole: Vec<Leg> = std::iter::once(start).chain(legs.iter().copied()).collect();
+    follow(&gates.arm, gates.flange_from_tool, None, &whole).ok().map(|travel| (travel.joints[0], legs))
 }
 
 /// Puts one defect into a path; its name.
@@ -106,14 +107,21 @@ fn turned(pose: Rigid<Base, Tool>, deg: f64) -> Rigid<Base, Tool> {
 fn run(paths: usize) {
     let gates = Gates::new();
     let mut random = Pcg64Mcg::seed_from_u64(11);
+    let mut barren = 0;
     for path in 0..paths {
-        let (mut from, mut legs) = good(&mut random, &gates);
+        let (mut from, mut legs) = loop {
+            match good(&mut random, &gates) {
+                Some(good) => break good,
+                None => barren += 1,
+            }
+        };
         if let Err(reason) = gates.pass(&from, &legs) {
             panic!("good path {path}: {reason}");
         }
         spoil(&mut random, &mut from, &mut legs);
         assert!(gates.pass(&from, &legs).is_err(), "planted path {path}: {from:?} {legs:?}");
     }
+    assert!(barren * 4 < paths, "{barren} of {paths} paths were no paths");
 }
 
 #[test]
@@ -142,8 +150,16 @@ fn every_obstacle_of_the_arm_has_its_name() {
     let Obstacle::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else { panic!("reached") };
     assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
     // By hand: at home the wrist is straight, axis 5 at 0; the tip 480 + 120 mm out at 760.
-    assert!(matches!(refused(&[leg(600.0, 0.0, 760.0)]), Obstacle::Singular { .. }));
-    assert!(matches!(refused(&[leg(380.0, 300.0, 500.0)]), Obstacle::KeepOut { part: "tool", .. }));
+    let from = |arm: &Kinematics, angles: [f64; 6], to: Leg| {
+        follow(arm, gates.flange_from_tool, Some(&joints(angles)), &[to]).expect_err("refused").obstacle
+    };
+    let straight = from(&gates.arm, [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], leg(600.0, 0.0, 760.0));
+    assert!(matches!(straight, Obstacle::Singular { which: Singular::Wrist, .. }), "{straight:?}");
+    let free = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm());
+    let beside = leg(380.0, 240.0, 500.0);
+    let there = follow(&free, gates.flange_from_tool, None, &[beside]).expect("nothing in the way").joints[0];
+    let kept = from(&gates.arm, super::kinematics::angles(&there), beside);
+    assert!(matches!(&kept, Obstacle::KeepOut { name, .. } if name == "rack"), "{kept:?}");
     assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Obstacle::NotFinite));
     let fast = Leg { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };
     assert!(matches!(refused(&[leg(560.0, 60.0, 400.0), fast]), Obstacle::AxisSpeed { .. }));

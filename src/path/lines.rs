@@ -11,9 +11,8 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 const ALONG_DEG: f64 = 0.01;
 
 /// Neighbouring turns of a spiral with corners are not parallel: near its middle they are farther apart than their
-/// depths, by up to these shares.
+/// depths, by up to 15 %.
 const WINDING: f64 = 0.85;
-const STEPPED: f64 = 0.85;
 
 /// Lines over a patch.
 #[derive(Debug, Clone)]
@@ -55,7 +54,7 @@ pub(super) fn lines(
             crossed(surface, first, second, spacing_mm)
         }
         Pattern::Offset => around(rings(1.0).closed()?),
-        Pattern::OffsetSpiral => around(rings(STEPPED).stepped()?),
+        Pattern::OffsetSpiral => around(rings(1.0).stepped()?),
         Pattern::Spiral => around(rings(WINDING).winding()?),
     })
 }

@@ -52,13 +52,18 @@ impl<'a> Rings<'a> {
         (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
     }
 
-    /// As [`Rings::closed`], the last side of each ring leading to the next one.
+    /// As [`Rings::closed`], the last side of each ring going over to the corner of the next one where it meets that.
     pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
-        let sides = |ring: usize| {
-            let (here, next) = (self.depth(ring), self.depth((ring + 1).min(self.steps)));
-            self.sides([here, here, here, here, next])
-        };
-        (0..=self.steps).map(sides).collect()
+        let mut rings = self.closed()?;
+        for ring in 0..self.steps {
+            let next = self.corner([false, false], self.depth(ring + 1))?;
+            let last = &mut rings[ring][SIDES - 1];
+            last.retain(|at| at.v > next.v);
+            if let Some(at) = last.last().copied() {
+                last.push(self.at_depth(Along::V, Parameter { v: next.v, ..at }, false, self.depth(ring))?);
+            }
+        }
+        Ok(rings)
     }
 
     /// One ring, then turns that go inwards all the time, then the innermost ring.

@@ -458,13 +458,13 @@ DEF PANEL_1()
 BAS(#INITMOV, 0)
 ; $TOOL = TOOL_DATA[1] ; the sanding tool, Z out of the pad
 $BASE = {X 600.500, Y 0.000, Z 0.000, A -1.2500, B 0.0000, C 0.0000} ; where the panel stands
-$VEL.CP = 0.0600 ; m/s
-$APO.CDIS = 1.0 ; mm
+$ACC.CP = 1.000 ; m/s2
 PTP $AXIS_ACT ; block coincidence, no motion
 ; grid r1c1
-LIN {X 6.000, Y 6.000, Z 40.000, A 0.0000, B 0.0000, C 180.0000} C_DIS
+$VEL.CP = 0.0600 ; m/s
+LIN {X 6.000, Y 6.000, Z 40.000, A 0.0000, B 0.0000, C 180.0000}
 ; contact
-LIN {X 6.000, Y 6.000, Z 0.000, A 0.0000, B 0.0000, C 180.0000} C_DIS
+LIN {X 6.000, Y 6.000, Z 0.000, A 0.0000, B 0.0000, C 180.0000}
 ; air
 LIN {X 6.000, Y 6.000, Z 40.000, A 0.0000, B 0.0000, C 180.0000}
 END
