@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-surface
 
 help:
 	@echo 'make demo    render a cell, locate, inspect and plan on its files, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect
+bench: bench-seeds bench-inspect bench-surface
 
 # Ten seeds from rendering to the planned path, against the renderer's truth.
 bench-seeds: setup
@@ -52,3 +52,12 @@ bench-seeds: setup
 # The water-break test alone, on more films.
 bench-inspect: setup
 	cargo bench --locked --bench inspect
+
+# The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/.
+PEERS := target/bench-surface
+bench-surface: setup
+	@test -x $(PEERS)/bin/python || { \
+	  python3 -m venv $(PEERS) && $(PEERS)/bin/pip install --quiet 'geomdl==5.4.0' 'scipy>=1.11'; } || { \
+	  rm -rf $(PEERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
+	if test -x $(PEERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(PEERS)/bin/python; fi; \
+	  cargo bench --locked --bench surface

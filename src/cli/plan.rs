@@ -120,8 +120,9 @@ fn on_surface(
     recipe: &Recipe,
 ) -> Result<Planned, Fault> {
     let panel = &taught.panel;
-    let plan =
-        path::plan(&fit.surface, &panel.region, grids, &panel.outline, recipe.path()).map_err(Fault::stage)?;
+    let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
+    let plan = path::plan_around(&fit.surface, &panel.region, grids, (&panel.outline, &holes), recipe.path());
+    let plan = plan.map_err(Fault::stage)?;
     let judgement = path::judge(&plan, recipe.path());
     Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel), fit })
 }

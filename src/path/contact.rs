@@ -2,8 +2,8 @@
 //!
 //! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
 //! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The
-//! landing's way runs over the area's own middle, so nothing outside of it is touched. In contact the tool's point
-//! goes into the panel by the press-in, which the pad takes up. The feed is the recipe's, or less where the controller
+//! landing's way runs over the area's own middle, so nothing outside of it is touched. Over a hole it goes on at the
+//! landing height. In contact the tool's point goes into the panel by the press-in, which the pad takes up. The feed is the recipe's, or less where the controller
 //! could not plan lines so short in time (`eki` 4.2); corners are rounded by a share of the shorter line beside them,
 //! at least never by more than half of it. A path stops at its ends alone, and on the panel where it comes straight down.
 
@@ -36,13 +36,16 @@ pub(super) fn tool_path(
     let (down, up) = (beside(surface, piece, first, settings), beside(surface, piece, last, settings));
     let air = |at: Parameter| Station { at, height_mm: settings.approach_mm(), contact: false };
     let low = |at: Parameter| Station { at, height_mm: settings.landing_height_mm(), contact: false };
-    let on = |at: &Parameter| Station { at: *at, height_mm: -settings.press_in_mm(), contact: true };
+    let on = |(at, contact): (&Parameter, &bool)| {
+        let height_mm = if *contact { -settings.press_in_mm() } else { settings.landing_height_mm() };
+        Station { at: *at, height_mm, contact: *contact }
+    };
     let mut stations: Vec<Station> = Vec::with_capacity(piece.track.len() + 8);
     let flown = before.into_iter().flat_map(|from| between(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
     stations.push(air(down.unwrap_or(first)));
     stations.extend(down.map(low));
-    stations.extend(piece.track.iter().map(on));
+    stations.extend(piece.track.iter().zip(&piece.contact).map(on));
     stations.extend(up.map(low));
     stations.push(air(up.unwrap_or(last)));
     Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))

@@ -30,11 +30,21 @@ impl GridCoverage {
     }
 }
 
-/// What a contact track reaches of a grid.
+/// A straight piece of track in contact.
+pub(super) type Stroke = (Point<Panel>, Point<Panel>);
+
+/// The pieces between neighbouring places that are both in contact; a single place is its own piece.
+pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
+    let single = track.first().filter(|_| track.len() == 1 && contact(0)).map(|at| (*at, *at));
+    let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
+    pairs.map(|(_, pair)| (pair[0], pair[1])).chain(single).collect()
+}
+
+/// What strokes of the disc reach of a grid.
 pub(super) fn coverage(
     surface: &BSplineSurface,
     (id, patch): (GridId, &Patch),
-    track: &[Point<Panel>],
+    strokes: &[Stroke],
     radius_mm: f64,
 ) -> GridCoverage {
     let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
@@ -44,12 +54,10 @@ pub(super) fn coverage(
     // Of a long track only what comes near.
     let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.at(Parameter { u, v }))));
     let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
-    let near = |piece: &(Point<Panel>, Point<Panel>)| {
+    let near = |piece: &&Stroke| {
         foot(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM
     };
-    let single = track.first().filter(|_| track.len() == 1).map(|at| (*at, *at));
-    let all = track.windows(2).map(|pair| (pair[0], pair[1])).chain(single);
-    let track: Vec<(Point<Panel>, Point<Panel>)> = all.filter(near).collect();
+    let track: Vec<&Stroke> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
     // Neighbouring samples are mostly covered by the same piece of track.

@@ -25,6 +25,26 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     Judgement::of(reject, shortfalls(plan, settings))
 }
 
+/// Largest share of the pad's stroke that the error at the tool may take.
+const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
+
+/// Accepts a press-in, or rejects it: the pad must take up the error at the tool (`[limits] tool_error_mm`) three times.
+pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
+    let (Some(stroke_mm), true) = (settings.pad_stroke_mm(), settings.press_in_mm() > 0.0) else {
+        return Judgement::of(vec![], vec![]);
+    };
+    let allowed_mm = ERROR_OF_STROKE * stroke_mm;
+    let message = match tool_error_mm {
+        Some(error_mm) if error_mm <= allowed_mm => return Judgement::of(vec![], vec![]),
+        Some(error_mm) => format!(
+            "the error at the tool is {error_mm:.2} mm, a pad of {stroke_mm} mm stroke takes up {allowed_mm:.2}; a softer \
+             pad takes up more"
+        ),
+        None => "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned(),
+    };
+    Judgement::of(vec![Reason::new("pad_stroke", message)], vec![])
+}
+
 fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
     if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.pose.is_finite()) {

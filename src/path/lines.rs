@@ -42,7 +42,7 @@ pub(super) fn lines(
         let neighbours = rings.windows(2).flat_map(beside).collect();
         Lines { track: joined(surface, &rings.concat(), spacing_mm), neighbours }
     };
-    Ok(match settings.pattern() {
+    let laid = match settings.pattern() {
         Pattern::Raster => {
             there_and_back(surface, rows_at(surface, patch, &laying, settings.feed_angle_deg())?, spacing_mm)
         }
@@ -56,7 +56,18 @@ pub(super) fn lines(
         Pattern::Offset => around(rings(1.0).closed()?),
         Pattern::OffsetSpiral => around(rings(1.0).stepped()?),
         Pattern::Spiral => around(rings(WINDING).winding()?),
-    })
+    };
+    let in_rows = matches!(settings.pattern(), Pattern::Raster | Pattern::CrossHatch);
+    if !(in_rows && is_slanted(settings.feed_angle_deg())) {
+        return Ok(laid);
+    }
+    // Rows that meet the border aslant leave teeth there: a contour first.
+    let contour = around(rings(1.0).closed()?.into_iter().take(1).collect());
+    Ok(Lines { track: joined(surface, &[contour.track, laid.track], spacing_mm), ..laid })
+}
+
+fn is_slanted(angle_deg: f64) -> bool {
+    angle_deg.abs() >= ALONG_DEG && (angle_deg.abs() - 90.0).abs() >= ALONG_DEG
 }
 
 fn rows_at(
@@ -65,12 +76,12 @@ fn rows_at(
     laying: &Laying,
     angle_deg: f64,
 ) -> Result<Vec<Vec<Parameter>>, RasterError> {
-    if angle_deg.abs() < ALONG_DEG {
-        rows(surface, patch, laying)
-    } else if (angle_deg.abs() - 90.0).abs() < ALONG_DEG {
-        rows(surface, patch, &Laying { along: Along::V, ..*laying })
-    } else {
+    if is_slanted(angle_deg) {
         slanted::rows(surface, patch, (laying, Degrees(angle_deg)))
+    } else if angle_deg.abs() < ALONG_DEG {
+        rows(surface, patch, laying)
+    } else {
+        rows(surface, patch, &Laying { along: Along::V, ..*laying })
     }
 }
 

@@ -27,11 +27,11 @@ mod waypoint_gate;
 
 pub use coverage::GridCoverage;
 pub use edge::{Outline, Overhang};
-pub use gate::judge;
+pub use gate::{judge, judge_pad};
 pub use kinematics::Kinematics;
 pub use krl::{ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
-pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan};
+pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan, plan_around};
 pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 

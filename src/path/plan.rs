@@ -8,7 +8,7 @@
 
 use super::areas::{Area, areas, order};
 use super::contact::tool_path;
-use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm};
+use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
 use super::edge::{Outline, Overhang};
 use super::lines::{Lines, lines};
 use super::orientation::OrientationError;
@@ -16,7 +16,7 @@ use super::raster::{Insets, RasterError};
 use crate::geometry::{KukaPose, Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Holes, Parameter, Patch};
 use rayon::prelude::*;
 
 /// One pose to move to in a straight line.
@@ -116,6 +116,8 @@ pub enum PlanError {
 pub(super) struct Piece {
     pub area: Area,
     pub track: Vec<Parameter>,
+    /// Is there a panel below each place of the track?
+    pub contact: Vec<bool>,
     pub spacing_mm: f64,
     coverage: Vec<GridCoverage>,
     step_overs_mm: Vec<f64>,
@@ -140,11 +142,38 @@ pub fn plan(
     outline: &[Point<Panel>],
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
+    planned(surface, region, grids, (outline, &|_| true), settings)
+}
+
+/// The same, the tool lifted where the panel has a hole.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_around(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    (outline, holes): (&[Point<Panel>], &Holes),
+    settings: &recipe::Path,
+) -> Result<Plan, PlanError> {
+    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), settings)
+}
+
+/// Is there a panel at a place?
+type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+
+fn planned(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    (outline, there): (&[Point<Panel>], There<'_>),
+    settings: &recipe::Path,
+) -> Result<Plan, PlanError> {
     refuse_unknown(region, grids)?;
     let outline = Outline::new(outline);
     let areas = areas(region, grids, settings.join_grids());
     let pieces: Vec<Result<Piece, PlanError>> =
-        areas.into_par_iter().map(|area| piece(surface, region, area, &outline, settings)).collect();
+        areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
     let pieces = ordered(surface, pieces);
     let mut before = None;
@@ -186,6 +215,7 @@ fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
         let mut piece = pieces[index].clone();
         if turned {
             piece.track.reverse();
+            piece.contact.reverse();
         }
         piece
     };
@@ -196,19 +226,20 @@ fn piece(
     surface: &BSplineSurface,
     region: &Region,
     area: Area,
-    outline: &Outline,
+    (outline, there): (&Outline, There<'_>),
     settings: &recipe::Path,
 ) -> Result<Piece, PlanError> {
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let spacing_mm = spacing_mm(surface, &area.patch, settings);
     let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
     let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
-    let covered = |track: &[Point<Panel>]| -> Vec<GridCoverage> {
-        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), track, radius_mm)).collect()
+    let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
+        let strokes = strokes(track, |index| contact[index]);
+        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
     };
     let mut insets = Insets::of_disc(settings);
     let mut round = 0;
-    let (Lines { track, neighbours }, overhangs_mm, coverage) = loop {
+    let (Lines { track, neighbours }, contact, overhangs_mm, coverage) = loop {
         let laid = lines(surface, &area.patch, insets, settings, spacing_mm)
             .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
         let on_track = on_surface(&laid.track);
@@ -229,17 +260,18 @@ fn piece(
                 continue;
             }
         }
-        let coverage = covered(&on_track);
+        let contact: Vec<bool> = laid.track.iter().map(|at| there(*at)).collect();
+        let coverage = covered(&on_track, &contact);
         let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
         if !(round < OUTLINE_ROUNDS && short && insets.give_way()) {
-            break (laid, overhangs_mm, coverage);
+            break (laid, contact, overhangs_mm, coverage);
         }
     };
     let step_overs_mm = neighbours
         .iter()
         .flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next)))
         .collect();
-    Ok(Piece { area, track, spacing_mm, coverage, step_overs_mm, overhangs_mm })
+    Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm })
 }
 
 /// The recipe's spacing, or less where a chord of it would leave the surface by more than the recipe allows: a chord of

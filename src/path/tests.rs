@@ -1,6 +1,6 @@
 //! Rasters, poses and plans on surfaces that can be checked by hand, and on fitted ones.
 
-use super::coverage::coverage;
+use super::coverage::{coverage, strokes};
 use super::*;
 use crate::geometry::{Degrees, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
@@ -107,10 +107,11 @@ fn a_straight_track_covers_a_stadium() {
     let surface = rectangle(50.0, 50.0);
     let id = GridId { row: 1, column: 1 };
     let track = [Point::at(15.0, 25.0, 0.0), Point::at(35.0, 25.0, 0.0)];
-    let found = coverage(&surface, (id, &WHOLE), &track, 5.0);
+    let found = coverage(&surface, (id, &WHOLE), &strokes(&track, |_| true), 5.0);
     assert!((found.area_mm2 - 2_500.0).abs() < 1e-6);
     assert!((found.covered_mm2 - 278.54).abs() < 3.0, "{found:?}");
-    let dot = coverage(&surface, (id, &WHOLE), &track[..1], 5.0);
+    let dot = coverage(&surface, (id, &WHOLE), &strokes(&track[..1], |_| true), 5.0);
+    assert!(strokes(&track, |index| index == 0).is_empty());
     assert!((dot.covered_mm2 - 78.54).abs() < 2.0, "{dot:?}");
 }
 
@@ -262,6 +263,16 @@ fn every_planted_defect_has_its_reason() {
     let review = |code: &'static str| (Verdict::Review, Some(code.into()));
     assert_eq!(planted(|plan| plan.grids[1].covered_mm2 *= 0.94), review("coverage"));
     assert_eq!(planted(|plan| plan.overhang.largest_mm = 2.1), review("edge_overhang"));
+}
+
+/// By hand: a pad of 6 mm takes up 2 mm of error.
+#[test]
+fn a_press_in_needs_a_pad_that_takes_up_the_error() {
+    let pressed = settings("press_in_mm = 2\npad_stroke_mm = 6");
+    assert_eq!(judge_pad(&pressed, Some(2.0)).verdict, Verdict::Accept);
+    assert_eq!(judge_pad(&pressed, Some(2.01)).reasons[0].code, "pad_stroke");
+    assert_eq!(judge_pad(&pressed, None).verdict, Verdict::Reject);
+    assert_eq!(judge_pad(&settings(""), None).verdict, Verdict::Accept, "nothing is pressed");
 }
 
 /// From one grid to another the tool flies at 40 mm, on a cylinder as well.
@@ -426,6 +437,30 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
     assert!(picture.rgb.contains(&[210, 40, 30]) && picture.rgb.len() > 100_000);
     let used = disc::DiscUse::of(&plan, &settings, 0.0);
     assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
+}
+
+/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over it the tool is lifted, beside it nothing changes,
+/// and what was not abraded is said.
+#[test]
+fn the_tool_is_lifted_over_a_hole() {
+    let spoil = Spoil { hole_px: 14.0, ..Spoil::default() };
+    let (fit, region, outline, settings) = fitted(Shape::Plane, spoil, "[surface]\nmax_hole_mm = 60\n");
+    let holes = fit.map.holes(&region, settings.lift_hole_mm());
+    let grids: Vec<GridId> = region.ids().collect();
+    let lifted = plan_around(&fit.surface, &region, &grids, (&outline, &holes), &settings).expect("a plan");
+    let whole = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
+    let (mut over, mut beside) = (0, 0);
+    for waypoint in &lifted.paths[0].waypoints {
+        let pixel = scene::LENS.project(Point::<crate::geometry::Camera>::new(tool(waypoint).origin().mm)).expect("in front");
+        let off_px = (pixel.u - 207.0).abs().max((pixel.v - 150.0).abs());
+        assert!(!(waypoint.contact && off_px < 12.5), "contact at {pixel:?}");
+        over += usize::from(off_px < 12.5);
+        beside += usize::from(waypoint.contact);
+    }
+    assert!(over >= 4 && beside > 400, "{over} {beside}");
+    assert!(lifted.contact_mm < whole.contact_mm && lifted.coverage < whole.coverage);
+    let judgement = judge(&lifted, &settings);
+    assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"));
 }
 
 /// The tool leans about its own axes, and its point stays where it was.

@@ -284,6 +284,8 @@ settings! {
         landing_mm: f64, 0.0..=100.0, default 15.0;
         /// Height above the surface at which that way begins, mm.
         landing_height_mm: f64, 0.5..=50.0, default 3.0;
+        /// The tool is lifted where a hole holds a square of this side, mm; smaller ones it passes over.
+        lift_hole_mm: f64, 1.0..=200.0, default 10.0;
         /// How far the tool's point goes into the panel along the normal: the compression of its pad, mm.
         press_in_mm: f64, 0.0..=50.0, default 0.0;
         /// What the pad can be compressed, mm; a press-in needs it stated.

@@ -314,10 +314,8 @@ impl Look<'_> {
     }
 
     fn hole(&self, map: &DeviationMap) -> (f64, Pixel) {
-        let pixels = self.samples.pixels.iter().sum::<usize>().max(1);
-        let mm_per_px = (self.sides_mm[0] * self.sides_mm[1] / pixels as f64).sqrt();
         let (side_px, at) = map.largest_hole();
-        (side_px as f64 * mm_per_px, at)
+        (side_px as f64 * map.mm_per_px, at)
     }
 
     fn refuse_hole(&self, map: &DeviationMap) -> Result<(), FitError> {
@@ -339,7 +337,9 @@ impl Look<'_> {
                 };
             }
         }
-        DeviationMap { window: samples.window.clone(), pixels }
+        let count = samples.pixels.iter().sum::<usize>().max(1);
+        let mm_per_px = (self.sides_mm[0] * self.sides_mm[1] / count as f64).sqrt();
+        DeviationMap { window: samples.window.clone(), pixels, mm_per_px }
     }
 
     fn deviation(&self, residuals: &[Vec<f64>], limit_mm: f64) -> Deviation {

@@ -22,5 +22,5 @@ mod thesis;
 pub use basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
 pub use bspline::{BSplineSurface, Derivatives, Parameter, SurfaceError, Tangents};
 pub use fit::{Deviation, Fit, FitError, Refusal, examine, fit};
-pub use map::{DeviationMap, MapPixel};
+pub use map::{DeviationMap, Holes, MapPixel};
 pub use patch::Patch;
