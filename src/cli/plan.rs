@@ -181,7 +181,10 @@ impl Planned {
         let disc = DiscUse::of(&self.plan, recipe.path(), 0.0);
         let discs = disc.discs().map_or("not counted, no disc_life_mm2".to_owned(), |discs| format!("{discs:.2}"));
         let mut table = vec![
-            format!("length             {:8.0} mm, {:.0} mm of it in contact", self.plan.length_mm, self.plan.contact_mm),
+            format!(
+                "length             {:8.0} mm, {:.0} mm of it in contact",
+                self.plan.length_mm, self.plan.contact_mm
+            ),
             format!(
                 "time               {:8.1} s at {:.0} mm/s and {:.0} mm/s²",
                 self.plan.duration_s,
@@ -189,7 +192,11 @@ impl Planned {
                 recipe.path().acceleration_mm_s2()
             ),
             format!("swept by the disc  {:8.0} mm², discs: {discs}", disc.swept_mm2),
-            format!("covered            {:8.2} %, longest under the disc {:.2} s", 100.0 * dwell.share(), dwell.longest_s()),
+            format!(
+                "covered            {:8.2} %, longest under the disc {:.2} s",
+                100.0 * dwell.share(),
+                dwell.longest_s()
+            ),
             "grid      covered %   overlap %   left mm²   mean s".to_owned(),
         ];
         table.extend(dwell.grids.iter().map(|grid| {

@@ -134,7 +134,8 @@ mod tests {
     /// By hand: pieces from 0 to 10, 50 to 60 and 20 to 30 on a line are worked from left to right or back: 10 + 20 mm.
     #[test]
     fn the_way_through_the_air_is_short() {
-        let ends = [[0.0, 10.0], [60.0, 50.0], [20.0, 30.0]].map(|pair: [f64; 2]| pair.map(|x| Point::at(x, 0.0, 0.0)));
+        let ends =
+            [[0.0, 10.0], [60.0, 50.0], [20.0, 30.0]].map(|pair: [f64; 2]| pair.map(|x| Point::at(x, 0.0, 0.0)));
         let order = order(&ends);
         assert!((way_mm(&ends, &order) - 30.0).abs() < 1e-9, "{order:?}");
         assert_eq!(super::order(&[]), []);

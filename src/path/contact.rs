@@ -53,12 +53,7 @@ pub(super) fn tool_path(
 
 /// A place the landing's way from an end of the track, towards the middle of the area, or away from an end that lies
 /// there itself; `None` where the recipe lands straight down.
-fn beside(
-    surface: &BSplineSurface,
-    piece: &Piece,
-    end: Parameter,
-    settings: &recipe::Path,
-) -> Option<Parameter> {
+fn beside(surface: &BSplineSurface, piece: &Piece, end: Parameter, settings: &recipe::Path) -> Option<Parameter> {
     let landing_mm = settings.landing_mm();
     let from = surface.point(end);
     let corners = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
@@ -79,7 +74,8 @@ fn waypoints(
     let stance = Stance::of(settings);
     let pose = |station: &Station| panel_from_tool(surface, station.at, station.height_mm, stance);
     let poses = stations.iter().map(pose).collect::<Result<Vec<Rigid<Panel, Tool>>, _>>()?;
-    let lengths_mm: Vec<f64> = poses.windows(2).map(|pair| pair[0].origin().distance_mm(pair[1].origin())).collect();
+    let lengths_mm: Vec<f64> =
+        poses.windows(2).map(|pair| pair[0].origin().distance_mm(pair[1].origin())).collect();
     let planning_s = settings.planning_time_ms() / 1_000.0;
     let waypoint = |(index, station): (usize, &Station)| {
         let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
@@ -88,7 +84,8 @@ fn waypoints(
         let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
         let straight_down = settings.landing_mm() == 0.0
             && station.contact
-            && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n))) || touches_down(stations.get(index + 1)));
+            && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n)))
+                || touches_down(stations.get(index + 1)));
         let blend_mm = match (before_mm, after_mm) {
             (Some(before), Some(after)) if !straight_down => settings.blend_share() * before.min(after),
             _ => 0.0,

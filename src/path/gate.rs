@@ -40,7 +40,9 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
             "the error at the tool is {error_mm:.2} mm, a pad of {stroke_mm} mm stroke takes up {allowed_mm:.2}; a softer \
              pad takes up more"
         ),
-        None => "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned(),
+        None => {
+            "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+        }
     };
     Judgement::of(vec![Reason::new("pad_stroke", message)], vec![])
 }
@@ -63,7 +65,9 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
-            settings.waypoint_spacing_mm().max(settings.landing_mm()) + settings.approach_mm() + settings.press_in_mm()
+            settings.waypoint_spacing_mm().max(settings.landing_mm())
+                + settings.approach_mm()
+                + settings.press_in_mm()
         };
         if step_mm > limit_mm {
             let message =

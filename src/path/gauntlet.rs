@@ -26,7 +26,10 @@ impl Gates {
             arm: Kinematics::new(cell.arm()),
             flange_from_tool: KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid(),
             limits: WaypointLimits {
-                workspace: Some(Workspace { min: Point::at(300.0, -320.0, 150.0), max: Point::at(700.0, 320.0, 750.0) }),
+                workspace: Some(Workspace {
+                    min: Point::at(300.0, -320.0, 150.0),
+                    max: Point::at(700.0, 320.0, 750.0),
+                }),
                 max_step_mm: 60.0,
                 max_turn: Degrees(15.0),
                 max_tilt: Degrees(40.0),
@@ -38,8 +41,7 @@ impl Gates {
     fn pass(&self, from: &Joints, legs: &[Leg]) -> Result<(), String> {
         let waypoints: Vec<Rigid<Base, Tool>> = legs.iter().map(|leg| leg.base_from_tool).collect();
         let stands = self.arm.base_from_flange(from).expect("numbers") * self.flange_from_tool;
-        let route =
-            Route { from: stands, waypoints: &waypoints, taught_axis: Some(Vector::new(Vector3::x())) };
+        let route = Route { from: stands, waypoints: &waypoints, taught_axis: Some(Vector::new(Vector3::x())) };
         let judgement = judge_route(&route, &self.limits);
         if judgement.verdict != Verdict::Accept {
             return Err(format!("{:?}", judgement.reasons));
@@ -145,7 +147,8 @@ fn every_obstacle_of_the_arm_has_its_name() {
         feed_mm_s: 50.0,
         blend_mm: 0.0,
     };
-    let refused = |legs: &[Leg]| follow(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").obstacle;
+    let refused =
+        |legs: &[Leg]| follow(&gates.arm, gates.flange_from_tool, None, legs).expect_err("refused").obstacle;
     // By hand: the wrist's centre 210 mm behind the tip, 1000 mm out: 975 from axis 2, of 700.9.
     let Obstacle::OutOfReach { beyond_mm } = refused(&[leg(1_210.0, 0.0, 400.0)]) else { panic!("reached") };
     assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
@@ -170,6 +173,11 @@ fn every_obstacle_of_the_arm_has_its_name() {
         Obstacle::AxisAcceleration { .. }
     ));
     // All axes within ±limits, yet A1 beyond them: behind the arm.
-    let found = follow(&gates.arm, gates.flange_from_tool, Some(&joints([0.0, -100.0, 110.0, 0.0, -10.0, 0.0])), &[leg(-500.0, 5.0, 500.0)]);
+    let found = follow(
+        &gates.arm,
+        gates.flange_from_tool,
+        Some(&joints([0.0, -100.0, 110.0, 0.0, -10.0, 0.0])),
+        &[leg(-500.0, 5.0, 500.0)],
+    );
     assert!(found.is_err());
 }

@@ -93,9 +93,9 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
     // Far apart, such legs say nothing of speed: they are walked slowly.
     let slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
-    let at = legs.get(fault.index).map_or(Point::at(0.0, 0.0, 0.0), |leg| {
-        stand.base_from_panel.inverse() * leg.base_from_tool.origin()
-    });
+    let at = legs
+        .get(fault.index)
+        .map_or(Point::at(0.0, 0.0, 0.0), |leg| stand.base_from_panel.inverse() * leg.base_from_tool.origin());
     Unreached { fault, at, shift: helpful_shift(stand.arm, stand.flange_from_tool, &slow) }
 }
 
@@ -173,9 +173,15 @@ fn words(unreached: &Unreached) -> String {
         Some(shift) => {
             let axis = shift.mm.iamax();
             let sign = if shift.mm[axis] > 0.0 { '+' } else { '−' };
-            format!("the panel {:.0} mm farther towards {sign}{} of the base would do", shift.mm.norm(), ["X", "Y", "Z"][axis])
+            format!(
+                "the panel {:.0} mm farther towards {sign}{} of the base would do",
+                shift.mm.norm(),
+                ["X", "Y", "Z"][axis]
+            )
         }
-        None => "no shift of the panel along one axis of the base helps; another place or tool is needed".to_owned(),
+        None => {
+            "no shift of the panel along one axis of the base helps; another place or tool is needed".to_owned()
+        }
     };
     format!("{}; {help}", unreached.fault)
 }

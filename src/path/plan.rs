@@ -267,10 +267,8 @@ fn piece(
             break (laid, contact, overhangs_mm, coverage);
         }
     };
-    let step_overs_mm = neighbours
-        .iter()
-        .flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next)))
-        .collect();
+    let step_overs_mm =
+        neighbours.iter().flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next))).collect();
     Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm })
 }
 
@@ -291,7 +289,8 @@ fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) 
 
 fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], settings: &recipe::Path) -> Plan {
     let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
-    let point = |waypoint: &Waypoint| Point::<Panel>::at(waypoint.pose.x_mm, waypoint.pose.y_mm, waypoint.pose.z_mm);
+    let point =
+        |waypoint: &Waypoint| Point::<Panel>::at(waypoint.pose.x_mm, waypoint.pose.y_mm, waypoint.pose.z_mm);
     let (mut length_mm, mut contact_mm, mut duration_s) = (0.0, 0.0, 0.0);
     for pair in all.windows(2) {
         let step_mm = point(pair[0]).distance_mm(point(pair[1]));

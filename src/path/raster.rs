@@ -107,7 +107,8 @@ impl Insets {
 
     /// Notes that at this place the disc reaches too far: the side towards which it does is to keep farther off.
     pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
-        let (along_u, along_v) = (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
+        let (along_u, along_v) =
+            (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
         let towards = [-along_u, along_u, -along_v, along_v];
         let side = (0..4).fold(0, |most, side| if towards[side] > towards[most] { side } else { most });
         self.more[side] = self.more[side].max(excess_mm);

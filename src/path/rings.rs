@@ -80,7 +80,8 @@ impl<'a> Rings<'a> {
 
     /// Four sides between corners of these depths; the fifth is where the first one's ring goes on.
     fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
-        let corner = |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);
+        let corner =
+            |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);
         let mut corners = [Parameter { u: 0.0, v: 0.0 }; SIDES + 1];
         for (n, depth_mm) in depths_mm.iter().enumerate() {
             corners[n] = corner(n, *depth_mm)?;
@@ -101,13 +102,7 @@ impl<'a> Rings<'a> {
     }
 
     /// The place on the column of `at` with this depth from the low or high border beside it.
-    fn at_depth(
-        &self,
-        along: Along,
-        at: Parameter,
-        high: bool,
-        depth_mm: f64,
-    ) -> Result<Parameter, RasterError> {
+    fn at_depth(&self, along: Along, at: Parameter, high: bool, depth_mm: f64) -> Result<Parameter, RasterError> {
         let border = along.across(if high { self.patch.high } else { self.patch.low });
         let inset_mm = self.insets.at_sides(along)[usize::from(high)] + depth_mm;
         let from = along.place(along.along(at), border);

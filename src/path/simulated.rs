@@ -137,7 +137,10 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let message = &judgement.reasons[0].message;
     println!("{message}");
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "out_of_reach"));
-    assert!(message.contains("grid r") && message.contains("waypoint") && message.contains("towards −X"), "{message}");
+    assert!(
+        message.contains("grid r") && message.contains("waypoint") && message.contains("towards −X"),
+        "{message}"
+    );
 }
 
 /// `cargo test --release ten_seeds -- --ignored --nocapture`

@@ -40,18 +40,12 @@ impl Chart {
     fn coordinates(&self, at: Parameter) -> [f64; 2] {
         let (du, dv) = (at.u - self.middle.u, at.v - self.middle.v);
         let area = self.along[0] * self.across[1] - self.along[1] * self.across[0];
-        [
-            (du * self.across[1] - dv * self.across[0]) / area,
-            (dv * self.along[0] - du * self.along[1]) / area,
-        ]
+        [(du * self.across[1] - dv * self.across[0]) / area, (dv * self.along[0] - du * self.along[1]) / area]
     }
 
     /// mm on the surface for 1 mm across in the chart.
     fn measure(&self, surface: &BSplineSurface, patch: &Patch, at: Parameter) -> Result<f64, RasterError> {
-        let at = Parameter {
-            u: at.u.clamp(patch.low.u, patch.high.u),
-            v: at.v.clamp(patch.low.v, patch.high.v),
-        };
+        let at = Parameter { u: at.u.clamp(patch.low.u, patch.high.u), v: at.v.clamp(patch.low.v, patch.high.v) };
         let tangents = surface.tangents(at);
         surface.normal_of(&tangents).ok_or(RasterError::Degenerate { at })?;
         let direction = |[u, v]: [f64; 2]| tangents.s_u.mm * u + tangents.s_v.mm * v;
@@ -110,11 +104,7 @@ pub(super) fn rows(
 }
 
 /// Corners of the patch, inset, in order.
-fn inset_corners(
-    surface: &BSplineSurface,
-    patch: &Patch,
-    insets: &Insets,
-) -> Result<[Parameter; 4], RasterError> {
+fn inset_corners(surface: &BSplineSurface, patch: &Patch, insets: &Insets) -> Result<[Parameter; 4], RasterError> {
     let corner = |high_u: bool, high_v: bool| {
         let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
         let inset = |[low, high]: [f64; 2], is_high: bool| if is_high { -high } else { low };

@@ -199,7 +199,11 @@ fn a_plan_over_a_plane_by_hand() {
     let apart = tool(&waypoints[0]).inverse() * first.to_rigid::<Panel, Tool>();
     assert!(apart.turn() < Degrees(1e-6) && apart.origin().mm.coords.norm() < 1e-6, "{}", waypoints[0].pose);
     assert!(!waypoints[0].contact && waypoints[1].contact && !waypoints[24].contact);
-    assert!((plan.length_mm - 240.0).abs() < 1e-6 && (plan.duration_s - 4.18).abs() < 1e-7 && (plan.contact_mm - 160.0).abs() < 1e-6);
+    assert!(
+        (plan.length_mm - 240.0).abs() < 1e-6
+            && (plan.duration_s - 4.18).abs() < 1e-7
+            && (plan.contact_mm - 160.0).abs() < 1e-6
+    );
     let step_over = plan.step_over_mm.expect("four rows");
     assert!((step_over.min_mm - 32.0 / 3.0).abs() < 1e-6 && (step_over.max_mm - 32.0 / 3.0).abs() < 1e-6);
     assert!((plan.coverage - 1.0).abs() < 1e-12);
@@ -213,9 +217,7 @@ fn a_reference_along_the_normal_is_refused() {
     assert!(
         matches!(refused, Err(OrientationError::ReferenceAlongNormal { angle }) if (angle.0 - 2.862).abs() < 0.01)
     );
-    assert!(
-        panel_from_tool(&surface, place, 0.0, Stance::of(&settings("reference_axis = [0.2, 0, -1]"))).is_ok()
-    );
+    assert!(panel_from_tool(&surface, place, 0.0, Stance::of(&settings("reference_axis = [0.2, 0, -1]"))).is_ok());
 }
 
 #[test]
@@ -313,7 +315,8 @@ fn what_the_outline_forbids_is_left_and_said() {
     let outline: Vec<Point<Panel>> = (0..400).map(side).collect();
     for pattern in ["raster", "offset", "cross-hatch"] {
         let settings = settings(&format!("edge_overhang_mm = 0\nstep_over_mm = 8\npattern = \"{pattern}\""));
-        let plan = plan(&surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
+        let plan =
+            plan(&surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
         let judgement = judge(&plan, &settings);
         assert!(plan.overhang.largest_mm < 0.02, "{pattern}: {:?}", plan.overhang);
         assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"), "{pattern}");
@@ -324,11 +327,14 @@ fn what_the_outline_forbids_is_left_and_said() {
 /// Every pattern reaches all of every grid, on every shape, and keeps its distance.
 #[test]
 fn every_pattern_covers_the_region() {
-    for (shape, more) in SHAPES.into_iter().zip(["feed_angle_deg = 90", "feed_angle_deg = 30", "", "feed_angle_deg = -45"]) {
+    for (shape, more) in
+        SHAPES.into_iter().zip(["feed_angle_deg = 90", "feed_angle_deg = 30", "", "feed_angle_deg = -45"])
+    {
         for pattern in ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"] {
             let more = format!("[path]\npattern = \"{pattern}\"\n{more}\n");
             let (fit, region, outline, settings) = fitted(shape, Spoil::default(), &more);
-            let grids: Vec<GridId> = ["r1c1", "r1c2", "r2c1", "r2c2", "r3c4"].map(|id| id.parse().expect("a grid")).into();
+            let grids: Vec<GridId> =
+                ["r1c1", "r1c2", "r2c1", "r2c2", "r3c4"].map(|id| id.parse().expect("a grid")).into();
             let plan = plan(&fit.surface, &region, &grids, &outline, &settings).unwrap_or_else(|e| panic!("{e}"));
             let judgement = judge(&plan, &settings);
             println!("{shape:?} {pattern}: {:.4}, {:?}", plan.coverage, plan.step_over_mm);
@@ -354,7 +360,10 @@ fn rows_stand_at_the_equal_distance_of_their_column() {
             // The scene's region is a rectangle in x and y: all columns of a plane are equally wide, others nearly so.
             let spread = (step_over.max_mm - step_over.min_mm) / step_over.max_mm;
             println!("{shape:?} {angle_deg}: {step_over:?}");
-            assert!(step_over.max_mm <= 12.0 * 1.002 && spread < if matches!(shape, Shape::Plane) { 0.01 } else { 0.12 });
+            assert!(
+                step_over.max_mm <= 12.0 * 1.002
+                    && spread < if matches!(shape, Shape::Plane) { 0.01 } else { 0.12 }
+            );
         }
     }
 }
@@ -388,10 +397,17 @@ fn the_disc_lands_and_leaves_while_it_moves() {
     let last = path.len() - 1;
     for [air, low, on] in [[0, 1, 2], [last, last - 1, last - 2]] {
         assert!(!path[air].contact && !path[low].contact && path[on].contact);
-        assert!((place(air).z - 40.0).abs() < 1e-9 && (place(low).z - 3.0).abs() < 1e-9 && (place(on).z + 1.5).abs() < 1e-9);
+        assert!(
+            (place(air).z - 40.0).abs() < 1e-9
+                && (place(low).z - 3.0).abs() < 1e-9
+                && (place(on).z + 1.5).abs() < 1e-9
+        );
         assert!(((place(low) - place(on)).xy().norm() - 15.0).abs() < 1e-9);
         assert!(path[on].blend_mm > 0.0, "no stop on the panel");
-        assert!((place(low) - nalgebra::Point3::new(25.0, 25.0, 0.0)).xy().norm() < (place(on).xy() - nalgebra::Point2::new(25.0, 25.0)).norm());
+        assert!(
+            (place(low) - nalgebra::Point3::new(25.0, 25.0, 0.0)).xy().norm()
+                < (place(on).xy() - nalgebra::Point2::new(25.0, 25.0)).norm()
+        );
     }
     assert_eq!((path[0].blend_mm, path[last].blend_mm), (0.0, 0.0));
 }
@@ -427,7 +443,12 @@ fn what_is_planned_is_what_the_simulated_path_covers() {
     let grids: Vec<GridId> = region.ids().collect();
     let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let dwell = dwell::simulate(&fit.surface, &region, &grids, &dwell::planned(&plan), 15.0);
-    assert!((dwell.share() - plan.coverage).abs() < 0.002 && dwell.share() > 0.995, "{} {}", dwell.share(), plan.coverage);
+    assert!(
+        (dwell.share() - plan.coverage).abs() < 0.002 && dwell.share() > 0.995,
+        "{} {}",
+        dwell.share(),
+        plan.coverage
+    );
     // Half of the path: what is left is seen.
     let mut half = dwell::planned(&plan);
     half.truncate(half.len() / 2);
@@ -451,7 +472,9 @@ fn the_tool_is_lifted_over_a_hole() {
     let whole = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
     let (mut over, mut beside) = (0, 0);
     for waypoint in &lifted.paths[0].waypoints {
-        let pixel = scene::LENS.project(Point::<crate::geometry::Camera>::new(tool(waypoint).origin().mm)).expect("in front");
+        let pixel = scene::LENS
+            .project(Point::<crate::geometry::Camera>::new(tool(waypoint).origin().mm))
+            .expect("in front");
         let off_px = (pixel.u - 207.0).abs().max((pixel.v - 150.0).abs());
         assert!(!(waypoint.contact && off_px < 12.5), "contact at {pixel:?}");
         over += usize::from(off_px < 12.5);

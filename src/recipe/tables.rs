@@ -329,7 +329,8 @@ pub(super) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
         _ => {}
     }
     if path.landing_height_mm() > path.approach_mm() {
-        let message = format!("found {}, allowed is at most approach_mm, {}", path.landing_height_mm(), path.approach_mm());
+        let message =
+            format!("found {}, allowed is at most approach_mm, {}", path.landing_height_mm(), path.approach_mm());
         section.problem("landing_height_mm", message);
         return None;
     }

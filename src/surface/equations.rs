@@ -129,13 +129,7 @@ impl Block {
         Block { pairs: [[0.0; PAIRS]; PAIRS], right: [Vector3::zeros(); LOCAL], square: 0.0 }
     }
 
-    fn add(
-        &mut self,
-        run: &[Sample],
-        weights: &[f64],
-        [on_u, on_v]: [&SpanFunctions; 2],
-        centre: Vector3<f64>,
-    ) {
+    fn add(&mut self, run: &[Sample], weights: &[f64], [on_u, on_v]: [&SpanFunctions; 2], centre: Vector3<f64>) {
         let (on_u, on_v) = (columns(on_u), columns(on_v));
         for (sample, weight) in run.iter().zip(weights).filter(|(_, weight)| **weight > 0.0) {
             let (u, v) = (values(&on_u, sample.local[0]), values(&on_v, sample.local[1]));

@@ -247,7 +247,8 @@ impl Look<'_> {
         let mut scale = scale_mm(&residuals);
         for round in 1.. {
             let weigh = |r: &f64| tukey(r / scale);
-            let weights: Vec<Vec<f64>> = residuals.par_iter().map(|band| band.iter().map(weigh).collect()).collect();
+            let weights: Vec<Vec<f64>> =
+                residuals.par_iter().map(|band| band.iter().map(weigh).collect()).collect();
             let noise_mm = noise_mm(self.samples, &residuals);
             let solution = equations(&weights).smoothed(noise_mm).map_err(|row| self.undetermined(row))?;
             let Solution { controls, smoothing } = solution;
@@ -363,7 +364,8 @@ impl Look<'_> {
 /// σ of the white noise from second differences along the picture's rows, mm.
 fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
     let of_band = |(band, residuals): (&Vec<Sample>, &Vec<f64>)| {
-        let neighbours = |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
+        let neighbours =
+            |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
         let bends = band.windows(3).zip(residuals.windows(3)).step_by(3);
         // A row's last pixels and the next row's first ones are neighbours in number alone: too few to count.
         bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()

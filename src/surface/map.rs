@@ -51,7 +51,8 @@ impl Holes {
             && column < self.window.columns.end as f64
             && row < self.window.rows.end as f64;
         inside && {
-            let (column, row) = (column as usize - self.window.columns.start, row as usize - self.window.rows.start);
+            let (column, row) =
+                (column as usize - self.window.columns.start, row as usize - self.window.rows.start);
             self.is_over[row * self.window.width() + column]
         }
     }
@@ -92,9 +93,12 @@ impl DeviationMap {
     /// is none.
     pub(super) fn largest_hole(&self) -> (usize, Pixel) {
         let squares = self.squares();
-        let largest = squares.iter().enumerate().fold((0, 0), |best, (index, side)| {
-            if *side > best.0 { (*side, index) } else { best }
-        });
+        let largest = squares.iter().enumerate().fold(
+            (0, 0),
+            |best, (index, side)| {
+                if *side > best.0 { (*side, index) } else { best }
+            },
+        );
         let corner = self.window.pixel(largest.1);
         let half = (f64::from(largest.0) - 1.0).max(0.0) / 2.0;
         (largest.0 as usize, Pixel::at(corner.u - half, corner.v - half))
@@ -104,7 +108,8 @@ impl DeviationMap {
     pub fn holes(&self, region: &Region, side_mm: f64) -> Holes {
         let least = (side_mm / self.mm_per_px).ceil().max(1.0) as u32;
         let width = self.width();
-        let mut reach: Vec<u32> = self.squares().into_iter().map(|side| if side >= least { side } else { 0 }).collect();
+        let mut reach: Vec<u32> =
+            self.squares().into_iter().map(|side| if side >= least { side } else { 0 }).collect();
         // A square of side s that ends at a pixel holds the s − 1 pixels before it along rows, columns and both.
         for index in (0..reach.len()).rev() {
             let (last_column, last_row) = ((index + 1) % width == 0, index + width >= reach.len());

@@ -209,5 +209,8 @@ fn window(panel: &TaughtPanel, [knots_u, knots_v]: &[KnotVector; 2]) -> Window {
         let low = (low.floor().max(0.0) as usize).min(size);
         low..(high.ceil().max(0.0) as usize + 1).clamp(low, size)
     };
-    Window { columns: range(|pixel| pixel.u, panel.scan.width()), rows: range(|pixel| pixel.v, panel.scan.height()) }
+    Window {
+        columns: range(|pixel| pixel.u, panel.scan.width()),
+        rows: range(|pixel| pixel.v, panel.scan.height()),
+    }
 }

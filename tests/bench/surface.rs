@@ -63,7 +63,8 @@ fn scanned(seed: u64, [roll, pitch, yaw]: [f64; 3]) -> Scanned {
     let recipe = Recipe::check("bench.toml", &text).expect("a valid recipe");
     let turned: Rigid<Base, Base> = Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn.into()));
     let base_from_camera = turned * cell.truth().base_from_camera;
-    let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe).expect("a panel");
+    let panel =
+        TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe).expect("a panel");
     Scanned { cell, recipe, panel, turn }
 }
 
@@ -123,7 +124,10 @@ fn accuracy(seeds: u64) -> usize {
         angles.extend(turns);
     }
     let all = [mean(&distances), share(&mut distances, 0.95), share(&mut angles, 0.95), share(&mut angles, 1.0)];
-    println!("all seeds: mean {:.4} mm, p95 {:.4} mm; normals p95 {:.3}°, largest {:.3}°", all[0], all[1], all[2], all[3]);
+    println!(
+        "all seeds: mean {:.4} mm, p95 {:.4} mm; normals p95 {:.3}°, largest {:.3}°",
+        all[0], all[1], all[2], all[3]
+    );
     let floors = [MEAN_MM, P95_MM, NORMAL_P95_DEG, NORMAL_MAX_DEG];
     missed + all.iter().zip(floors).filter(|(found, floor)| *found > floor).count()
 }
@@ -162,8 +166,9 @@ fn speed(scanned: &Scanned, surface: &BSplineSurface) -> usize {
     let apart: Vec<GridId> = grids.iter().copied().filter(|id| (id.row + id.column) % 2 == 0).collect();
     let apart_ms = median_ms(|| path::plan(surface, region, &apart, outline, settings));
     let plan = path::plan(surface, region, &grids, outline, settings).expect("a plan");
-    let simulated_ms =
-        median_ms(|| dwell::simulate(surface, region, &grids, &dwell::planned(&plan), settings.disc_diameter_mm() / 2.0));
+    let simulated_ms = median_ms(|| {
+        dwell::simulate(surface, region, &grids, &dwell::planned(&plan), settings.disc_diameter_mm() / 2.0)
+    });
     println!(
         "paths of {} grids: {all_ms:.1} ms, of {} that touch at corners alone: {apart_ms:.1} ms; {:.0} mm simulated in \
          {simulated_ms:.1} ms",
@@ -186,7 +191,8 @@ fn peers(surface: &BSplineSurface, point_us: f64) {
         let (low, high) = (*domain.domain().start(), *domain.domain().end());
         (domain.spans(), low, high)
     };
-    let net = serde_json::json!({"u": knots(surface.knots_u()), "v": knots(surface.knots_v()), "controls": controls});
+    let net =
+        serde_json::json!({"u": knots(surface.knots_u()), "v": knots(surface.knots_v()), "controls": controls});
     let file = std::env::temp_dir().join(format!("panelprep-net-{}.json", std::process::id()));
     std::fs::write(&file, net.to_string()).expect("a folder for passing files");
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/bench/surface_peers.py");
