@@ -101,7 +101,7 @@ fn a_quarter_size_scan_is_planned_in_every_attitude() {
     }
 }
 
-/// The arm of the simulated cell follows the plan over all grids where the panel stands, and each grid alone; 340 mm
+/// The arm of the simulated cell follows the plan over all grids where the panel stands, and each grid alone; 400 mm
 /// farther off it does not, and the words say where, how far and what would help.
 #[test]
 fn the_simulated_arm_follows_and_says_where_it_cannot() {
@@ -130,7 +130,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
-    let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 340.0));
+    let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 400.0));
     let stand = Stand { base_from_panel: farther, ..stand };
     let refused = panel_reach::of_plan(&plan, &stand, recipe.path());
     let judgement = panel_reach::judge_plan(&refused, (&surface, &panel.region));

@@ -245,7 +245,9 @@ impl Look<'_> {
         let plain = equations(&all().collect::<Vec<_>>()).plain().map_err(|row| self.undetermined(row))?;
         let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
         let mut scale = scale_mm(&residuals);
-        for round in 1.. {
+        let mut round = 0;
+        loop {
+            round += 1;
             let weigh = |r: &f64| tukey(r / scale);
             let weights: Vec<Vec<f64>> =
                 residuals.par_iter().map(|band| band.iter().map(weigh).collect()).collect();
@@ -263,7 +265,6 @@ impl Look<'_> {
             }
             scale = next;
         }
-        Err(FitError::NoPoints)
     }
 
     fn surface(&self, controls: Vec<Vector3<f64>>) -> Result<BSplineSurface, FitError> {
