@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect bench-link bench-calib
+bench: bench-seeds bench-inspect bench-link bench-calib bench-surface
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -69,3 +69,12 @@ bench-calib: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
 	cargo test --locked --test all -- --nocapture real_pictures
 	cargo bench --locked --bench calib
+
+# The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/.
+PEERS := target/bench-surface
+bench-surface: setup
+	@test -x $(PEERS)/bin/python || { \
+	  python3 -m venv $(PEERS) && $(PEERS)/bin/pip install --quiet 'geomdl==5.4.0' 'scipy>=1.11'; } || { \
+	  rm -rf $(PEERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
+	if test -x $(PEERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(PEERS)/bin/python; fi; \
+	  cargo bench --locked --bench surface

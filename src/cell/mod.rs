@@ -4,6 +4,7 @@
 //! limits for every panel. File names are relative to the cell file's folder. A file may leave out what a command
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
+mod arm;
 mod calibration;
 mod devices;
 mod limits;
@@ -13,6 +14,7 @@ mod rough;
 #[cfg(test)]
 mod tests;
 
+pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use calibration::{
     Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
 };
@@ -72,11 +74,24 @@ pub struct Cell {
     calibration: CalibrationFiles,
     limits: Limits,
     rough: RoughMounts,
+    arm: Arm,
 }
 
 /// The keys at the top of a cell's file, by which it is told from other files.
-pub const CELL_KEYS: [&str; 10] =
-    ["store", "socket", "scanner", "flange_camera", "robot", "poses", "io", "calibration", "limits", "rough"];
+pub const CELL_KEYS: [&str; 12] = [
+    "store",
+    "socket",
+    "scanner",
+    "flange_camera",
+    "robot",
+    "poses",
+    "io",
+    "calibration",
+    "limits",
+    "rough",
+    "arm",
+    "keep_out",
+];
 
 impl Cell {
     /// Checks the text of a cell's file; `file` is its name in messages, and its folder is where relative names start.
@@ -99,6 +114,7 @@ impl Cell {
         let calibration = CalibrationFiles::take(folder, &top.section("calibration"));
         let limits = limits::take_limits(&top.section("limits"));
         let rough = rough::take_rough(&top.section("rough"));
+        let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         top.done();
         Some(Cell {
             store: folder.join(store?),
@@ -111,6 +127,7 @@ impl Cell {
             calibration: calibration?,
             limits: limits?,
             rough: rough?,
+            arm: arm?,
         })
     }
 
@@ -172,5 +189,10 @@ impl Cell {
     /// The limits that hold for every panel.
     pub fn limits(&self) -> &Limits {
         &self.limits
+    }
+
+    /// The arm and what it must keep out of.
+    pub fn arm(&self) -> &Arm {
+        &self.arm
     }
 }

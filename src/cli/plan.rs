@@ -8,11 +8,14 @@ use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
-use crate::path::{self, ProgramName};
+use crate::path::disc::DiscUse;
+use crate::path::dwell::{self, Dwell, GridDwell};
+use crate::path::panel_reach::{self, Reached, Stand, Unreached};
+use crate::path::{self, Kinematics, ProgramName};
 use crate::recipe::Recipe;
 use crate::report::View;
-use crate::surface::{self, Deviation};
-use crate::verdict::Judgement;
+use crate::surface::{self, Deviation, Fit};
+use crate::verdict::{Judgement, Verdict};
 use serde_json::{Value, json};
 
 /// A plan with its verdict.
@@ -23,6 +26,8 @@ pub struct Planned {
     pub judgement: Judgement,
     /// How well the surface lies in the scan.
     pub deviation: Deviation,
+    /// The surface, with its deviation pixel by pixel.
+    pub fit: Fit,
     /// The pose to set as the robot's base.
     pub base: KukaPose,
 }
@@ -41,8 +46,31 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     } else {
         args.grids.iter().map(|text| text.parse::<GridId>().map_err(Fault::stage)).collect::<Result<Vec<_>, _>>()?
     };
-    let planned = stage(&taught, &grids, base_from_panel, &recipe)?;
-    let outcome = planned.outcome();
+    let fit = surface::examine(&taught.panel, recipe.surface()).or_else(|refusal| {
+        if let (Some(folder), Some(map)) = (&args.pictures, &refusal.map) {
+            pictures::save(folder, "surface", &map.picture(MAP_FULL_MM))?;
+        }
+        Err(Fault::stage(refusal.error))
+    })?;
+    let mut planned = on_surface(fit, &taught, &grids, base_from_panel, &recipe)?;
+    let reached = match files.cell.calibration().flange_from_tool {
+        Some(_) => Some(planned.reach(&files, &taught, base_from_panel, &recipe)?),
+        None => None,
+    };
+    let dwell = planned.dwell(&taught, &grids, &recipe);
+    let mut outcome = planned.outcome();
+    outcome.words.extend(planned.table(&dwell, &recipe));
+    outcome.say(match &reached {
+        Some(Ok(reached)) => format!(
+            "the arm follows, {:.0}° of room beyond its margins, tool turned by {:.0}°",
+            reached.travel.room_deg, reached.spin.0
+        ),
+        Some(Err(_)) => "the arm cannot follow".to_owned(),
+        None => "reach not looked at: the cell's file names no flange_from_tool".to_owned(),
+    });
+    let reach = reached.as_ref().and_then(|reached| reached.as_ref().ok());
+    outcome.put("reach", json!(reach.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
+    outcome.put("dwell", numbers(&dwell));
     let text = Value::Object(outcome.json.clone()).to_string();
     if let Some(file) = &args.krl {
         let name = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
@@ -60,29 +88,107 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
             camera_from_panel: taught.panel.panel_from_camera.inverse(),
         };
         pictures::save(folder, "planned", &planned.over(&view, &taught)?)?;
+        pictures::save(folder, "surface", &planned.fit.map.picture(MAP_FULL_MM))?;
+        pictures::save(folder, "dwell", &dwell.picture(&taught.panel.region, dwell.longest_s()))?;
     }
     Ok(outcome)
 }
 
-/// Fits the surface and plans paths over these grids.
-///
-/// # Errors
-/// Where the surface cannot be fitted or a grid has no path.
-pub fn stage(
+/// Plans paths over these grids of a fitted surface.
+fn on_surface(
+    fit: Fit,
     taught: &Taught,
     grids: &[GridId],
     base_from_panel: Rigid<Base, Panel>,
     recipe: &Recipe,
 ) -> Result<Planned, Fault> {
     let panel = &taught.panel;
-    let fit = surface::fit(panel, recipe.surface()).map_err(Fault::stage)?;
-    let plan =
-        path::plan(&fit.surface, &panel.region, grids, &panel.outline, recipe.path()).map_err(Fault::stage)?;
+    let holes = fit.map.holes(&panel.region, recipe.path().lift_hole_mm());
+    let plan = path::plan_around(&fit.surface, &panel.region, grids, (&panel.outline, &holes), recipe.path());
+    let plan = plan.map_err(Fault::stage)?;
     let judgement = path::judge(&plan, recipe.path());
-    Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel) })
+    Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel), fit })
+}
+
+/// Deviation that has full colour in the picture of the surface, mm.
+const MAP_FULL_MM: f64 = 0.2;
+
+fn numbers(dwell: &Dwell) -> Value {
+    let grid = |grid: &GridDwell| {
+        json!({
+            "grid": grid.id.to_string(), "share": grid.share(), "overlap": grid.overlap(),
+            "left_mm2": grid.left_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
+        })
+    };
+    json!(dwell.grids.iter().map(grid).collect::<Vec<_>>())
 }
 
 impl Planned {
+    /// Looks at the plan's reach; a plan that the arm cannot follow is rejected.
+    fn reach(
+        &mut self,
+        files: &CellFiles,
+        taught: &Taught,
+        base_from_panel: Rigid<Base, Panel>,
+        recipe: &Recipe,
+    ) -> Result<Result<Reached, Box<Unreached>>, Fault> {
+        let arm = Kinematics::new(files.cell.arm());
+        let stand = Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel };
+        let reached = panel_reach::of_plan(&self.plan, &stand, recipe.path());
+        let judgement = panel_reach::judge_plan(&reached, (&self.fit.surface, &taught.panel.region));
+        if let [reason, ..] = judgement.reasons.as_slice() {
+            let mut rejected = vec![reason.clone()];
+            let mut doubts = Vec::new();
+            let known = if self.judgement.verdict == Verdict::Reject { &mut rejected } else { &mut doubts };
+            known.extend(self.judgement.reasons.iter().cloned());
+            self.judgement = Judgement::of(rejected, doubts);
+        }
+        Ok(reached)
+    }
+
+    /// What the disc does along the plan.
+    fn dwell(&self, taught: &Taught, grids: &[GridId], recipe: &Recipe) -> Dwell {
+        let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
+        let executed = dwell::planned(&self.plan);
+        dwell::simulate(&self.fit.surface, &taught.panel.region, grids, &executed, radius_mm)
+    }
+
+    /// The dry run in numbers, line by line.
+    fn table(&self, dwell: &Dwell, recipe: &Recipe) -> Vec<String> {
+        let disc = DiscUse::of(&self.plan, recipe.path(), 0.0);
+        let discs = disc.discs().map_or("not counted, no disc_life_mm2".to_owned(), |discs| format!("{discs:.2}"));
+        let mut table = vec![
+            format!(
+                "length             {:8.0} mm, {:.0} mm of it in contact",
+                self.plan.length_mm, self.plan.contact_mm
+            ),
+            format!(
+                "time               {:8.1} s at {:.0} mm/s and {:.0} mm/s²",
+                self.plan.duration_s,
+                recipe.path().feed_mm_s(),
+                recipe.path().acceleration_mm_s2()
+            ),
+            format!("swept by the disc  {:8.0} mm², discs: {discs}", disc.swept_mm2),
+            format!(
+                "covered            {:8.2} %, longest under the disc {:.2} s",
+                100.0 * dwell.share(),
+                dwell.longest_s()
+            ),
+            "grid      covered %   overlap %   left mm²   mean s".to_owned(),
+        ];
+        table.extend(dwell.grids.iter().map(|grid| {
+            format!(
+                "{:8}  {:9.2}   {:9.1}   {:8.1}   {:6.2}",
+                grid.id.to_string(),
+                100.0 * grid.share(),
+                100.0 * grid.overlap(),
+                grid.left_mm2(),
+                grid.mean_dwell_s()
+            )
+        }));
+        table
+    }
+
     /// The paths drawn over a view.
     ///
     /// # Errors
@@ -126,12 +232,17 @@ impl Planned {
                 let grids: Vec<String> = path.grids.iter().map(ToString::to_string).collect();
                 let contact: Vec<bool> = path.waypoints.iter().map(|waypoint| waypoint.contact).collect();
                 let waypoints: Vec<KukaPose> = path.waypoints.iter().map(|waypoint| waypoint.pose).collect();
-                json!({"grids": grids, "waypoints": waypoints, "contact": contact})
+                let feeds: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.feed_mm_s).collect();
+                let blends: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.blend_mm).collect();
+                json!({
+                    "grids": grids, "waypoints": waypoints, "contact": contact, "feed_mm_s": feeds, "blend_mm": blends,
+                })
             })
             .collect();
         outcome.put("paths", json!(paths));
         outcome.put("base", json!(self.base));
         outcome.put("length_mm", json!(self.plan.length_mm));
+        outcome.put("contact_mm", json!(self.plan.contact_mm));
         outcome.put("duration_s", json!(self.plan.duration_s));
         outcome.put("coverage", json!(self.plan.coverage));
         let step_over = self.plan.step_over_mm.map(|step| json!({"min": step.min_mm, "max": step.max_mm}));

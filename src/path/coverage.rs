@@ -7,6 +7,8 @@ use crate::geometry::{Panel, Point};
 use crate::panel::GridId;
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
+/// Smallest covered share of each grid, 0…1.
+pub const MIN_COVERAGE: f64 = 0.995;
 /// Distance between samples, mm, about.
 const SAMPLE_MM: f64 = 1.0;
 
@@ -28,17 +30,32 @@ impl GridCoverage {
     }
 }
 
-/// What a contact track reaches of a grid.
+/// A straight piece of track in contact.
+pub(super) type Stroke = (Point<Panel>, Point<Panel>);
+
+/// The pieces between neighbouring places that are both in contact; a single place is its own piece.
+pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
+    let single = track.first().filter(|_| track.len() == 1 && contact(0)).map(|at| (*at, *at));
+    let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
+    pairs.map(|(_, pair)| (pair[0], pair[1])).chain(single).collect()
+}
+
+/// What strokes of the disc reach of a grid.
 pub(super) fn coverage(
     surface: &BSplineSurface,
     (id, patch): (GridId, &Patch),
-    track: &[Point<Panel>],
+    strokes: &[Stroke],
     radius_mm: f64,
 ) -> GridCoverage {
     let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
     let samples = |length_mm: f64| (length_mm / SAMPLE_MM).ceil().max(1.0) as usize;
     let across = samples(middle.s_u.mm.norm() * (patch.high.u - patch.low.u));
     let down = samples(middle.s_v.mm.norm() * (patch.high.v - patch.low.v));
+    // Of a long track only what comes near.
+    let corners = [0.0, 1.0].map(|u| [0.0, 1.0].map(|v| surface.point(patch.at(Parameter { u, v }))));
+    let reach_mm = corners.iter().flatten().map(|corner| corner.distance_mm(middle.point)).fold(0.0, f64::max);
+    let near = |piece: &&Stroke| foot(middle.point, piece.0, piece.1).1 <= 1.1 * reach_mm + radius_mm + SAMPLE_MM;
+    let track: Vec<&Stroke> = strokes.iter().filter(near).collect();
     let cell = (patch.high.u - patch.low.u) * (patch.high.v - patch.low.v) / (across * down) as f64;
     let mut found = GridCoverage { id, area_mm2: 0.0, covered_mm2: 0.0 };
     // Neighbouring samples are mostly covered by the same piece of track.
@@ -48,8 +65,8 @@ pub(super) fn coverage(
         let at = patch.at(Parameter { u: share(sample % across, across), v: share(sample / across, down) });
         let tangents = surface.tangents(at);
         let area_mm2 = tangents.area_mm2() * cell;
-        let covers = |piece: usize| distance_to_piece_mm(tangents.point, track, piece) <= radius_mm;
-        let pieces = track.len().saturating_sub(1).max(1);
+        let covers = |piece: usize| foot(tangents.point, track[piece].0, track[piece].1).1 <= radius_mm;
+        let pieces = track.len();
         let hit = (0..pieces).map(|step| (last + step) % pieces).find(|piece| covers(*piece));
         found.area_mm2 += area_mm2;
         if let Some(piece) = hit {
@@ -58,13 +75,6 @@ pub(super) fn coverage(
         }
     }
     found
-}
-
-// A track of one point is its own only piece.
-fn distance_to_piece_mm(point: Point<Panel>, track: &[Point<Panel>], piece: usize) -> f64 {
-    let Some(from) = track.get(piece) else { return f64::INFINITY };
-    let to = track.get(piece + 1).unwrap_or(from);
-    foot(point, *from, *to).1
 }
 
 /// Share 0…1 along a straight piece at which a point is nearest, and its distance there, mm.

@@ -46,21 +46,36 @@ impl Outline {
         }
     }
 
-    /// How far a disc of this radius around a contact reaches beyond the outline, mm; 0 where it does not.
-    pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
-        let distance_mm = self.distance_mm(contact);
-        if polygon::contains(&self.flat, flat(self.across, contact)) {
-            (radius_mm - distance_mm).max(0.0)
-        } else {
-            radius_mm + distance_mm
-        }
+    /// Is there an outline at all?
+    pub(super) fn is_known(&self) -> bool {
+        !self.points.is_empty()
     }
 
-    fn distance_mm(&self, point: Point<Panel>) -> f64 {
-        let mut nearest = f64::INFINITY;
+    /// How far a disc of this radius around a contact reaches beyond the outline, mm; 0 where it does not.
+    pub fn overhang_mm(&self, contact: Point<Panel>, radius_mm: f64) -> f64 {
+        let (_, distance_mm) = self.nearest(contact);
+        if self.holds(contact) { (radius_mm - distance_mm).max(0.0) } else { radius_mm + distance_mm }
+    }
+
+    /// From a contact the direction in which the outline is left soonest; `None` without an outline.
+    pub(super) fn outward(&self, contact: Point<Panel>) -> Option<Vector3<f64>> {
+        let towards = (self.nearest(contact).0? - contact).mm;
+        Some(if self.holds(contact) { towards } else { -towards })
+    }
+
+    fn holds(&self, contact: Point<Panel>) -> bool {
+        polygon::contains(&self.flat, flat(self.across, contact))
+    }
+
+    fn nearest(&self, point: Point<Panel>) -> (Option<Point<Panel>>, f64) {
+        let mut nearest = (None, f64::INFINITY);
         for ((centre, radius_mm), block) in self.blocks.iter().zip(self.points.chunks(BLOCK)) {
-            if point.distance_mm(*centre) - radius_mm < nearest {
-                nearest = block.iter().map(|other| point.distance_mm(*other)).fold(nearest, f64::min);
+            if point.distance_mm(*centre) - radius_mm < nearest.1 {
+                let closer = |best: (Option<Point<Panel>>, f64), other: &Point<Panel>| {
+                    let away = point.distance_mm(*other);
+                    if away < best.1 { (Some(*other), away) } else { best }
+                };
+                nearest = block.iter().fold(nearest, closer);
             }
         }
         nearest

@@ -5,6 +5,7 @@
 //! beyond the panel's outline. Does not know the robot: reach, speed of the axes and keep-out boxes come where it is
 //! known.
 
+use super::coverage::MIN_COVERAGE;
 use super::plan::{Plan, ToolPath, Waypoint};
 use crate::geometry::{Degrees, Panel, Rigid, Tool};
 use crate::recipe;
@@ -12,15 +13,38 @@ use crate::verdict::{Judgement, Reason};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
-/// Smallest covered share of each grid, 0…1.
-pub const MIN_COVERAGE: f64 = 0.95;
 /// Waypoints may be this much farther apart than asked for: rows are resampled along chords.
 const STEP_TOLERANCE: f64 = 1.02;
+
+/// Lines are moved inwards until the disc reaches no farther than this over what is allowed, mm.
+const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
     let reject = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
     Judgement::of(reject, shortfalls(plan, settings))
+}
+
+/// Largest share of the pad's stroke that the error at the tool may take.
+const ERROR_OF_STROKE: f64 = 1.0 / 3.0;
+
+/// Accepts a press-in, or rejects it: the pad must take up the error at the tool (`[limits] tool_error_mm`) three times.
+pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgement {
+    let (Some(stroke_mm), true) = (settings.pad_stroke_mm(), settings.press_in_mm() > 0.0) else {
+        return Judgement::of(vec![], vec![]);
+    };
+    let allowed_mm = ERROR_OF_STROKE * stroke_mm;
+    let message = match tool_error_mm {
+        Some(error_mm) if error_mm <= allowed_mm => return Judgement::of(vec![], vec![]),
+        Some(error_mm) => format!(
+            "the error at the tool is {error_mm:.2} mm, a pad of {stroke_mm} mm stroke takes up {allowed_mm:.2}; a softer \
+             pad takes up more"
+        ),
+        None => {
+            "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
+        }
+    };
+    Judgement::of(vec![Reason::new("pad_stroke", message)], vec![])
 }
 
 fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
@@ -41,7 +65,9 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
         let limit_mm = if pair[0].contact && pair[1].contact {
             settings.waypoint_spacing_mm() * STEP_TOLERANCE
         } else {
-            settings.waypoint_spacing_mm() + settings.approach_mm()
+            settings.waypoint_spacing_mm().max(settings.landing_mm())
+                + settings.approach_mm()
+                + settings.press_in_mm()
         };
         if step_mm > limit_mm {
             let message =
@@ -67,14 +93,15 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
     let mut reasons = Vec::new();
     for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
         let message = format!(
-            "grid {}: the disc reaches {:.1} %, wanted {:.0} %; a smaller step_over_mm reaches more",
+            "grid {}: the disc reaches {:.2} %, wanted {:.1} %; a smaller step_over_mm reaches more, and so does a larger \
+             edge_overhang_mm beside the panel's outline",
             grid.id,
             100.0 * grid.share(),
             100.0 * MIN_COVERAGE
         );
         reasons.push(Reason::new("coverage", message));
     }
-    if plan.overhang.largest_mm > settings.edge_overhang_mm() {
+    if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
         let message = format!(
             "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
              edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",

@@ -8,8 +8,8 @@ use crate::geometry::KukaPose;
 use crate::recipe;
 use std::fmt::Write;
 
-/// Rounding of a corner, mm, at each waypoint but a path's ends.
-const BLEND_MM: f64 = 1.0;
+/// A smaller rounding of a corner is none, mm.
+const MIN_BLEND_MM: f64 = 0.1;
 /// Longest name of a KRL module.
 const MAX_NAME: usize = 24;
 
@@ -43,29 +43,43 @@ pub fn krl(name: &ProgramName, plan: &Plan, base_from_panel: Option<KukaPose>, s
          BAS(#INITMOV, 0)\n\
          ; $TOOL = TOOL_DATA[1] ; the sanding tool, Z out of the pad\n\
          $BASE = {} ; where the panel stands\n\
-         $VEL.CP = {:.4} ; m/s\n\
-         $APO.CDIS = {BLEND_MM:.1} ; mm\n\
+         $ACC.CP = {:.3} ; m/s2\n\
          PTP $AXIS_ACT ; block coincidence, no motion\n",
         name.0,
         frame(&base_from_panel.unwrap_or_default()),
-        settings.feed_mm_s() / 1_000.0,
+        settings.acceleration_mm_s2() / 1_000.0,
     );
+    let (mut feed, mut blend) = (String::new(), String::new());
     for path in &plan.paths {
         let grids = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         // A String takes every write.
         let _ = writeln!(text, "; grid {grids}");
         let mut contact = false;
-        for (index, waypoint) in path.waypoints.iter().enumerate() {
+        for waypoint in &path.waypoints {
             if waypoint.contact != contact {
                 contact = waypoint.contact;
                 text.push_str(if contact { "; contact\n" } else { "; air\n" });
             }
-            let blend = if index + 1 < path.waypoints.len() { " C_DIS" } else { "" };
-            let _ = writeln!(text, "LIN {}{blend}", frame(&waypoint.pose));
+            // The advance run takes both over without a stop; each only where it changes.
+            let next_feed = format!("$VEL.CP = {:.4} ; m/s\n", waypoint.feed_mm_s / 1_000.0);
+            let next_blend = format!("$APO.CDIS = {:.1} ; mm\n", waypoint.blend_mm);
+            change(&mut text, &mut feed, next_feed);
+            let rounds = waypoint.blend_mm >= MIN_BLEND_MM;
+            if rounds {
+                change(&mut text, &mut blend, next_blend);
+            }
+            let _ = writeln!(text, "LIN {}{}", frame(&waypoint.pose), if rounds { " C_DIS" } else { "" });
         }
     }
     text.push_str("END\n");
     text
+}
+
+fn change(text: &mut String, now: &mut String, next: String) {
+    if *now != next {
+        text.push_str(&next);
+        *now = next;
+    }
 }
 
 fn frame(pose: &KukaPose) -> String {

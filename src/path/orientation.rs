@@ -9,7 +9,7 @@
 use crate::geometry::{Degrees, Panel, Point, Rigid, Tool, Vector};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
-use nalgebra::Vector3;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Closer to the normal than this, a reference does not hold the tool's spin.
 const MIN_ANGLE: Degrees = Degrees(6.0);
@@ -28,6 +28,36 @@ impl Reference {
     pub fn of(settings: &recipe::Path) -> Self {
         let axis = Vector::new(Vector3::from(settings.reference_axis()));
         axis.direction().map_or(Reference::Feed, Reference::Axis)
+    }
+}
+
+/// How the tool stands: its spin, and how it leans.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stance {
+    /// What holds the spin.
+    pub reference: Reference,
+    /// Turn about the tool's own Y: it leans along its X. One sign for the whole path, whichever way a row runs.
+    pub lead: Degrees,
+    /// Turn about the tool's own X, after the lead.
+    pub tilt: Degrees,
+}
+
+impl Stance {
+    /// The recipe's.
+    pub fn of(settings: &recipe::Path) -> Self {
+        Stance {
+            reference: Reference::of(settings),
+            lead: Degrees(settings.lead_deg()),
+            tilt: Degrees(settings.tilt_deg()),
+        }
+    }
+
+    fn lean(&self) -> Rigid<Tool, Tool> {
+        let turn = |axis: nalgebra::Unit<Vector3<f64>>, angle: Degrees| {
+            UnitQuaternion::from_axis_angle(&axis, angle.rad())
+        };
+        let lean = turn(Vector3::y_axis(), self.lead) * turn(Vector3::x_axis(), self.tilt);
+        Rigid::claim(Isometry3::from_parts(Translation3::identity(), lean))
     }
 }
 
@@ -51,7 +81,7 @@ pub enum OrientationError {
     },
 }
 
-/// The tool standing on the surface, its point `height_mm` above it along the normal.
+/// The tool standing on the surface, its point `height_mm` above it along the normal; it leans about that point.
 ///
 /// # Errors
 /// Where the surface has no normal or the reference stands along it.
@@ -59,11 +89,11 @@ pub fn panel_from_tool(
     surface: &BSplineSurface,
     at: Parameter,
     height_mm: f64,
-    reference: Reference,
+    stance: Stance,
 ) -> Result<Rigid<Panel, Tool>, OrientationError> {
     let tangents = surface.tangents(at);
     let normal = surface.normal_of(&tangents).ok_or(OrientationError::NoNormal { at })?;
-    let axis = match reference {
+    let axis = match stance.reference {
         Reference::Feed => tangents.s_u.mm.normalize(),
         Reference::Axis(axis) => axis.mm,
     };
@@ -75,5 +105,6 @@ pub fn panel_from_tool(
     }
     let x = across / sine;
     let origin: Point<Panel> = tangents.point + normal * height_mm;
-    Ok(Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), origin))
+    let upright: Rigid<Panel, Tool> = Rigid::from_axes([x, z.cross(&x), z].map(Vector::new), origin);
+    Ok(upright * stance.lean())
 }

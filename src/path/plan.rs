@@ -1,17 +1,22 @@
 //! Tool paths over chosen grids, with the evidence that the gate judges (thesis Fig. 4.29).
 //!
-//! Each grid has one path: in the air to a point above its raster, down along the normal, along the raster in
-//! contact, up along the normal. Between grids the tool flies over the surface at the height of its approach: a
-//! straight way could cut through a bulge. Poses are the tool's in the panel's frame.
+//! Neighbouring grids are one area, and each area has one path (`contact`): through the air to a place above its
+//! lines, down, along the lines in contact, up. Areas follow one another on a short way; between them the tool flies
+//! over the surface at the height of its approach: a straight way could cut through a bulge. Where the disc would reach
+//! too far beyond the panel's outline, lines keep more distance from that side of their area; what is then not reached
+//! shows in the coverage. Poses are the tool's in the panel's frame.
 
-use super::coverage::{GridCoverage, coverage, step_overs_mm};
+use super::areas::{Area, areas, order};
+use super::contact::tool_path;
+use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
 use super::edge::{Outline, Overhang};
-use super::orientation::{OrientationError, Reference, panel_from_tool};
-use super::raster::{RasterError, between, raster};
+use super::lines::{Lines, lines};
+use super::orientation::OrientationError;
+use super::raster::{Insets, RasterError};
 use crate::geometry::{KukaPose, Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Parameter, Patch};
+use crate::surface::{BSplineSurface, Holes, Parameter, Patch};
 use rayon::prelude::*;
 
 /// One pose to move to in a straight line.
@@ -21,6 +26,10 @@ pub struct Waypoint {
     pub pose: KukaPose,
     /// Is the disc on the panel here? A move is one in contact where both its ends are.
     pub contact: bool,
+    /// Speed of the tool's point on the way here, mm/s.
+    pub feed_mm_s: f64,
+    /// Rounding of the corner here, mm; 0 stops.
+    pub blend_mm: f64,
 }
 
 /// The waypoints over one or more grids, from the air to the air.
@@ -44,11 +53,13 @@ pub struct StepOver {
 /// Paths and what they reach.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
-    /// One path for each grid, in the order asked for.
+    /// One path for each area of neighbouring grids, in the order of travel.
     pub paths: Vec<ToolPath>,
     /// Length of all moves, mm.
     pub length_mm: f64,
-    /// Time for them at the recipe's feed, s, without starting and stopping.
+    /// Length of the moves in contact, mm.
+    pub contact_mm: f64,
+    /// Time for all moves, s, with starting and stopping where the path stops.
     pub duration_s: f64,
     /// Covered share of all grids together, 0…1.
     pub coverage: f64,
@@ -100,16 +111,27 @@ pub enum PlanError {
     },
 }
 
-/// One grid's share of the work, before paths are joined.
-struct Piece {
-    id: GridId,
-    track: Vec<Parameter>,
-    coverage: GridCoverage,
+/// One area's share of the work, before paths are joined.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    pub area: Area,
+    pub track: Vec<Parameter>,
+    /// Is there a panel below each place of the track?
+    pub contact: Vec<bool>,
+    pub spacing_mm: f64,
+    coverage: Vec<GridCoverage>,
     step_overs_mm: Vec<f64>,
     overhangs_mm: Vec<f64>,
 }
 
-/// Paths over these grids, one each, in this order. `outline` is the panel's, closed.
+/// Times that lines are laid again because the disc reaches too far beyond the outline.
+const OUTLINE_ROUNDS: usize = 16;
+/// A disc that reaches this much farther than allowed is right, mm.
+const OUTLINE_EXACT_MM: f64 = 0.01;
+/// Places on each side of a patch at which its bend is looked at.
+const BEND_STEPS: usize = 6;
+
+/// Paths over these grids. `outline` is the panel's, closed.
 ///
 /// # Errors
 /// Where a grid is unknown or named twice, or the surface allows no rows or poses there.
@@ -120,95 +142,171 @@ pub fn plan(
     outline: &[Point<Panel>],
     settings: &recipe::Path,
 ) -> Result<Plan, PlanError> {
-    let patches = patches(region, grids)?;
+    planned(surface, region, grids, (outline, &|_| true), settings)
+}
+
+/// The same, the tool lifted where the panel has a hole.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_around(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    (outline, holes): (&[Point<Panel>], &Holes),
+    settings: &recipe::Path,
+) -> Result<Plan, PlanError> {
+    planned(surface, region, grids, (outline, &|at| !holes.holds(at)), settings)
+}
+
+/// Is there a panel at a place?
+type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+
+fn planned(
+    surface: &BSplineSurface,
+    region: &Region,
+    grids: &[GridId],
+    (outline, there): (&[Point<Panel>], There<'_>),
+    settings: &recipe::Path,
+) -> Result<Plan, PlanError> {
+    refuse_unknown(region, grids)?;
     let outline = Outline::new(outline);
+    let areas = areas(region, grids, settings.join_grids());
     let pieces: Vec<Result<Piece, PlanError>> =
-        patches.par_iter().map(|(id, patch)| piece(surface, (*id, patch), &outline, settings)).collect();
+        areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
+    let pieces = ordered(surface, pieces);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
     for piece in &pieces {
         let path = tool_path(surface, piece, before, settings)
-            .map_err(|cause| PlanError::Orientation { grid: piece.id, cause })?;
-        before = piece.track.last().copied();
-        paths.push(path);
+            .map_err(|cause| PlanError::Orientation { grid: first_grid(&piece.area), cause })?;
+        before = path.1;
+        paths.push(path.0);
     }
     Ok(with_evidence(paths, &pieces, settings))
 }
 
-fn patches(region: &Region, grids: &[GridId]) -> Result<Vec<(GridId, Patch)>, PlanError> {
+fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
     if grids.is_empty() {
         return Err(PlanError::NoGrids);
     }
-    let patch = |(index, id): (usize, &GridId)| {
+    for (index, id) in grids.iter().enumerate() {
         if grids[..index].contains(id) {
             return Err(PlanError::Repeated { grid: *id });
         }
-        let unknown = PlanError::UnknownGrid { grid: *id, rows: region.rows, columns: region.columns };
-        Ok((*id, Patch::of_grid(region, *id).ok_or(unknown)?))
+        if Patch::of_grid(region, *id).is_none() {
+            return Err(PlanError::UnknownGrid { grid: *id, rows: region.rows, columns: region.columns });
+        }
+    }
+    Ok(())
+}
+
+fn first_grid(area: &Area) -> GridId {
+    area.grids.first().copied().unwrap_or(GridId { row: 1, column: 1 })
+}
+
+/// The pieces in the order of travel, each in its direction.
+fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
+    let end = |at: Option<&Parameter>| at.map_or(Point::at(0.0, 0.0, 0.0), |at| surface.point(*at));
+    let ends: Vec<[Point<Panel>; 2]> =
+        pieces.iter().map(|piece| [end(piece.track.first()), end(piece.track.last())]).collect();
+    let turned = |(index, turned): (usize, bool)| {
+        let mut piece = pieces[index].clone();
+        if turned {
+            piece.track.reverse();
+            piece.contact.reverse();
+        }
+        piece
     };
-    grids.iter().enumerate().map(patch).collect()
+    order(&ends).into_iter().map(turned).collect()
 }
 
 fn piece(
     surface: &BSplineSurface,
-    (id, patch): (GridId, &Patch),
-    outline: &Outline,
+    region: &Region,
+    area: Area,
+    (outline, there): (&Outline, There<'_>),
     settings: &recipe::Path,
 ) -> Result<Piece, PlanError> {
-    let raster = raster(surface, patch, settings).map_err(|cause| PlanError::Raster { grid: id, cause })?;
-    let track = raster.track(surface, settings.waypoint_spacing_mm());
-    let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
-    let rows: Vec<Vec<Point<Panel>>> = raster.rows.iter().map(|row| on_surface(row)).collect();
     let radius_mm = settings.disc_diameter_mm() / 2.0;
-    let on_track = on_surface(&track);
-    Ok(Piece {
-        id,
-        coverage: coverage(surface, (id, patch), &on_track, radius_mm),
-        step_overs_mm: rows.windows(2).flat_map(|pair| step_overs_mm(&pair[0], &pair[1])).collect(),
-        overhangs_mm: on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect(),
-        track,
-    })
+    let spacing_mm = spacing_mm(surface, &area.patch, settings);
+    let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
+    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
+    let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
+        let strokes = strokes(track, |index| contact[index]);
+        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
+    };
+    let mut insets = Insets::of_disc(settings);
+    let mut round = 0;
+    let (Lines { track, neighbours }, contact, overhangs_mm, coverage) = loop {
+        let laid = lines(surface, &area.patch, insets, settings, spacing_mm)
+            .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
+        let on_track = on_surface(&laid.track);
+        let overhangs_mm: Vec<f64> =
+            on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
+        round += 1;
+        if round < OUTLINE_ROUNDS && outline.is_known() {
+            let allowed_mm = settings.edge_overhang_mm();
+            let mut beyond = false;
+            for ((at, point), mm) in laid.track.iter().zip(&on_track).zip(&overhangs_mm) {
+                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm + OUTLINE_EXACT_MM) {
+                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm);
+                    beyond = true;
+                }
+            }
+            if beyond {
+                insets.settle();
+                continue;
+            }
+        }
+        let contact: Vec<bool> = laid.track.iter().map(|at| there(*at)).collect();
+        let coverage = covered(&on_track, &contact);
+        let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
+        if !(round < OUTLINE_ROUNDS && short && insets.give_way()) {
+            break (laid, contact, overhangs_mm, coverage);
+        }
+    };
+    let step_overs_mm =
+        neighbours.iter().flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next))).collect();
+    Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm })
 }
 
-fn tool_path(
-    surface: &BSplineSurface,
-    piece: &Piece,
-    before: Option<Parameter>,
-    settings: &recipe::Path,
-) -> Result<ToolPath, OrientationError> {
-    let (reference, approach_mm) = (Reference::of(settings), settings.approach_mm());
-    let (Some(first), Some(last)) = (piece.track.first().copied(), piece.track.last().copied()) else {
-        return Ok(ToolPath { grids: vec![piece.id], waypoints: Vec::new() });
-    };
-    let flown: Vec<Parameter> =
-        before.into_iter().flat_map(|from| between(surface, from, first, settings.waypoint_spacing_mm())).collect();
-    let air = |at: Parameter| (at, approach_mm);
-    let stations = flown
-        .into_iter()
-        .map(air)
-        .chain([air(first)])
-        .chain(piece.track.iter().map(|at| (*at, 0.0)))
-        .chain([air(last)]);
-    let waypoint = |(at, height_mm): (Parameter, f64)| {
-        let panel_from_tool = panel_from_tool(surface, at, height_mm, reference)?;
-        Ok(Waypoint { pose: KukaPose::from_rigid(&panel_from_tool), contact: height_mm == 0.0 })
-    };
-    Ok(ToolPath { grids: vec![piece.id], waypoints: stations.map(waypoint).collect::<Result<_, _>>()? })
+/// The recipe's spacing, or less where a chord of it would leave the surface by more than the recipe allows: a chord of
+/// length s over curvature κ lies κ s² / 8 off.
+fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
+    let mut bend: f64 = 0.0;
+    for n in 0..=BEND_STEPS * BEND_STEPS {
+        let share = |index: usize| index as f64 / BEND_STEPS as f64;
+        let at = patch.at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
+        if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
+            bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
+        }
+    }
+    let chord_mm = if bend > 0.0 { (8.0 * settings.chord_error_mm() / bend).sqrt() } else { f64::INFINITY };
+    settings.waypoint_spacing_mm().min(chord_mm)
 }
 
 fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], settings: &recipe::Path) -> Plan {
-    let points: Vec<Point<Panel>> = paths
-        .iter()
-        .flat_map(|path| &path.waypoints)
-        .map(|waypoint| Point::at(waypoint.pose.x_mm, waypoint.pose.y_mm, waypoint.pose.z_mm))
-        .collect();
-    let length_mm: f64 = points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum();
-    let grids: Vec<GridCoverage> = pieces.iter().map(|piece| piece.coverage).collect();
+    let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
+    let point =
+        |waypoint: &Waypoint| Point::<Panel>::at(waypoint.pose.x_mm, waypoint.pose.y_mm, waypoint.pose.z_mm);
+    let (mut length_mm, mut contact_mm, mut duration_s) = (0.0, 0.0, 0.0);
+    for pair in all.windows(2) {
+        let step_mm = point(pair[0]).distance_mm(point(pair[1]));
+        length_mm += step_mm;
+        contact_mm += if pair[0].contact && pair[1].contact { step_mm } else { 0.0 };
+        duration_s += step_mm / pair[1].feed_mm_s;
+        // From or to a stop: half of feed / acceleration lost at either.
+        let stops = [pair[0], pair[1]].iter().filter(|waypoint| waypoint.blend_mm == 0.0).count();
+        duration_s += stops as f64 * pair[1].feed_mm_s / settings.acceleration_mm_s2() / 2.0;
+    }
+    let mut grids: Vec<GridCoverage> = pieces.iter().flat_map(|piece| piece.coverage.iter().copied()).collect();
+    grids.sort_by_key(|grid| grid.id);
     let covered_mm2: f64 = grids.iter().map(|grid| grid.covered_mm2).sum();
     let area_mm2: f64 = grids.iter().map(|grid| grid.area_mm2).sum();
     let overhangs_mm = || pieces.iter().flat_map(|piece| piece.overhangs_mm.iter().copied());
-    let beyond = overhangs_mm().filter(|mm| *mm > settings.edge_overhang_mm()).count();
+    let beyond = overhangs_mm().filter(|mm| *mm > settings.edge_overhang_mm() + OUTLINE_EXACT_MM).count();
     let step_over = |all: Option<StepOver>, mm: f64| {
         let all = all.unwrap_or(StepOver { min_mm: mm, max_mm: mm });
         Some(StepOver { min_mm: all.min_mm.min(mm), max_mm: all.max_mm.max(mm) })
@@ -216,7 +314,8 @@ fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], settings: &recipe::Path
     Plan {
         paths,
         length_mm,
-        duration_s: length_mm / settings.feed_mm_s(),
+        contact_mm,
+        duration_s,
         coverage: covered_mm2 / area_mm2,
         grids,
         step_over_mm: pieces.iter().flat_map(|piece| piece.step_overs_mm.iter().copied()).fold(None, step_over),

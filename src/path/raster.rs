@@ -1,22 +1,24 @@
 //! Rows over a patch with a step-over that holds on the surface (thesis 4.8).
 //!
-//! Rows run along u, F = S_u / |S_u|, D = N × F across. A step r along D has
+//! With rows along u, F = S_u / |S_u| and D = N × F across, a step r along D has
 //!     Q − P ≈ S_u Δu + S_v Δv,   [[S_u·D, S_v·D], [S_u·F, S_v·F]] (Δu, Δv)ᵀ = (r, 0)ᵀ,          (4.20–4.23)
 //! and with this F  Δv = r / (S_v·D),  |S_v·D| = |S_u × S_v| / |S_u|. A row goes on from each point of the one before
 //! it, on columns of constant u: sliding Q back along F to its column leaves v as it is. That is the first guess; then
 //! v is corrected until the distance across, measured on the surface,
 //!     a(v) = ∫ |S_u × S_v| / |S_u| dv,
-//! is right. Rows stand at the equal distance r' = w / ceil(w / r) ≤ r, w being what is left of the patch's width
-//! between the first and the last row; where a patch is narrower on one side, each column divides its own width by
-//! the number of rows, so that the last row follows the far border.
+//! is right. Rows along v are the same with u and v exchanged. Rows stand at the equal distance
+//! r' = w / ceil(w / r) ≤ r, w being what is left of the patch's width between the first and the last row; where a patch
+//! is narrower on one side, each column divides its own width by the number of rows, so that the last row follows the
+//! far border.
 //!
-//! Rows and their ends are inset from the patch's border by 0.6 of the disc's radius R: a corner is then 0.6 √2 R
-//! away, within the disc, and the disc laps onto neighbouring grids by 0.4 R; a corner sharper than 74° is not reached
-//! wholly, which the coverage shows. A patch narrower than two insets gets
-//! one row in its middle, one shorter than two insets rows of one point.
+//! Rows and their ends are inset from the patch's border by 0.6 of the disc's radius R, or more where the panel's
+//! outline asks for it: a corner is then 0.6 √2 R away, within the disc, and the disc laps onto neighbouring grids by
+//! 0.4 R; a corner sharper than 74° is not reached wholly, which the coverage shows. A patch narrower than two insets
+//! gets one row in its middle, one shorter than two insets rows of one point.
 
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
+use nalgebra::Vector3;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
 const INSET_RADII: f64 = 0.6;
@@ -58,52 +60,169 @@ pub enum RasterError {
     },
 }
 
-/// Rows over one patch.
+/// Along which parameter rows run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Along {
+    U,
+    V,
+}
+
+impl Along {
+    /// The place at `a` along the rows and `b` across them.
+    pub fn place(self, a: f64, b: f64) -> Parameter {
+        match self {
+            Along::U => Parameter { u: a, v: b },
+            Along::V => Parameter { u: b, v: a },
+        }
+    }
+
+    pub fn along(self, at: Parameter) -> f64 {
+        if self == Along::U { at.u } else { at.v }
+    }
+
+    pub fn across(self, at: Parameter) -> f64 {
+        if self == Along::U { at.v } else { at.u }
+    }
+}
+
+/// Distances from the patch's four borders, mm.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Insets {
+    /// From lowest and highest u.
+    pub u: [f64; 2],
+    /// From lowest and highest v.
+    pub v: [f64; 2],
+    /// What each side is to keep farther off: lowest u, highest u, lowest v, highest v.
+    pub more: [f64; 4],
+    /// Which of them were pushed off before.
+    pub pushed: [bool; 4],
+}
+
+impl Insets {
+    /// Those that the disc alone asks for.
+    pub fn of_disc(settings: &recipe::Path) -> Self {
+        let inset_mm = INSET_RADII * settings.disc_diameter_mm() / 2.0;
+        Insets { u: [inset_mm; 2], v: [inset_mm; 2], more: [0.0; 4], pushed: [false; 4] }
+    }
+
+    /// Notes that at this place the disc reaches too far: the side towards which it does is to keep farther off.
+    pub fn keep_off(&mut self, tangents: &Tangents, outward: Vector3<f64>, excess_mm: f64) {
+        let (along_u, along_v) =
+            (outward.dot(&tangents.s_u.mm.normalize()), outward.dot(&tangents.s_v.mm.normalize()));
+        let towards = [-along_u, along_u, -along_v, along_v];
+        let side = (0..4).fold(0, |most, side| if towards[side] > towards[most] { side } else { most });
+        self.more[side] = self.more[side].max(excess_mm);
+    }
+
+    /// Takes over what was noted.
+    pub fn settle(&mut self) {
+        for (side, more) in std::mem::take(&mut self.more).into_iter().enumerate() {
+            let insets = if side < 2 { &mut self.u } else { &mut self.v };
+            insets[side % 2] += more;
+            self.pushed[side] |= more > 0.0;
+        }
+    }
+
+    /// Sides that no outline has pushed give way up to their border: the disc laps onto the neighbours by its radius.
+    /// False where no side was pushed, or all gave way before.
+    pub fn give_way(&mut self) -> bool {
+        let free: Vec<usize> = (0..4).filter(|side| !self.pushed[*side]).collect();
+        let mut gave = false;
+        for side in free.into_iter().filter(|_| self.pushed.contains(&true)) {
+            let insets = if side < 2 { &mut self.u } else { &mut self.v };
+            gave |= insets[side % 2] > 0.0;
+            insets[side % 2] = 0.0;
+        }
+        gave
+    }
+
+    pub fn at_ends(&self, along: Along) -> [f64; 2] {
+        if along == Along::U { self.u } else { self.v }
+    }
+
+    pub fn at_sides(&self, along: Along) -> [f64; 2] {
+        if along == Along::U { self.v } else { self.u }
+    }
+}
+
+/// What rows are laid by.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Laying {
+    pub along: Along,
+    pub insets: Insets,
+    pub step_over_mm: f64,
+    pub spacing_mm: f64,
+}
+
+/// Rows along u over one patch.
 ///
 /// # Errors
 /// Where the surface is degenerate.
 pub fn raster(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> Result<Raster, RasterError> {
-    let inset_mm = INSET_RADII * settings.disc_diameter_mm() / 2.0;
-    let columns = columns(surface, patch)?;
-    let left_mm = |column: &Column| (column.width_mm - 2.0 * inset_mm).max(0.0);
-    let widest_mm = columns.iter().map(left_mm).fold(0.0, f64::max);
-    let steps = (widest_mm / settings.step_over_mm() - 1e-9).ceil().max(0.0) as usize;
+    let laying = Laying {
+        along: Along::U,
+        insets: Insets::of_disc(settings),
+        step_over_mm: settings.step_over_mm(),
+        spacing_mm: settings.waypoint_spacing_mm(),
+    };
+    Ok(Raster { rows: rows(surface, patch, &laying)? })
+}
 
+/// Rows along one parameter.
+pub(super) fn rows(
+    surface: &BSplineSurface,
+    patch: &Patch,
+    laying: &Laying,
+) -> Result<Vec<Vec<Parameter>>, RasterError> {
+    let columns = columns(surface, patch, laying)?;
+    let widest_mm = columns.iter().map(|column| column.left_mm).fold(0.0, f64::max);
+    let steps = (widest_mm / laying.step_over_mm - 1e-9).ceil().max(0.0) as usize;
+
+    let border = laying.along.across(patch.low);
     let mut row: Vec<Parameter> = Vec::with_capacity(columns.len());
     for column in &columns {
-        let border = Parameter { u: column.u, v: patch.low.v };
-        row.push(across_from(surface, border, inset_mm.min(column.width_mm / 2.0))?);
+        let from = laying.along.place(column.at, border);
+        row.push(across_from(surface, laying.along, from, column.first_mm)?);
     }
     let mut rows = vec![row];
     for _ in 0..steps {
         let previous = &rows[rows.len() - 1];
         let next = previous.iter().zip(&columns).map(|(from, column)| {
-            across_from(surface, *from, left_mm(column) / steps as f64) // r' of this column
+            across_from(surface, laying.along, *from, column.left_mm / steps as f64) // r' of this column
         });
         rows.push(next.collect::<Result<_, _>>()?);
     }
     let ended = |(index, row): (usize, Vec<Parameter>)| {
-        let mut row = resampled(surface, &row, inset_mm, settings.waypoint_spacing_mm());
+        let mut row = trimmed(surface, &row, laying);
         if index % 2 == 1 {
             row.reverse();
         }
         row
     };
-    Ok(Raster { rows: rows.into_iter().enumerate().map(ended).collect() })
+    Ok(rows.into_iter().enumerate().map(ended).collect())
 }
 
 impl Raster {
     /// All waypoints in one: the rows and the turns between them, in contact throughout.
     pub fn track(&self, surface: &BSplineSurface, spacing_mm: f64) -> Vec<Parameter> {
-        let mut track: Vec<Parameter> = Vec::new();
-        for row in &self.rows {
-            if let (Some(from), Some(to)) = (track.last().copied(), row.first().copied()) {
-                track.extend(between(surface, from, to, spacing_mm));
-            }
-            track.extend(row);
-        }
-        track
+        joined(surface, &self.rows, spacing_mm)
     }
+}
+
+/// Lines one after the other with the ways between them, no step longer than the spacing.
+pub(super) fn joined(surface: &BSplineSurface, lines: &[Vec<Parameter>], spacing_mm: f64) -> Vec<Parameter> {
+    let mut track: Vec<Parameter> = Vec::new();
+    for line in lines {
+        let mut line = line.as_slice();
+        if let (Some(from), Some(to)) = (track.last().copied(), line.first().copied()) {
+            track.extend(between(surface, from, to, spacing_mm));
+            if from == to {
+                line = &line[1..];
+            }
+        }
+        track.extend(line);
+    }
+    track
 }
 
 /// Places between two others, neither included, so that no step exceeds the spacing.
@@ -117,75 +236,111 @@ pub(super) fn between(
     (1..steps).map(move |step| mix(from, to, step as f64 / steps as f64))
 }
 
-fn mix(from: Parameter, to: Parameter, share: f64) -> Parameter {
+pub(super) fn mix(from: Parameter, to: Parameter, share: f64) -> Parameter {
     Parameter { u: from.u + (to.u - from.u) * share, v: from.v + (to.v - from.v) * share }
 }
 
 struct Column {
-    u: f64,
-    width_mm: f64,
+    at: f64,
+    /// From the low border to the first row.
+    first_mm: f64,
+    /// From the first row to the last one.
+    left_mm: f64,
 }
 
-fn columns(surface: &BSplineSurface, patch: &Patch) -> Result<Vec<Column>, RasterError> {
-    let middle = |step: usize| surface.point(patch.at(Parameter { u: step as f64 / 4.0, v: 0.5 }));
+fn columns(surface: &BSplineSurface, patch: &Patch, laying: &Laying) -> Result<Vec<Column>, RasterError> {
+    let along = laying.along;
+    let share = |a: f64, b: f64| patch.at(along.place(a, b));
+    let middle = |step: usize| surface.point(share(step as f64 / 4.0, 0.5));
     let length_mm: f64 = (0..4).map(|step| middle(step).distance_mm(middle(step + 1))).sum();
     let pieces = (length_mm / COLUMN_SPACING_MM).ceil().max(2.0) as usize;
+    let [low_mm, high_mm] = laying.insets.at_sides(along);
     let column = |index: usize| {
-        let place = |v: f64| patch.at(Parameter { u: index as f64 / pieces as f64, v });
-        let border = |piece: usize| place(piece as f64 / WIDTH_PIECES as f64);
+        let border = |piece: usize| share(index as f64 / pieces as f64, piece as f64 / WIDTH_PIECES as f64);
         let mut width_mm = 0.0;
         for piece in 0..WIDTH_PIECES {
-            width_mm += across_mm(surface, border(piece), border(piece + 1).v)?;
+            width_mm += across_mm(surface, along, border(piece), along.across(border(piece + 1)))?;
         }
-        Ok(Column { u: place(0.0).u, width_mm })
+        let left_mm = width_mm - low_mm - high_mm;
+        // No room for both insets: one row, as far from each border as they are to one another.
+        let first_mm = if left_mm > 0.0 { low_mm } else { between_insets_mm(width_mm, [low_mm, high_mm]) };
+        Ok(Column { at: along.along(border(0)), first_mm, left_mm: left_mm.max(0.0) })
     };
     (0..=pieces).map(column).collect()
 }
 
-/// The place on the column of `from` that lies this far across the feed, towards larger v.
-fn across_from(surface: &BSplineSurface, from: Parameter, distance_mm: f64) -> Result<Parameter, RasterError> {
-    let mut v = from.v + distance_mm / mm_per_v(surface, from)?; // Eq. 4.23, 4.24
+/// Where one line goes that has no room for both insets, from the low border, mm: as far beyond either.
+pub(super) fn between_insets_mm(width_mm: f64, [low_mm, high_mm]: [f64; 2]) -> f64 {
+    ((width_mm + low_mm - high_mm) / 2.0).clamp(0.0, width_mm)
+}
+
+/// The place on the column of `from` that lies this far across the rows, towards larger parameters.
+pub(super) fn across_from(
+    surface: &BSplineSurface,
+    along: Along,
+    from: Parameter,
+    distance_mm: f64,
+) -> Result<Parameter, RasterError> {
+    let place = |b: f64| along.place(along.along(from), b);
+    let mut b = along.across(from) + distance_mm / mm_per_unit(surface, along, from)?; // Eq. 4.23, 4.24
     for _ in 0..MAX_NEWTON_STEPS {
-        let missing_mm = distance_mm - across_mm(surface, from, v)?;
+        let missing_mm = distance_mm - across_mm(surface, along, from, b)?;
         if missing_mm.abs() < EXACT_MM {
-            return Ok(Parameter { u: from.u, v });
+            return Ok(place(b));
         }
-        v += missing_mm / mm_per_v(surface, Parameter { u: from.u, v })?;
+        b += missing_mm / mm_per_unit(surface, along, place(b))?;
     }
     Err(RasterError::NoRow { from, distance_mm })
 }
 
 /// ∫ |S_u × S_v| / |S_u| dv along a column, mm.
-fn across_mm(surface: &BSplineSurface, from: Parameter, to_v: f64) -> Result<f64, RasterError> {
+fn across_mm(surface: &BSplineSurface, along: Along, from: Parameter, to: f64) -> Result<f64, RasterError> {
+    let (a, b) = (along.along(from), along.across(from));
     let mut sum = 0.0;
     for (node, weight) in GAUSS {
-        let at = Parameter { u: from.u, v: from.v + (to_v - from.v) * node };
-        sum += weight * mm_per_v(surface, at)?;
+        sum += weight * mm_per_unit(surface, along, along.place(a, b + (to - b) * node))?;
     }
-    Ok(sum * (to_v - from.v))
+    Ok(sum * (to - b))
 }
 
-/// |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v.
-fn mm_per_v(surface: &BSplineSurface, at: Parameter) -> Result<f64, RasterError> {
+/// |S_v·D| of Eq. 4.23 with F along S_u, mm for a unit of v; exchanged for rows along v.
+fn mm_per_unit(surface: &BSplineSurface, along: Along, at: Parameter) -> Result<f64, RasterError> {
     let tangents = surface.tangents(at);
     surface.normal_of(&tangents).ok_or(RasterError::Degenerate { at })?;
-    Ok(tangents.area_mm2() / tangents.s_u.mm.norm())
+    let feed = if along == Along::U { tangents.s_u } else { tangents.s_v };
+    Ok(tangents.area_mm2() / feed.mm.norm())
 }
 
 /// Waypoints at equal distances along a row, from inset to inset.
-fn resampled(surface: &BSplineSurface, row: &[Parameter], inset_mm: f64, spacing_mm: f64) -> Vec<Parameter> {
+fn trimmed(surface: &BSplineSurface, row: &[Parameter], laying: &Laying) -> Vec<Parameter> {
+    // The inset is a distance from the border; a row that meets it aslant goes farther for it.
+    let [low_mm, high_mm] = laying.insets.at_ends(laying.along);
+    let (start, end) = (surface.tangents(row[0]), surface.tangents(row[row.len() - 1]));
+    resampled(surface, row, [low_mm / sine(&start), high_mm / sine(&end)], laying.spacing_mm)
+}
+
+/// Places at equal distances along a line, without so much at each of its ends, mm; one in the middle where nothing
+/// would be left.
+pub(super) fn resampled(
+    surface: &BSplineSurface,
+    line: &[Parameter],
+    [before_mm, after_mm]: [f64; 2],
+    spacing_mm: f64,
+) -> Vec<Parameter> {
+    if line.len() < 2 {
+        return line.to_vec();
+    }
     let mut way_mm = vec![0.0];
-    for pair in row.windows(2) {
+    for pair in line.windows(2) {
         let step_mm = surface.point(pair[0]).distance_mm(surface.point(pair[1]));
         way_mm.push(way_mm[way_mm.len() - 1] + step_mm);
     }
-    // The inset is a distance from the border; a row that meets it aslant goes farther for it.
-    let along = |end: Parameter| inset_mm / sine(&surface.tangents(end));
-    let (first, last) = (along(row[0]), way_mm[row.len() - 1] - along(row[row.len() - 1]));
+    let (first, last) = (before_mm, way_mm[line.len() - 1] - after_mm);
     let place = |at_mm: f64| {
-        let after = way_mm.partition_point(|way| *way < at_mm).clamp(1, row.len() - 1);
-        let share = (at_mm - way_mm[after - 1]) / (way_mm[after] - way_mm[after - 1]);
-        mix(row[after - 1], row[after], share)
+        let after = way_mm.partition_point(|way| *way < at_mm).clamp(1, line.len() - 1);
+        let gap_mm = way_mm[after] - way_mm[after - 1];
+        let share = if gap_mm > 0.0 { (at_mm - way_mm[after - 1]) / gap_mm } else { 0.0 };
+        mix(line[after - 1], line[after], share)
     };
     if first >= last {
         return vec![place((first + last) / 2.0)];

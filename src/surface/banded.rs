@@ -1,6 +1,9 @@
 //! Cholesky's factorisation of a symmetric positive definite band matrix, which nalgebra does not have.
 //!
-//! A = L Lᵀ keeps the band: for half-width b it costs n b² instead of n³/3. Row i holds its columns i − b … i.
+//! A = L Lᵀ keeps the band: for half-width b it costs n b² instead of n³/3. Row i holds its columns i − b … i. Of the
+//! inverse Z only the band is ever needed, for traces; it follows from Lᵀ Z = L⁻¹, column by column from the last:
+//!     Z_ij = (δ_ij / L_jj − Σ_{k>j} L_kj Z_ki) / L_jj,   i ≥ j.
+//! Source of the second: Erisman & Tinney, Comm. ACM 18(3), 1975.
 
 use nalgebra::Vector3;
 
@@ -28,26 +31,37 @@ impl BandMatrix {
         self.lower[index] += value;
     }
 
-    /// Solves A x = b; the row at which A proves singular otherwise.
-    pub fn solve(mut self, mut right: Vec<Vector3<f64>>) -> Result<Vec<Vector3<f64>>, usize> {
+    /// This matrix and a multiple of another one of the same shape.
+    pub fn plus(&self, other: &BandMatrix, factor: f64) -> BandMatrix {
+        let lower = self.lower.iter().zip(&other.lower).map(|(mine, its)| mine + factor * its).collect();
+        BandMatrix { lower, ..*self }
+    }
+
+    /// Sum of the diagonal.
+    pub fn trace(&self) -> f64 {
+        (0..self.size).map(|row| self.lower[self.index(row, row)]).sum()
+    }
+
+    /// A x.
+    pub fn times(&self, x: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let mut product = vec![Vector3::zeros(); self.size];
+        for row in 0..self.size {
+            for column in self.first(row)..row {
+                let element = self.lower[self.index(row, column)];
+                product[row] += x[column] * element;
+                product[column] += x[row] * element;
+            }
+            product[row] += x[row] * self.lower[self.index(row, row)];
+        }
+        product
+    }
+
+    /// Factorises; the row at which A proves singular otherwise.
+    pub fn factored(mut self) -> Result<Factor, usize> {
         for row in 0..self.size {
             self.factor(row)?;
         }
-        for row in 0..self.size {
-            for column in self.first(row)..row {
-                let known = right[column];
-                right[row] -= known * self.lower[self.index(row, column)];
-            }
-            right[row] /= self.lower[self.index(row, row)];
-        }
-        for row in (0..self.size).rev() {
-            right[row] /= self.lower[self.index(row, row)];
-            for column in self.first(row)..row {
-                let known = right[row];
-                right[column] -= known * self.lower[self.index(row, column)];
-            }
-        }
-        Ok(right)
+        Ok(Factor { matrix: self })
     }
 
     // One row of L from the rows above it.
@@ -79,6 +93,56 @@ impl BandMatrix {
     }
 }
 
+/// L of A = L Lᵀ.
+#[derive(Debug, Clone)]
+pub struct Factor {
+    matrix: BandMatrix,
+}
+
+impl Factor {
+    /// Solves A x = b.
+    pub fn solve(&self, mut right: Vec<Vector3<f64>>) -> Vec<Vector3<f64>> {
+        let l = &self.matrix;
+        for row in 0..l.size {
+            for column in l.first(row)..row {
+                let known = right[column];
+                right[row] -= known * l.lower[l.index(row, column)];
+            }
+            right[row] /= l.lower[l.index(row, row)];
+        }
+        for row in (0..l.size).rev() {
+            right[row] /= l.lower[l.index(row, row)];
+            for column in l.first(row)..row {
+                let known = right[row];
+                right[column] -= known * l.lower[l.index(row, column)];
+            }
+        }
+        right
+    }
+
+    /// tr(A⁻¹ B) for a B of A's shape.
+    pub fn trace_of_inverse_times(&self, other: &BandMatrix) -> f64 {
+        let l = &self.matrix;
+        let mut inverse = BandMatrix::zeros(l.size, l.half_width);
+        let mut trace = 0.0;
+        for column in (0..l.size).rev() {
+            let pivot = l.lower[l.index(column, column)];
+            let last = (column + l.half_width).min(l.size - 1);
+            for row in (column..=last).rev() {
+                let product: f64 = (column + 1..=last)
+                    .map(|k| l.lower[l.index(k, column)] * inverse.lower[l.index(k.max(row), k.min(row))])
+                    .sum();
+                let unit = if row == column { 1.0 / pivot } else { 0.0 };
+                let element = (unit - product) / pivot;
+                inverse.add(row, column, element);
+                let twice = if row == column { 1.0 } else { 2.0 };
+                trace += twice * element * other.lower[l.index(row, column)];
+            }
+        }
+        trace
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -91,7 +155,7 @@ mod tests {
         for (row, column, value) in [(0, 0, 4.0), (1, 0, 2.0), (1, 1, 5.0)] {
             matrix.add(row, column, value);
         }
-        let solved = matrix.solve(vec![Vector3::repeat(8.0), Vector3::repeat(9.0)]).expect("definite");
+        let solved = matrix.factored().expect("definite").solve(vec![Vector3::repeat(8.0), Vector3::repeat(9.0)]);
         assert!((solved[0].x - 1.375).abs() < 1e-14 && (solved[1].y - 1.25).abs() < 1e-14);
     }
 
@@ -101,7 +165,7 @@ mod tests {
         for (row, column, value) in [(0, 0, 1.0), (1, 0, 1.0), (1, 1, 1.0), (2, 2, 1.0)] {
             matrix.add(row, column, value);
         }
-        assert_eq!(matrix.solve(vec![Vector3::zeros(); 3]), Err(1));
+        assert_eq!(matrix.factored().err(), Some(1));
     }
 
     proptest! {
@@ -118,11 +182,23 @@ mod tests {
             for (row, column) in (0..15usize).flat_map(|i| (i.saturating_sub(3)..=i).map(move |j| (i, j))) {
                 matrix.add(row, column, dense(row, column));
             }
-            let solved = matrix.solve(right.iter().map(|r| Vector3::repeat(*r)).collect()).expect("dominant");
+            let right: Vec<_> = right.into_iter().map(Vector3::repeat).collect();
+            let factor = matrix.clone().factored().expect("dominant");
+            let solved = factor.solve(right.clone());
             for (row, expected) in right.iter().enumerate() {
                 let found: f64 = (0..15).map(|column| dense(row, column) * solved[column].x).sum();
-                prop_assert!((found - expected).abs() < 1e-10);
+                prop_assert!((found - expected.x).abs() < 1e-10);
             }
+            for (found, expected) in matrix.times(&solved).iter().zip(&right) {
+                prop_assert!((found - expected).norm() < 1e-10);
+            }
+            // tr(A⁻¹ A) is the size, tr(A⁻¹ I) the trace of the dense inverse.
+            prop_assert!((factor.trace_of_inverse_times(&matrix) - 15.0).abs() < 1e-10);
+            let mut one = BandMatrix::zeros(15, 3);
+            (0..15).for_each(|i| one.add(i, i, 1.0));
+            let whole = nalgebra::DMatrix::from_fn(15, 15, |i, j| dense(i.max(j), i.min(j)));
+            let trace = whole.try_inverse().expect("dominant").trace();
+            prop_assert!((factor.trace_of_inverse_times(&one) - trace).abs() < 1e-10);
         }
     }
 }

@@ -57,6 +57,17 @@ pub struct Basis {
     pub second: Local,
 }
 
+/// The functions of one span as polynomials of t = (u − start) / length: N_r = Σ_k c_rk t^k.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpanFunctions {
+    /// Where the span begins.
+    pub start: f64,
+    /// How long it is.
+    pub length: f64,
+    /// c_rk, function by function.
+    pub coefficients: [Local; MAX_DEGREE + 1],
+}
+
 impl KnotVector {
     /// A knot vector from its knots.
     ///
@@ -114,7 +125,48 @@ impl KnotVector {
     /// The span of a parameter, from 0. Beyond the domain the first and the last polynomial go on.
     pub fn span(&self, at: f64) -> usize {
         let inner = &self.knots[self.degree + 1..self.controls()];
-        inner.partition_point(|knot| *knot <= at)
+        let (low, high) = (self.knots[0], self.knots[self.knots.len() - 1]);
+        // Equal spans are the rule: the guess is right, or a step or two away.
+        let mut span = ((at - low) / (high - low) * self.spans() as f64).max(0.0) as usize;
+        span = span.min(inner.len());
+        while span < inner.len() && inner[span] <= at {
+            span += 1;
+        }
+        while span > 0 && inner[span - 1] > at {
+            span -= 1;
+        }
+        span
+    }
+
+    /// The functions of one span as polynomials.
+    pub fn functions_on(&self, span: usize) -> SpanFunctions {
+        let knot = span + self.degree;
+        let (start, length) = (self.knots[knot], self.knots[knot + 1] - self.knots[knot]);
+        let mut lower = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
+        lower[0][0] = 1.0;
+        // An empty span holds no parameter.
+        let top = if length > 0.0 { self.degree } else { 0 };
+        for degree in 1..=top {
+            let mut raised = [[0.0; MAX_DEGREE + 1]; MAX_DEGREE + 1];
+            for (r, function) in lower.iter().enumerate().take(degree) {
+                let (from, to) = (self.knots[knot + r + 1 - degree], self.knots[knot + r + 1]);
+                for (k, coefficient) in function.iter().enumerate().take(degree) {
+                    let share = coefficient / (to - from); // Eq. 4.10 with u = start + length · t
+                    raised[r][k] += (to - start) * share;
+                    raised[r][k + 1] -= length * share;
+                    raised[r + 1][k] += (start - from) * share;
+                    raised[r + 1][k + 1] += length * share;
+                }
+            }
+            lower = raised;
+        }
+        SpanFunctions { start, length, coefficients: lower }
+    }
+
+    /// Where the control points have their say: the means of the degree inner knots of each.
+    pub fn greville(&self) -> Vec<f64> {
+        let mean = |i: usize| self.knots[i + 1..=i + self.degree].iter().sum::<f64>() / self.degree as f64;
+        (0..self.controls()).map(mean).collect()
     }
 
     /// Values alone.
@@ -276,6 +328,18 @@ mod tests {
                 let local = control.checked_sub(basis.first_control).filter(|r| *r < count);
                 let found = local.map_or(0.0, |r| basis.values[r]);
                 prop_assert!((found - cox_de_boor(&knots.knots, control, knots.degree(), at)).abs() < 1e-12);
+            }
+        }
+
+        #[test]
+        fn polynomials_of_a_span_are_its_functions(knots in knot_vectors(), share in 0.0..=1.0f64) {
+            let at = knots.domain().end() * share;
+            let functions = knots.functions_on(knots.span(at));
+            let t = (at - functions.start) / functions.length;
+            let values = knots.values(at);
+            for (function, value) in functions.coefficients.iter().zip(values) {
+                let found = function.iter().rev().fold(0.0, |sum, c| sum * t + c);
+                prop_assert!((found - value).abs() < 1e-9, "{} {}", found, value);
             }
         }
 

@@ -7,8 +7,9 @@
 //! handedness of (u, v), and the tool's Z and the retract would turn with it. Points in the panel's frame, mm.
 
 use super::basis::{Basis, KnotVector};
+use super::spans::SpanSurface;
 use crate::geometry::{Panel, Point, Vector};
-use nalgebra::{Point3, Vector3};
+use nalgebra::Vector3;
 use std::ops::RangeInclusive;
 
 /// Sine of the angle between S_u and S_v below which a place has no normal.
@@ -79,6 +80,8 @@ pub struct BSplineSurface {
     controls: Vec<Point<Panel>>,
     // +1 or −1: the sign of Eq. 4.13
     side: f64,
+    // The same surface as polynomials; `None` above degree 3
+    spans: Option<SpanSurface>,
 }
 
 impl BSplineSurface {
@@ -98,7 +101,8 @@ impl BSplineSurface {
         }
         let middle = |knots: &KnotVector| (knots.domain().start() + knots.domain().end()) / 2.0;
         let at = Parameter { u: middle(&knots_u), v: middle(&knots_v) };
-        let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0 };
+        let spans = SpanSurface::of([&knots_u, &knots_v], &controls);
+        let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0, spans };
         let normal = surface.normal(at).ok_or(SurfaceError::NoSide)?;
         let towards = normal.mm.dot(&(viewer - surface.point(at)).mm);
         if towards == 0.0 || !towards.is_finite() {
@@ -130,38 +134,39 @@ impl BSplineSurface {
 
     /// S(u, v), Eq. 4.12.
     pub fn point(&self, at: Parameter) -> Point<Panel> {
-        let (values_u, values_v) = (self.knots_u.values(at.u), self.knots_v.values(at.v));
-        let first = (self.knots_u.span(at.u), self.knots_v.span(at.v));
-        let mut sum = Vector3::zeros();
-        for (value, row) in values_u.iter().zip(self.rows(first)) {
-            let mut across = Vector3::zeros();
-            for (weight, control) in values_v.iter().zip(row) {
-                across += control.mm.coords * *weight;
-            }
-            sum += across * *value;
+        match &self.spans {
+            Some(spans) => spans.point(self.span_of(at), at),
+            None => self.slow(at).tangents.point,
         }
-        Point::new(Point3::from(sum))
     }
 
     /// S, S_u and S_v, Eq. 4.12 and 4.14.
     pub fn tangents(&self, at: Parameter) -> Tangents {
-        let (u, v) = (self.knots_u.with_first(at.u), self.knots_v.with_first(at.v));
-        let [mut point, mut s_u, mut s_v] = [Vector3::zeros(); 3];
-        for (i, row) in self.rows((u.first_control, v.first_control)).enumerate() {
-            let [mut across, mut slope] = [Vector3::zeros(); 2];
-            for (j, control) in row.iter().enumerate() {
-                across += control.mm.coords * v.values[j];
-                slope += control.mm.coords * v.first[j];
-            }
-            point += across * u.values[i];
-            s_u += across * u.first[i];
-            s_v += slope * u.values[i];
+        match &self.spans {
+            Some(spans) => spans.tangents(self.span_of(at), at),
+            None => self.slow(at).tangents,
         }
-        Tangents { point: Point::new(point.into()), s_u: Vector::new(s_u), s_v: Vector::new(s_v) }
     }
 
     /// S with its first and second derivatives.
     pub fn derivatives(&self, at: Parameter) -> Derivatives {
+        match &self.spans {
+            Some(spans) => spans.derivatives(self.span_of(at), at),
+            None => self.slow(at),
+        }
+    }
+
+    /// S with its first and second derivatives at many places, in their order.
+    pub fn derivatives_at(&self, places: &[Parameter]) -> Vec<Derivatives> {
+        places.iter().map(|at| self.derivatives(*at)).collect()
+    }
+
+    fn span_of(&self, at: Parameter) -> [usize; 2] {
+        [self.knots_u.span(at.u), self.knots_v.span(at.v)]
+    }
+
+    // Function by function: for degrees of which no polynomials are kept.
+    fn slow(&self, at: Parameter) -> Derivatives {
         let (u, v): (Basis, Basis) = (self.knots_u.with_second(at.u), self.knots_v.with_second(at.v));
         let [mut point, mut s_u, mut s_v, mut s_uu, mut s_uv, mut s_vv] = [Vector3::zeros(); 6];
         for (i, row) in self.rows((u.first_control, v.first_control)).enumerate() {
@@ -184,6 +189,20 @@ impl BSplineSurface {
             s_uv: Vector::new(s_uv),
             s_vv: Vector::new(s_vv),
         }
+    }
+
+    /// Principal curvatures, 1/mm, the larger one first; positive where the surface bends away from the camera's side,
+    /// as a ball does that is seen from outside. `None` where there is no normal.
+    pub fn principal_curvatures(&self, there: &Derivatives) -> Option<[f64; 2]> {
+        let normal = self.normal_of(&there.tangents)?.mm;
+        let (s_u, s_v) = (there.tangents.s_u.mm, there.tangents.s_v.mm);
+        let (e, f, g) = (s_u.dot(&s_u), s_u.dot(&s_v), s_v.dot(&s_v));
+        // Minus: the second form's own sign is that of a bowl seen from inside.
+        let [l, m, n] = [there.s_uu, there.s_uv, there.s_vv].map(|second| -second.mm.dot(&normal));
+        let area2 = e * g - f * f;
+        let (mean, gauss) = ((e * n - 2.0 * f * m + g * l) / (2.0 * area2), (l * n - m * m) / area2);
+        let half_gap = (mean * mean - gauss).max(0.0).sqrt();
+        Some([mean + half_gap, mean - half_gap])
     }
 
     /// The unit normal, towards the side that the camera saw; `None` where S_u and S_v are parallel.
@@ -258,7 +277,35 @@ mod tests {
         assert_eq!(point, Err(SurfaceError::NoSide));
     }
 
+    /// By hand: over Greville abscissae z = −x²/2R is met to second order by its own spline in the middle of x; a
+    /// cylinder of radius 500 mm that bulges towards the camera has curvatures 1/500 and 0.
+    #[test]
+    fn a_bulge_has_positive_curvature() {
+        // Blossom of x² at the knots of each control point: the mean of the products of two of its three inner knots.
+        let knots = [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 2.0], [1.0, 2.0, 3.0], [2.0, 3.0, 3.0], [3.0; 3]];
+        let square = |[a, b, c]: [f64; 3]| (a * b + a * c + b * c) / 27.0 * 1e4;
+        let bulge = net(|i, _| -square(knots[i]) / 1_000.0);
+        let there = bulge.derivatives(Parameter { u: 0.0, v: 0.5 });
+        let [largest, least] = bulge.principal_curvatures(&there).expect("a normal");
+        assert!((largest - 1.0 / 500.0).abs() < 1e-9 && least.abs() < 1e-12, "{largest} {least}");
+    }
+
     proptest! {
+        /// The polynomials that are evaluated, against the functions one by one.
+        #[test]
+        fn polynomials_and_basis_functions_are_one_surface(
+            heights in prop::collection::vec(-20.0..20.0f64, 36), u in -0.1..1.1f64, v in -0.1..1.1f64,
+        ) {
+            let surface = net(|i, j| heights[i * 6 + j]);
+            let at = Parameter { u, v };
+            let (quick, slow) = (surface.derivatives(at), surface.slow(at));
+            prop_assert!(quick.tangents.point.distance_mm(slow.tangents.point) < 1e-9);
+            for (quick, slow) in [(quick.tangents.s_u, slow.tangents.s_u), (quick.tangents.s_v, slow.tangents.s_v),
+                (quick.s_uu, slow.s_uu), (quick.s_uv, slow.s_uv), (quick.s_vv, slow.s_vv)] {
+                prop_assert!((quick.mm - slow.mm).norm() < 1e-7, "{:?} {:?}", quick, slow);
+            }
+        }
+
         #[test]
         fn derivatives_agree_with_differences(
             heights in prop::collection::vec(-20.0..20.0f64, 36), u in 0.01..0.99f64, v in 0.01..0.99f64,

@@ -1,38 +1,43 @@
-//! The least-squares B-spline surface of a taught region, with its deviation.
+//! The surface of a taught region, with its deviation.
 //!
-//! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points. A point bears on
-//! the (k + 1)(l + 1) control points of its span alone, so the normal equations are banded. They are summed span by
-//! span and folded in order: the result is the same for any number of threads. With r_q the deviation along the
-//! normal and σ = 1.4826 · median |r| of a first fit with w = 1, the second and last fit has Tukey's weights
-//!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0:
-//! flying points lose their say. A point of weight 0 counts as missing. Where points are missing nothing is invented:
-//! a hole of the size of a span is an error.
+//! Minimises Σ_q w_q |S(u_q, v_q) − P_q|² over the control points (Eq. 4.12), P_q the scan's points, smoothed as the
+//! noise asks for (`equations`). A point bears on the (k + 1)(l + 1) control points of its span alone, so the normal
+//! equations are banded. They are summed band by band of the picture and folded in order: the result is the same for
+//! any number of threads. With r_q the deviation along the normal and σ = 1.4826 · median |r|, points have Tukey's
+//! weights
+//!     w = (1 − (r / c)²)² for |r| < c = 4.685 σ, else 0,
+//! after a first fit with w = 1, and again until σ settles: flying points lose their say. A point of weight 0 counts as
+//! missing. The white noise is told from second differences of r between neighbouring pixels, which no smooth misfit
+//! and no slow error of the camera enters. Where points are missing nothing is invented: a hole larger than the recipe
+//! allows is an error, and so are a fold and a poor fit.
 //! Source of the weights: Beaton & Tukey, Technometrics 16(2), 1974.
 
-use super::banded::BandMatrix;
-use super::basis::{KnotError, KnotVector, Local};
-use super::bspline::{BSplineSurface, Parameter, SurfaceError};
-use super::samples::{Cell, gather, knots};
+use super::basis::{KnotError, KnotVector};
+use super::bspline::{BSplineSurface, SurfaceError};
+use super::equations::{Equations, Solution};
+use super::map::{DeviationMap, MapPixel};
+use super::samples::{Sample, Samples, knots, sides_mm};
+use super::thesis;
 use crate::geometry::{Panel, Pixel, Point};
 use crate::panel::{Region, TaughtPanel};
-use crate::recipe;
+use crate::recipe::{self, FitMethod};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
 /// Degree along u and v.
 pub(super) const DEGREE: usize = 3;
-/// Control points that a span bears on, along one parameter.
-const SIDE: usize = DEGREE + 1;
-/// Control points that a span bears on.
-const LOCAL: usize = SIDE * SIDE;
 /// Tukey's constant: 95 % as efficient as plain least squares on normal noise.
 const TUKEY: f64 = 4.685;
+/// Median of |x| to σ of normal noise.
+const SIGMA_OF_MEDIAN: f64 = 1.4826;
 /// No 3D camera is more exact than this, mm: keeps σ from zero on data without noise.
 const MIN_SCALE_MM: f64 = 0.001;
-/// Fewer pixels in a span do not determine it.
-const MIN_PIXELS: usize = LOCAL;
-/// A span with a smaller share of its pixels is a hole.
-const MIN_SPAN_SHARE: f64 = 0.25;
+/// Weighted fits at most; two are the rule.
+const MAX_ROUNDS: usize = 4;
+/// σ has settled when a round lowers it by less than this share.
+const SETTLED: f64 = 0.9;
+/// Fewer pixels in a pair of spans do not determine it.
+const MIN_PIXELS: usize = (DEGREE + 1) * (DEGREE + 1);
 
 /// How far the scan lies from the surface, along its normal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,8 +52,14 @@ pub struct Deviation {
     pub p95_mm: f64,
     /// The largest of the points in the fit, mm.
     pub largest_mm: f64,
+    /// The scan's white noise along the normal, σ, mm: what `rms_mm` would be of a perfect surface.
+    pub noise_mm: f64,
+    /// The smoothing λ that this noise asked for, relative to the data; 0 in the thesis's way.
+    pub smoothing: f64,
     /// Pixels of the region without a point, or with a rejected one, percent.
     pub missing_percent: f64,
+    /// Side of the largest square of the region without a point, mm.
+    pub largest_hole_mm: f64,
 }
 
 /// A surface with the evidence for it.
@@ -58,6 +69,18 @@ pub struct Fit {
     pub surface: BSplineSurface,
     /// How well it lies in the scan.
     pub deviation: Deviation,
+    /// The same, pixel by pixel.
+    pub map: DeviationMap,
+}
+
+/// A fit that is refused, with the picture that says where.
+#[derive(Debug, Clone, thiserror::Error)]
+#[error("{error}")]
+pub struct Refusal {
+    /// Why.
+    pub error: FitError,
+    /// What was seen, pixel by pixel, as far as it came.
+    pub map: Option<DeviationMap>,
 }
 
 /// Why a scan gives no surface.
@@ -79,16 +102,27 @@ pub enum FitError {
         /// Its middle in the taught picture.
         at: Pixel,
     },
-    /// A hole as large as a span.
+    /// A hole.
     #[error(
-        "the scan has a hole at ({:.0}, {:.0}) px: {found_percent:.0} % of the pixels there have a point, needed are \
-         {:.0} %; scan again or move the region", at.u, at.v, 100.0 * MIN_SPAN_SHARE
+        "the scan has a hole of {size_mm:.1} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {limit_mm}; scan \
+         again or move the region", at.u, at.v
     )]
     Hole {
-        /// The middle of the span in the taught picture.
+        /// The middle of the largest square without a point, in the taught picture.
         at: Pixel,
-        /// Pixels of the span that have a point, percent.
-        found_percent: f64,
+        /// Its side, mm.
+        size_mm: f64,
+        /// Side allowed, mm.
+        limit_mm: f64,
+    },
+    /// The thesis's way needs a point where there is none.
+    #[error(
+        "the scan has no point at ({:.0}, {:.0}) px to be a control point; scan again, or set [surface] method = \
+         \"least-squares\"", at.u, at.v
+    )]
+    NoControlPoint {
+        /// Where, in the taught picture.
+        at: Pixel,
     },
     /// Too much is missing.
     #[error(
@@ -115,14 +149,16 @@ pub enum FitError {
     },
     /// The deviation is too large.
     #[error(
-        "the scan lies {rms_mm:.3} mm rms off the surface, [surface] max_rms_mm allows {limit_mm}; a smaller \
-         control_spacing_mm follows a rougher panel"
+        "the scan lies {rms_mm:.3} mm rms off the surface, [surface] max_rms_mm allows {limit_mm}; its noise is \
+         {noise_mm:.3} mm, and a smaller control_spacing_mm follows a rougher panel"
     )]
     PoorFit {
         /// Deviation, mm.
         rms_mm: f64,
         /// Deviation allowed, mm.
         limit_mm: f64,
+        /// White noise of the scan, mm.
+        noise_mm: f64,
     },
     /// The control points make no surface.
     #[error(transparent)]
@@ -137,187 +173,217 @@ pub enum FitError {
 /// # Errors
 /// Where the scan has holes, does not determine the surface, or deviates from it by more than the recipe allows.
 pub fn fit(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, FitError> {
-    let knots = knots(panel, settings.control_spacing_mm())?;
-    let cells = gather(panel, &knots);
-    refuse_missing(&cells, 0, settings)?;
-    refuse_holes(&cells, &knots, &panel.region, settings)?;
-    let viewer = panel.panel_from_camera.origin();
-
-    let alike = cells.iter().map(|cell| vec![1.0; cell.samples.len()]).collect();
-    let first = solve(&cells, alike, &knots, &panel.region, viewer)?;
-    let first_residuals = residuals(&cells, &first, &panel.region, viewer)?;
-    let scale_mm = scale_mm(&first_residuals);
-    let weigh = |residuals: Vec<f64>| residuals.into_iter().map(|r| tukey(r / scale_mm)).collect::<Vec<_>>();
-    let weights = first_residuals.into_iter().map(weigh).collect();
-    let surface = solve(&cells, weights, &knots, &panel.region, viewer)?;
-    let deviation = deviation(&cells, residuals(&cells, &surface, &panel.region, viewer)?, scale_mm);
-
-    refuse_missing(&cells, deviation.rejected, settings)?;
-    if deviation.rms_mm > settings.max_rms_mm() {
-        return Err(FitError::PoorFit { rms_mm: deviation.rms_mm, limit_mm: settings.max_rms_mm() });
-    }
-    Ok(Fit { surface, deviation })
+    examine(panel, settings).map_err(|refusal| refusal.error)
 }
 
-fn missing_percent(cells: &[Cell], rejected: usize) -> f64 {
-    let pixels: usize = cells.iter().map(|cell| cell.pixels).sum();
-    let points: usize = cells.iter().map(|cell| cell.points).sum();
-    100.0 * (1.0 - points.saturating_sub(rejected) as f64 / pixels.max(1) as f64)
+/// Fits the surface of the panel's region; a refusal brings its picture along.
+///
+/// # Errors
+/// As [`fit`].
+pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, Box<Refusal>> {
+    let early = |error: FitError| Box::new(Refusal { error, map: None });
+    let sides_mm = sides_mm(panel).map_err(early)?;
+    let knots = match settings.method() {
+        FitMethod::LeastSquares => knots(sides_mm, settings.control_spacing_mm()),
+        FitMethod::Thesis => thesis::knots(sides_mm, settings.control_spacing_mm()),
+    };
+    let samples = Samples::gather(panel, &knots.map_err(|error| early(error.into()))?);
+    let look = Look {
+        samples: &samples,
+        region: &panel.region,
+        viewer: panel.panel_from_camera.origin(),
+        sides_mm,
+        settings,
+    };
+    let seen = look.map(None);
+    look.fit(panel, &seen).map_err(|(error, map)| Box::new(Refusal { error, map: Some(map.unwrap_or(seen)) }))
 }
 
-fn refuse_missing(cells: &[Cell], rejected: usize, settings: &recipe::Surface) -> Result<(), FitError> {
-    let (percent, limit_percent) = (missing_percent(cells, rejected), settings.max_missing_percent());
-    if percent > limit_percent { Err(FitError::Missing { percent, limit_percent }) } else { Ok(()) }
+/// What one fit looks at.
+struct Look<'a> {
+    samples: &'a Samples,
+    region: &'a Region,
+    viewer: Point<Panel>,
+    sides_mm: [f64; 2],
+    settings: &'a recipe::Surface,
 }
 
-fn refuse_holes(
-    cells: &[Cell],
-    [knots_u, knots_v]: &[KnotVector; 2],
-    region: &Region,
-    settings: &recipe::Surface,
-) -> Result<(), FitError> {
-    for (index, cell) in cells.iter().enumerate() {
-        let middle = |knots: &KnotVector, span: usize| {
-            let domain = knots.domain();
-            domain.start() + (domain.end() - domain.start()) * (span as f64 + 0.5) / knots.spans() as f64
+impl Look<'_> {
+    fn fit(&self, panel: &TaughtPanel, seen: &DeviationMap) -> Result<Fit, (FitError, Option<DeviationMap>)> {
+        let early = |error| (error, None);
+        self.refuse_missing(0).map_err(early)?;
+        self.refuse_fine().map_err(early)?;
+        self.refuse_hole(seen).map_err(early)?;
+        let (surface, smoothing) = match self.settings.method() {
+            FitMethod::LeastSquares => self.least_squares().map_err(early)?,
+            FitMethod::Thesis => {
+                let controls = thesis::controls(panel, &self.samples.knots).map_err(early)?;
+                (self.surface(controls).map_err(early)?, 0.0)
+            }
         };
-        let (span_u, span_v) = (index / knots_v.spans(), index % knots_v.spans());
-        let at = region.pixel(Point2::new(middle(knots_u, span_u), middle(knots_v, span_v)));
-        if cell.pixels < MIN_PIXELS {
-            return Err(FitError::TooFine { spacing_mm: settings.control_spacing_mm(), pixels: cell.pixels, at });
-        }
-        let share = cell.points as f64 / cell.pixels as f64;
-        if share < MIN_SPAN_SHARE {
-            return Err(FitError::Hole { at, found_percent: 100.0 * share });
+        let residuals = self.residuals(&surface).map_err(early)?;
+        let limit_mm = TUKEY * scale_mm(&residuals);
+        let map = self.map(Some((&residuals, limit_mm)));
+        let mut deviation = self.deviation(&residuals, limit_mm);
+        deviation.smoothing = smoothing;
+        deviation.largest_hole_mm = self.hole(&map).0;
+        let judged = self.refuse_missing(deviation.rejected).and_then(|()| self.refuse_hole(&map)).and_then(|()| {
+            let (rms_mm, limit_mm, noise_mm) = (deviation.rms_mm, self.settings.max_rms_mm(), deviation.noise_mm);
+            if rms_mm > limit_mm { Err(FitError::PoorFit { rms_mm, limit_mm, noise_mm }) } else { Ok(()) }
+        });
+        match judged {
+            Ok(()) => Ok(Fit { surface, deviation, map }),
+            Err(error) => Err((error, Some(map))),
         }
     }
-    Ok(())
-}
 
-/// Pairs of functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
-const PAIRS: usize = SIDE * (SIDE + 1) / 2;
-
-/// What one span adds to the normal equations: with N_n = N_a(u) N_b(v) the sums of N_n N_m are those of the products
-/// of a pair along u with a pair along v.
-struct Block {
-    pairs: [[f64; PAIRS]; PAIRS],
-    right: [Vector3<f64>; LOCAL],
-}
-
-impl Block {
-    fn of(cell: &Cell, weights: &[f64], [knots_u, knots_v]: &[KnotVector; 2]) -> Self {
-        let mut block = Block { pairs: [[0.0; PAIRS]; PAIRS], right: [Vector3::zeros(); LOCAL] };
-        for (sample, weight) in cell.samples.iter().zip(weights) {
-            let (u, v) = (knots_u.values(sample.at.u), knots_v.values(sample.at.v));
-            let pairs_v = pairs(&v);
-            for (sums, pair_u) in block.pairs.iter_mut().zip(pairs(&u)) {
-                let weighted = weight * pair_u;
-                for (sum, pair_v) in sums.iter_mut().zip(&pairs_v) {
-                    *sum += weighted * pair_v;
-                }
+    /// Robust least squares.
+    fn least_squares(&self) -> Result<(BSplineSurface, f64), FitError> {
+        let all = || self.samples.bands.iter().map(|band| band.iter().map(|_| 1.0).collect());
+        let centre = self.samples.bands.iter().flatten().next().map_or(Vector3::zeros(), |sample| sample.mm);
+        let equations = |weights: &[Vec<f64>]| Equations::of(self.samples, weights, centre);
+        let plain = equations(&all().collect::<Vec<_>>()).plain().map_err(|row| self.undetermined(row))?;
+        let mut residuals = self.residuals(&self.surface(plain.controls)?)?;
+        let mut scale = scale_mm(&residuals);
+        let mut round = 0;
+        loop {
+            round += 1;
+            let weigh = |r: &f64| tukey(r / scale);
+            let weights: Vec<Vec<f64>> =
+                residuals.par_iter().map(|band| band.iter().map(weigh).collect()).collect();
+            let noise_mm = noise_mm(self.samples, &residuals);
+            let solution = equations(&weights).smoothed(noise_mm).map_err(|row| self.undetermined(row))?;
+            let Solution { controls, smoothing } = solution;
+            let surface = self.surface(controls)?;
+            if round == MAX_ROUNDS {
+                return Ok((surface, smoothing));
             }
-            for (n, sum) in block.right.iter_mut().enumerate() {
-                *sum += sample.mm * (weight * u[n / SIDE] * v[n % SIDE]);
+            residuals = self.residuals(&surface)?;
+            let next = scale_mm(&residuals);
+            if next > SETTLED * scale {
+                return Ok((surface, smoothing));
             }
-        }
-        block
-    }
-
-    /// Σ w N_n N_m.
-    fn gram(&self, n: usize, m: usize) -> f64 {
-        let pair = |a: usize, b: usize| a.max(b) * (a.max(b) + 1) / 2 + a.min(b);
-        self.pairs[pair(n / SIDE, m / SIDE)][pair(n % SIDE, m % SIDE)]
-    }
-}
-
-fn pairs(values: &Local) -> [f64; PAIRS] {
-    let mut pairs = [0.0; PAIRS];
-    let mut next = 0;
-    for a in 0..SIDE {
-        for b in 0..=a {
-            pairs[next] = values[a] * values[b];
-            next += 1;
+            scale = next;
         }
     }
-    pairs
-}
 
-fn solve(
-    cells: &[Cell],
-    weights: Vec<Vec<f64>>,
-    knots: &[KnotVector; 2],
-    region: &Region,
-    viewer: Point<Panel>,
-) -> Result<BSplineSurface, FitError> {
-    let blocks: Vec<Block> =
-        cells.par_iter().zip(weights).map(|(cell, weights)| Block::of(cell, &weights, knots)).collect();
-    let (spans_v, stride) = (knots[1].spans(), knots[1].controls());
-    let size = knots[0].controls() * stride;
-    let mut matrix = BandMatrix::zeros(size, DEGREE * (stride + 1));
-    let mut right = vec![Vector3::zeros(); size];
-    for (index, block) in blocks.iter().enumerate() {
-        let control = |n: usize| (index / spans_v + n / SIDE) * stride + index % spans_v + n % SIDE;
-        for n in 0..LOCAL {
-            right[control(n)] += block.right[n];
-            for m in 0..=n {
-                matrix.add(control(n), control(m), block.gram(n, m));
-            }
-        }
+    fn surface(&self, controls: Vec<Vector3<f64>>) -> Result<BSplineSurface, FitError> {
+        let controls = controls.into_iter().map(|mm| Point::new(mm.into())).collect();
+        Ok(BSplineSurface::new(self.samples.knots.clone(), controls, self.viewer)?)
     }
-    let undetermined = |row: usize| {
+
+    fn undetermined(&self, row: usize) -> FitError {
+        let [knots_u, knots_v] = &self.samples.knots;
         let share = |index: usize, knots: &KnotVector| index as f64 / (knots.controls() - 1) as f64;
-        let unit = Point2::new(share(row / stride, &knots[0]), share(row % stride, &knots[1]));
-        FitError::Undetermined { at: region.pixel(unit) }
-    };
-    let controls = matrix.solve(right).map_err(undetermined)?;
-    let controls = controls.into_iter().map(|mm| Point::new(mm.into())).collect();
-    Ok(BSplineSurface::new(knots.clone(), controls, viewer)?)
+        let (i, j) = (row / knots_v.controls(), row % knots_v.controls());
+        FitError::Undetermined { at: self.region.pixel(Point2::new(share(i, knots_u), share(j, knots_v))) }
+    }
+
+    /// Deviation of each sample along the surface's normal, mm, band by band.
+    fn residuals(&self, surface: &BSplineSurface) -> Result<Vec<Vec<f64>>, FitError> {
+        let residual = |sample: &Sample| {
+            let at = self.samples.place(sample);
+            let tangents = surface.tangents(at);
+            let seen = surface
+                .normal_of(&tangents)
+                .filter(|normal| normal.mm.dot(&(self.viewer - tangents.point).mm) > 0.0)
+                .ok_or_else(|| FitError::Fold { at: self.region.pixel(Point2::new(at.u, at.v)) });
+            Ok(seen?.mm.dot(&(sample.mm - tangents.point.mm.coords)))
+        };
+        let of_band = |band: &Vec<Sample>| band.iter().map(residual).collect::<Result<Vec<f64>, FitError>>();
+        let of_bands: Vec<_> = self.samples.bands.par_iter().map(of_band).collect();
+        of_bands.into_iter().collect()
+    }
+
+    fn missing_percent(&self, rejected: usize) -> f64 {
+        let pixels: usize = self.samples.pixels.iter().sum();
+        100.0 * (1.0 - self.samples.points.saturating_sub(rejected) as f64 / pixels.max(1) as f64)
+    }
+
+    fn refuse_missing(&self, rejected: usize) -> Result<(), FitError> {
+        if self.samples.points == 0 {
+            return Err(FitError::NoPoints);
+        }
+        let (percent, limit_percent) = (self.missing_percent(rejected), self.settings.max_missing_percent());
+        if percent > limit_percent { Err(FitError::Missing { percent, limit_percent }) } else { Ok(()) }
+    }
+
+    fn refuse_fine(&self) -> Result<(), FitError> {
+        let poorest = self.samples.pixels.iter().enumerate().find(|(_, pixels)| **pixels < MIN_PIXELS);
+        let Some((cell, pixels)) = poorest else { return Ok(()) };
+        let at = self.samples.middle(cell, self.region);
+        Err(FitError::TooFine { spacing_mm: self.settings.control_spacing_mm(), pixels: *pixels, at })
+    }
+
+    fn hole(&self, map: &DeviationMap) -> (f64, Pixel) {
+        let (side_px, at) = map.largest_hole();
+        (side_px as f64 * map.mm_per_px, at)
+    }
+
+    fn refuse_hole(&self, map: &DeviationMap) -> Result<(), FitError> {
+        let ((size_mm, at), limit_mm) = (self.hole(map), self.settings.max_hole_mm());
+        if size_mm > limit_mm { Err(FitError::Hole { at, size_mm, limit_mm }) } else { Ok(()) }
+    }
+
+    /// What is there, pixel by pixel; with residuals, how far it lies from the surface.
+    fn map(&self, residuals: Option<(&[Vec<f64>], f64)>) -> DeviationMap {
+        let samples = self.samples;
+        let of_pixel = |inside: &bool| if *inside { MapPixel::Missing } else { MapPixel::Outside };
+        let mut pixels: Vec<MapPixel> = samples.inside.iter().map(of_pixel).collect();
+        for (index, band) in samples.bands.iter().enumerate() {
+            for (nth, sample) in band.iter().enumerate().filter(|(_, sample)| samples.is_inside(sample)) {
+                pixels[sample.pixel as usize] = match residuals.map(|(all, limit_mm)| (all[index][nth], limit_mm)) {
+                    Some((mm, limit_mm)) if mm.abs() >= limit_mm => MapPixel::Rejected { mm: mm as f32 },
+                    Some((mm, _)) => MapPixel::Fits { mm: mm as f32 },
+                    None => MapPixel::Fits { mm: 0.0 },
+                };
+            }
+        }
+        let count = samples.pixels.iter().sum::<usize>().max(1);
+        let mm_per_px = (self.sides_mm[0] * self.sides_mm[1] / count as f64).sqrt();
+        DeviationMap { window: samples.window.clone(), pixels, mm_per_px }
+    }
+
+    fn deviation(&self, residuals: &[Vec<f64>], limit_mm: f64) -> Deviation {
+        let all = || self.samples.bands.iter().flatten().zip(residuals.iter().flatten());
+        let mut kept: Vec<f64> = all().map(|(_, r)| r.abs()).filter(|size| *size < limit_mm).collect();
+        let rejected = all().filter(|(sample, r)| r.abs() >= limit_mm && self.samples.is_inside(sample)).count();
+        Deviation {
+            points: kept.len(),
+            rejected,
+            rms_mm: (kept.iter().map(|r| r * r).sum::<f64>() / kept.len().max(1) as f64).sqrt(),
+            p95_mm: quantile(&mut kept, 0.95),
+            largest_mm: kept.iter().copied().fold(0.0, f64::max),
+            noise_mm: noise_mm(self.samples, residuals),
+            smoothing: 0.0,
+            missing_percent: self.missing_percent(rejected),
+            largest_hole_mm: 0.0,
+        }
+    }
 }
 
-/// Deviation of each sample along the surface's normal, mm, span by span.
-fn residuals(
-    cells: &[Cell],
-    surface: &BSplineSurface,
-    region: &Region,
-    viewer: Point<Panel>,
-) -> Result<Vec<Vec<f64>>, FitError> {
-    let residual = |at: Parameter, mm: Vector3<f64>| {
-        let tangents = surface.tangents(at);
-        let seen = surface
-            .normal_of(&tangents)
-            .filter(|normal| normal.mm.dot(&(viewer - tangents.point).mm) > 0.0)
-            .ok_or_else(|| FitError::Fold { at: region.pixel(Point2::new(at.u, at.v)) });
-        Ok(seen?.mm.dot(&(mm - tangents.point.mm.coords)))
+/// σ of the white noise from second differences along the picture's rows, mm.
+fn noise_mm(samples: &Samples, residuals: &[Vec<f64>]) -> f64 {
+    let of_band = |(band, residuals): (&Vec<Sample>, &Vec<f64>)| {
+        let neighbours =
+            |three: &&[Sample]| three[1].pixel == three[0].pixel + 1 && three[2].pixel == three[0].pixel + 2;
+        let bends = band.windows(3).zip(residuals.windows(3)).step_by(3);
+        // A row's last pixels and the next row's first ones are neighbours in number alone: too few to count.
+        bends.filter(|(three, _)| neighbours(three)).map(|(_, r)| (r[0] - 2.0 * r[1] + r[2]).abs()).collect()
     };
-    let of_cell = |cell: &Cell| cell.samples.iter().map(|sample| residual(sample.at, sample.mm)).collect();
-    let of_cells: Vec<Result<Vec<f64>, FitError>> = cells.par_iter().map(of_cell).collect();
-    of_cells.into_iter().collect()
+    let of_bands: Vec<Vec<f64>> = samples.bands.par_iter().zip(residuals).map(of_band).collect();
+    SIGMA_OF_MEDIAN * quantile(&mut of_bands.concat(), 0.5) / 6.0_f64.sqrt()
 }
 
 /// σ of normal noise with the same median deviation, mm.
 fn scale_mm(residuals: &[Vec<f64>]) -> f64 {
     let mut sizes: Vec<f64> = residuals.iter().flatten().map(|r| r.abs()).collect();
-    (1.4826 * quantile(&mut sizes, 0.5)).max(MIN_SCALE_MM)
+    (SIGMA_OF_MEDIAN * quantile(&mut sizes, 0.5)).max(MIN_SCALE_MM)
 }
 
 fn tukey(deviation_in_sigma: f64) -> f64 {
     let inner = 1.0 - (deviation_in_sigma / TUKEY).powi(2);
     if inner > 0.0 { inner * inner } else { 0.0 }
-}
-
-fn deviation(cells: &[Cell], residuals: Vec<Vec<f64>>, scale_mm: f64) -> Deviation {
-    let limit_mm = TUKEY * scale_mm;
-    let all = || cells.iter().zip(&residuals).flat_map(|(cell, sizes)| cell.samples.iter().zip(sizes));
-    let mut kept: Vec<f64> = all().map(|(_, r)| r.abs()).filter(|size| *size < limit_mm).collect();
-    let rejected = all().filter(|(sample, r)| sample.in_region() && r.abs() >= limit_mm).count();
-    Deviation {
-        points: kept.len(),
-        rejected,
-        rms_mm: (kept.iter().map(|r| r * r).sum::<f64>() / kept.len().max(1) as f64).sqrt(),
-        p95_mm: quantile(&mut kept, 0.95),
-        largest_mm: kept.iter().copied().fold(0.0, f64::max),
-        missing_percent: missing_percent(cells, rejected),
-    }
 }
 
 /// The value below which this share of the values lies; 0 of none. Reorders them.

@@ -1,106 +1,216 @@
-//! The taught pixels that a surface is fitted to, sorted by the knot span that they fall in.
+//! The taught pixels that a surface is fitted to, with the knot span that each falls in.
 //!
 //! A pixel's place in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
 //! its ray, hence not its parameter. The knots begin a little outside of the region, so that points beyond its
 //! border, where there are any, hold the surface's edge as well as its middle.
 
-use super::basis::KnotVector;
+use super::basis::{KnotError, KnotVector, SpanFunctions};
 use super::bspline::Parameter;
 use super::fit::{DEGREE, FitError};
 use crate::geometry::{Pixel, Point};
-use crate::panel::TaughtPanel;
+use crate::panel::{Region, TaughtPanel};
 use nalgebra::{Point2, Vector3};
+use rayon::prelude::*;
+use std::ops::Range;
 
 /// What the knots reach beyond the region, in spans.
 const MARGIN_SPANS: f64 = 0.25;
 /// Places on a line across the region at which its length is measured.
 const LENGTH_STEPS: usize = 16;
+/// Rows of the picture that are worked on as one piece, whatever the number of threads.
+const BAND_ROWS: usize = 16;
 
-/// One point of the scan with its parameter.
+/// One point of the scan in its span.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sample {
-    pub at: Parameter,
+    /// Pixel in the window.
+    pub pixel: u32,
+    /// Pair of spans, u slowest.
+    pub cell: u32,
+    /// Place in the spans, 0…1 each.
+    pub local: [f64; 2],
     pub mm: Vector3<f64>,
 }
 
-impl Sample {
-    pub(super) fn in_region(&self) -> bool {
-        (0.0..=1.0).contains(&self.at.u) && (0.0..=1.0).contains(&self.at.v)
+/// The part of the picture in which the knots' domain lies.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Window {
+    pub columns: Range<usize>,
+    pub rows: Range<usize>,
+}
+
+impl Window {
+    pub fn width(&self) -> usize {
+        self.columns.len()
+    }
+
+    pub fn pixel(&self, index: usize) -> Pixel {
+        let (column, row) = (index % self.width(), index / self.width());
+        Pixel::at((self.columns.start + column) as f64, (self.rows.start + row) as f64)
     }
 }
 
-/// What falls in one span of u and v.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Cell {
-    /// Points, row by row of the picture.
-    pub samples: Vec<Sample>,
-    /// Pixels inside the region.
-    pub pixels: usize,
-    /// Those of them that have a point on the panel.
+/// All samples, band by band of the picture's rows.
+#[derive(Debug, Clone)]
+pub(super) struct Samples {
+    pub knots: [KnotVector; 2],
+    /// The functions of each span along u and v.
+    pub functions: [Vec<SpanFunctions>; 2],
+    pub window: Window,
+    pub bands: Vec<Vec<Sample>>,
+    /// Pixels of the window inside of the region.
+    pub inside: Vec<bool>,
+    /// Pixels inside of the region, by pair of spans.
+    pub pixels: Vec<usize>,
+    /// Those of them that have a point on the panel, all pairs together.
     pub points: usize,
 }
 
 /// Knots along u and v, no span longer than the recipe's spacing.
-pub(super) fn knots(panel: &TaughtPanel, spacing_mm: f64) -> Result<[KnotVector; 2], FitError> {
+pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
     let along = |length_mm: f64| {
         let spans = (length_mm / spacing_mm + 2.0 * MARGIN_SPANS).ceil().max(1.0);
         // spans · h = 1 + 2 margins of MARGIN_SPANS · h each
         let margin = MARGIN_SPANS / (spans - 2.0 * MARGIN_SPANS);
         KnotVector::uniform(DEGREE, spans as usize, -margin..=1.0 + margin)
     };
-    let u_mm = side_mm(panel, Point2::new)?;
-    let v_mm = side_mm(panel, |along, across| Point2::new(across, along))?;
-    Ok([along(u_mm)?, along(v_mm)?])
+    Ok([along(sides_mm[0])?, along(sides_mm[1])?])
 }
 
-// The longest of three lines across the region.
-fn side_mm(panel: &TaughtPanel, unit: impl Fn(f64, f64) -> Point2<f64>) -> Result<f64, FitError> {
-    let length_mm = |across: f64| -> f64 {
-        let place = |step: usize| unit(step as f64 / LENGTH_STEPS as f64, across);
-        let points: Vec<Point<_>> =
-            (0..=LENGTH_STEPS).filter_map(|step| panel.surface_at(panel.region.pixel(place(step)))).collect();
-        points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
+/// How long the region is along u and along v: the longest of three lines each.
+pub(super) fn sides_mm(panel: &TaughtPanel) -> Result<[f64; 2], FitError> {
+    let side = |unit: fn(f64, f64) -> Point2<f64>| {
+        let length_mm = |across: f64| -> f64 {
+            let place = |step: usize| unit(step as f64 / LENGTH_STEPS as f64, across);
+            let points: Vec<Point<_>> =
+                (0..=LENGTH_STEPS).filter_map(|step| panel.surface_at(panel.region.pixel(place(step)))).collect();
+            points.windows(2).map(|pair| pair[0].distance_mm(pair[1])).sum()
+        };
+        let longest = [0.0, 0.5, 1.0].map(length_mm).into_iter().fold(0.0, f64::max);
+        if longest > 0.0 { Ok(longest) } else { Err(FitError::NoPoints) }
     };
-    let longest = [0.0, 0.5, 1.0].map(length_mm).into_iter().fold(0.0, f64::max);
-    if longest > 0.0 { Ok(longest) } else { Err(FitError::NoPoints) }
+    Ok([side(Point2::new)?, side(|along, across| Point2::new(across, along))?])
 }
 
-/// All samples by span, u slowest.
-pub(super) fn gather(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Vec<Cell> {
-    let [knots_u, knots_v] = knots;
-    let domain = [knots_u.domain(), knots_v.domain()];
-    let mut cells = vec![Cell::default(); knots_u.spans() * knots_v.spans()];
-    let (columns, rows) = pixel_box(panel, knots);
-    for row in rows {
-        for column in columns.clone() {
+struct Band {
+    samples: Vec<Sample>,
+    inside: Vec<bool>,
+    pixels: Vec<usize>,
+    points: usize,
+}
+
+impl Samples {
+    pub fn gather(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Self {
+        let functions = [0, 1].map(|axis| {
+            let knots = &knots[axis];
+            (0..knots.spans()).map(|span| knots.functions_on(span)).collect::<Vec<_>>()
+        });
+        let window = window(panel, knots);
+        let starts: Vec<usize> = window.rows.clone().step_by(BAND_ROWS).collect();
+        let band = |start: &usize| {
+            let rows = *start..(start + BAND_ROWS).min(window.rows.end);
+            Band::of(panel, (knots, &functions), (&window, rows))
+        };
+        let bands: Vec<Band> = starts.par_iter().map(band).collect();
+        let mut pixels = vec![0; functions[0].len() * functions[1].len()];
+        for band in &bands {
+            pixels.iter_mut().zip(&band.pixels).for_each(|(sum, more)| *sum += more);
+        }
+        Samples {
+            knots: knots.clone(),
+            points: bands.iter().map(|band| band.points).sum(),
+            inside: bands.iter().flat_map(|band| band.inside.iter().copied()).collect(),
+            bands: bands.into_iter().map(|band| band.samples).collect(),
+            functions,
+            window,
+            pixels,
+        }
+    }
+
+    /// Where a sample lies on the surface.
+    pub fn place(&self, sample: &Sample) -> Parameter {
+        let [span_u, span_v] = self.spans(sample.cell as usize);
+        let along = |functions: &SpanFunctions, share: f64| functions.start + functions.length * share;
+        Parameter {
+            u: along(&self.functions[0][span_u], sample.local[0]),
+            v: along(&self.functions[1][span_v], sample.local[1]),
+        }
+    }
+
+    /// The spans along u and v of a pair.
+    pub fn spans(&self, cell: usize) -> [usize; 2] {
+        let across = self.functions[1].len();
+        [cell / across, cell % across]
+    }
+
+    /// The middle of a pair of spans in the taught picture.
+    pub fn middle(&self, cell: usize, region: &Region) -> Pixel {
+        let [span_u, span_v] = self.spans(cell);
+        let middle = |functions: &SpanFunctions| functions.start + functions.length / 2.0;
+        region.pixel(Point2::new(middle(&self.functions[0][span_u]), middle(&self.functions[1][span_v])))
+    }
+
+    /// Is this sample inside of the region?
+    pub fn is_inside(&self, sample: &Sample) -> bool {
+        self.inside[sample.pixel as usize]
+    }
+}
+
+impl Band {
+    fn of(
+        panel: &TaughtPanel,
+        (knots, functions): (&[KnotVector; 2], &[Vec<SpanFunctions>; 2]),
+        (window, rows): (&Window, Range<usize>),
+    ) -> Self {
+        let [knots_u, knots_v] = knots;
+        let domain = [knots_u.domain(), knots_v.domain()];
+        let first_pixel = (rows.start - window.rows.start) * window.width();
+        let count = rows.len() * window.width();
+        let mut band = Band {
+            samples: Vec::with_capacity(count),
+            inside: vec![false; count],
+            pixels: vec![0; functions[0].len() * functions[1].len()],
+            points: 0,
+        };
+        let places = rows.flat_map(|row| window.columns.clone().map(move |column| (column, row)));
+        for (index, (column, row)) in places.enumerate() {
             let unit = panel.region.unit(Pixel::at(column as f64, row as f64));
             if !(domain[0].contains(&unit.x) && domain[1].contains(&unit.y)) {
                 continue;
             }
-            let cell = &mut cells[knots_u.span(unit.x) * knots_v.spans() + knots_v.span(unit.y)];
+            let (span_u, span_v) = (knots_u.span(unit.x), knots_v.span(unit.y));
+            let cell = span_u * functions[1].len() + span_v;
             let inside = (0.0..=1.0).contains(&unit.x) && (0.0..=1.0).contains(&unit.y);
-            cell.pixels += usize::from(inside);
+            band.inside[index] = inside;
+            band.pixels[cell] += usize::from(inside);
             let point = panel.scan.point(column, row).filter(|_| panel.mask.contains(column, row));
             if let Some(point) = point {
-                cell.points += usize::from(inside);
-                cell.samples.push(Sample { at: Parameter { u: unit.x, v: unit.y }, mm: point.mm.coords });
+                band.points += usize::from(inside);
+                let local = |functions: &SpanFunctions, at: f64| (at - functions.start) / functions.length;
+                band.samples.push(Sample {
+                    pixel: (first_pixel + index) as u32,
+                    cell: cell as u32,
+                    local: [local(&functions[0][span_u], unit.x), local(&functions[1][span_v], unit.y)],
+                    mm: point.mm.coords,
+                });
             }
         }
+        band
     }
-    cells
 }
 
-// The columns and rows of the picture between which the knots' domain lies.
-fn pixel_box(panel: &TaughtPanel, [knots_u, knots_v]: &[KnotVector; 2]) -> (PixelRange, PixelRange) {
+fn window(panel: &TaughtPanel, [knots_u, knots_v]: &[KnotVector; 2]) -> Window {
     let (u, v) = (knots_u.domain(), knots_v.domain());
     let corners = [(u.start(), v.start()), (u.end(), v.start()), (u.end(), v.end()), (u.start(), v.end())]
         .map(|(u, v)| panel.region.pixel(Point2::new(*u, *v)));
     let range = |coordinate: fn(&Pixel) -> f64, size: usize| {
         let low = corners.iter().map(coordinate).fold(f64::INFINITY, f64::min);
         let high = corners.iter().map(coordinate).fold(f64::NEG_INFINITY, f64::max);
-        (low.floor().max(0.0) as usize)..((high.ceil().max(0.0) as usize + 1).min(size))
+        let low = (low.floor().max(0.0) as usize).min(size);
+        low..(high.ceil().max(0.0) as usize + 1).clamp(low, size)
     };
-    (range(|pixel| pixel.u, panel.scan.width()), range(|pixel| pixel.v, panel.scan.height()))
+    Window {
+        columns: range(|pixel| pixel.u, panel.scan.width()),
+        rows: range(|pixel| pixel.v, panel.scan.height()),
+    }
 }
-
-type PixelRange = std::ops::Range<usize>;

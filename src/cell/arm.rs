@@ -1,0 +1,343 @@
+//! `[arm]` and `[[keep_out]]`: the arm's lengths, axes and margins, and boxes that no part of it may enter.
+//!
+//! Lengths and signs as Brandstötter, Angerer and Hofbaur (2014) have them for six axes with an ortho-parallel basis
+//! and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Another arm states all of its numbers: one
+//! left out would be the wrong arm's.
+
+use crate::config::{Choice, Section, settings};
+use crate::geometry::{Base, Point};
+
+/// A number for each axis, axis 1 first.
+pub type PerAxis = [f64; 6];
+
+/// Which arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ArmModel {
+    /// The KUKA KR 6 R700-2, from kroshu/kuka_robot_descriptions.
+    Kr6R700,
+    /// Any other: every number is in the file.
+    Custom,
+}
+
+impl Choice for ArmModel {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("kr6-r700-2", ArmModel::Kr6R700), ("custom", ArmModel::Custom)];
+}
+
+settings! {
+    /// `[arm]` as it is written.
+    pub struct ArmTable {
+        /// Which arm.
+        model: ArmModel, (), default ArmModel::Kr6R700;
+        /// From axis 1 forward to axis 2, mm.
+        a1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
+        /// From axis 3 to the forearm's axis, mm; negative where the forearm runs above axis 3.
+        a2_mm: Option<f64>, -5_000.0..=5_000.0, default None;
+        /// From axis 1 sideways to axis 2, mm.
+        b_mm: Option<f64>, -5_000.0..=5_000.0, default None;
+        /// Height of axis 2, mm.
+        c1_mm: Option<f64>, -5_000.0..=5_000.0, default None;
+        /// The upper arm, mm.
+        c2_mm: Option<f64>, 1.0..=5_000.0, default None;
+        /// The forearm up to the wrist's centre, mm.
+        c3_mm: Option<f64>, 1.0..=5_000.0, default None;
+        /// From the wrist's centre to the flange, mm.
+        c4_mm: Option<f64>, 0.0..=2_000.0, default None;
+        /// Each axis where the model's arm points straight up, degrees.
+        offsets_deg: Option<[f64; 6]>, -360.0..=360.0, default None;
+        /// 1 where an axis turns as the model's does, −1 where it turns the other way.
+        signs: Option<[f64; 6]>, -1.0..=1.0, default None;
+        /// Lowest angle of each axis, degrees.
+        min_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
+        /// Highest angle of each axis, degrees.
+        max_deg: Option<[f64; 6]>, -720.0..=720.0, default None;
+        /// Highest speed of each axis, degrees a second.
+        max_speed_deg_s: Option<[f64; 6]>, 1.0..=2_000.0, default None;
+        /// Highest acceleration of each axis, degrees a second squared; unstated, its speed in 0.3 s.
+        max_acceleration_deg_s2: Option<[f64; 6]>, 1.0..=50_000.0, default None;
+        /// Angle that each axis keeps from its limits, degrees.
+        limit_margin_deg: f64, 0.0..=45.0, default 3.0;
+        /// Angle that axis 5 keeps from the wrist's pole, degrees: there axes 4 and 6 are one.
+        wrist_margin_deg: f64, 0.5..=45.0, default 5.0;
+        /// Angle that the elbow keeps from the stretched arm, degrees.
+        elbow_margin_deg: f64, 0.5..=45.0, default 5.0;
+        /// Distance that the wrist's centre keeps from axis 1, mm.
+        overhead_margin_mm: f64, 1.0..=500.0, default 50.0;
+        /// Distance that the arm's middle line keeps from a keep-out box, mm: half its thickness and some air.
+        clearance_mm: f64, 0.0..=500.0, default 80.0;
+        /// The same for the tool's middle line, mm.
+        tool_clearance_mm: f64, 0.0..=500.0, default 40.0;
+    }
+}
+
+/// A box that no part of the arm may enter.
+#[derive(Debug, Clone, PartialEq)]
+pub struct KeepOut {
+    /// What stands there.
+    pub name: String,
+    /// Lower corner, mm.
+    pub min: Point<Base>,
+    /// Upper corner, mm; it exceeds the lower one in every axis.
+    pub max: Point<Base>,
+}
+
+/// The arm's geometry; lengths as in [`ArmTable`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmGeometry {
+    /// Axis 1 to axis 2, forward, mm.
+    pub a1_mm: f64,
+    /// Axis 3 to the forearm, mm.
+    pub a2_mm: f64,
+    /// Axis 1 to axis 2, sideways, mm.
+    pub b_mm: f64,
+    /// Height of axis 2, mm.
+    pub c1_mm: f64,
+    /// The upper arm, mm.
+    pub c2_mm: f64,
+    /// The forearm, mm.
+    pub c3_mm: f64,
+    /// Wrist to flange, mm.
+    pub c4_mm: f64,
+    /// Each axis where the model's arm points straight up, degrees.
+    pub offsets_deg: PerAxis,
+    /// 1 or −1 for each axis.
+    pub signs: [i8; 6],
+}
+
+/// What the axes can do.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ArmAxes {
+    /// Lowest angles, degrees.
+    pub min_deg: PerAxis,
+    /// Highest angles, degrees.
+    pub max_deg: PerAxis,
+    /// Highest speeds, degrees a second.
+    pub max_speed_deg_s: PerAxis,
+    /// Highest accelerations, degrees a second squared.
+    pub max_acceleration_deg_s2: PerAxis,
+}
+
+/// A checked arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arm {
+    geometry: ArmGeometry,
+    axes: ArmAxes,
+    table: ArmTable,
+    keep_out: Vec<KeepOut>,
+}
+
+/// An axis reaches its speed in this time where the file does not say, s. Data sheets do not state accelerations.
+const SPEED_UP_S: f64 = 0.3;
+
+const KR6_R700: ArmGeometry = ArmGeometry {
+    a1_mm: 25.0,
+    a2_mm: -25.0,
+    b_mm: 0.0,
+    c1_mm: 400.0,
+    c2_mm: 335.0,
+    c3_mm: 365.0,
+    c4_mm: 90.0,
+    offsets_deg: [0.0, -90.0, 0.0, 0.0, 0.0, 0.0],
+    signs: [-1, 1, 1, -1, 1, -1],
+};
+
+const KR6_R700_SPEEDS_DEG_S: PerAxis = [360.0, 300.0, 360.0, 450.0, 450.0, 540.0];
+
+const KR6_R700_AXES: ArmAxes = ArmAxes {
+    min_deg: [-170.0, -190.0, -120.0, -185.0, -120.0, -350.0],
+    max_deg: [170.0, 45.0, 156.0, 185.0, 120.0, 350.0],
+    max_speed_deg_s: KR6_R700_SPEEDS_DEG_S,
+    max_acceleration_deg_s2: [1_200.0, 1_000.0, 1_200.0, 1_500.0, 1_500.0, 1_800.0],
+};
+
+impl Arm {
+    /// The arm's lengths, offsets and signs.
+    pub fn geometry(&self) -> &ArmGeometry {
+        &self.geometry
+    }
+
+    /// Limits of the axes.
+    pub fn axes(&self) -> &ArmAxes {
+        &self.axes
+    }
+
+    /// Margins, as the file has them.
+    pub fn margins(&self) -> &ArmTable {
+        &self.table
+    }
+
+    /// Boxes that no part of the arm may enter.
+    pub fn keep_out(&self) -> &[KeepOut] {
+        &self.keep_out
+    }
+}
+
+pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) -> Option<Arm> {
+    let table = ArmTable::take(section);
+    let keep_out: Vec<Option<KeepOut>> = keep_out.iter().map(take_keep_out).collect();
+    let (table, keep_out) = (table?, keep_out.into_iter().collect::<Option<Vec<_>>>()?);
+    let (geometry, axes) = match table.model {
+        ArmModel::Kr6R700 => known(section, &table)?,
+        ArmModel::Custom => custom(section, &table)?,
+    };
+    for axis in 0..6 {
+        let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
+        if low + 2.0 * table.limit_margin_deg >= high {
+            let message = format!("axis {} from {low} to {high}° leaves nothing between the margins", axis + 1);
+            section.problem("max_deg", message);
+            return None;
+        }
+    }
+    Some(Arm { geometry, axes, table, keep_out })
+}
+
+/// A known arm's lengths are not in the file; its axes may be narrower there.
+fn known(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
+    let given = [
+        ("a1_mm", table.a1_mm.is_some()),
+        ("a2_mm", table.a2_mm.is_some()),
+        ("b_mm", table.b_mm.is_some()),
+        ("c1_mm", table.c1_mm.is_some()),
+        ("c2_mm", table.c2_mm.is_some()),
+        ("c3_mm", table.c3_mm.is_some()),
+        ("c4_mm", table.c4_mm.is_some()),
+        ("offsets_deg", table.offsets_deg.is_some()),
+        ("signs", table.signs.is_some()),
+    ];
+    let wrong: Vec<&str> = given.iter().filter(|(_, given)| *given).map(|(key, _)| *key).collect();
+    for key in &wrong {
+        section.problem(key, "is the model's own; set model = \"custom\" to state another arm, whole");
+    }
+    let axes = ArmAxes {
+        min_deg: table.min_deg.unwrap_or(KR6_R700_AXES.min_deg),
+        max_deg: table.max_deg.unwrap_or(KR6_R700_AXES.max_deg),
+        max_speed_deg_s: table.max_speed_deg_s.unwrap_or(KR6_R700_AXES.max_speed_deg_s),
+        max_acceleration_deg_s2: table.max_acceleration_deg_s2.unwrap_or(KR6_R700_AXES.max_acceleration_deg_s2),
+    };
+    let mut wider = false;
+    for (key, beyond) in [
+        ("min_deg", (0..6).find(|i| axes.min_deg[*i] < KR6_R700_AXES.min_deg[*i])),
+        ("max_deg", (0..6).find(|i| axes.max_deg[*i] > KR6_R700_AXES.max_deg[*i])),
+        ("max_speed_deg_s", (0..6).find(|i| axes.max_speed_deg_s[*i] > KR6_R700_AXES.max_speed_deg_s[*i])),
+    ] {
+        if let Some(axis) = beyond {
+            section.problem(key, format!("axis {}: a cell may be stricter than the arm, never laxer", axis + 1));
+            wider = true;
+        }
+    }
+    (wrong.is_empty() && !wider).then_some((KR6_R700, axes))
+}
+
+fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, ArmAxes)> {
+    let number = |key: &str, value: Option<f64>| needed(section, key, value);
+    let list = |key: &str, value: Option<PerAxis>| needed(section, key, value);
+    let lengths = [
+        number("a1_mm", table.a1_mm),
+        number("a2_mm", table.a2_mm),
+        number("b_mm", table.b_mm),
+        number("c1_mm", table.c1_mm),
+        number("c2_mm", table.c2_mm),
+        number("c3_mm", table.c3_mm),
+        number("c4_mm", table.c4_mm),
+    ];
+    let lists = [
+        list("offsets_deg", table.offsets_deg),
+        list("signs", table.signs),
+        list("min_deg", table.min_deg),
+        list("max_deg", table.max_deg),
+        list("max_speed_deg_s", table.max_speed_deg_s),
+    ];
+    let [a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm] = lengths;
+    let [offsets_deg, signs, min_deg, max_deg, max_speed_deg_s] = lists;
+    let (signs, max_speed_deg_s) = (signs?, max_speed_deg_s?);
+    if signs.iter().any(|sign| sign.abs() != 1.0) {
+        section.problem("signs", format!("found {signs:?}, allowed is 1 or -1 for each axis"));
+        return None;
+    }
+    let geometry = ArmGeometry {
+        a1_mm: a1_mm?,
+        a2_mm: a2_mm?,
+        b_mm: b_mm?,
+        c1_mm: c1_mm?,
+        c2_mm: c2_mm?,
+        c3_mm: c3_mm?,
+        c4_mm: c4_mm?,
+        offsets_deg: offsets_deg?,
+        signs: signs.map(|sign| if sign > 0.0 { 1 } else { -1 }),
+    };
+    let in_time = max_speed_deg_s.map(|speed| speed / SPEED_UP_S);
+    let axes = ArmAxes {
+        min_deg: min_deg?,
+        max_deg: max_deg?,
+        max_speed_deg_s,
+        max_acceleration_deg_s2: table.max_acceleration_deg_s2.unwrap_or(in_time),
+    };
+    Some((geometry, axes))
+}
+
+fn needed<T>(section: &Section<'_, '_>, key: &str, value: Option<T>) -> Option<T> {
+    if value.is_none() {
+        section.problem(key, "is missing; model = \"custom\" needs every number of the arm");
+    }
+    value
+}
+
+fn take_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
+    let name = section.take::<String>("name", (), None);
+    let corner = |key| section.take::<[f64; 3]>(key, -10_000.0..=10_000.0, None);
+    let (low, high) = (corner("min_mm"), corner("max_mm"));
+    section.done();
+    let (name, low, high) = (name?, low?, high?);
+    if (0..3).any(|axis| low[axis] >= high[axis]) {
+        section.problem("max_mm", format!("{high:?} must exceed min_mm {low:?} in every axis"));
+        return None;
+    }
+    let point = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);
+    Some(KeepOut { name, min: point(low), max: point(high) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Cell;
+
+    fn says(text: &str) -> Vec<String> {
+        let problems = Cell::check("f", text).err().map_or(String::new(), |problems| problems.to_string());
+        problems.lines().map(|line| line.trim_start_matches("f:").to_owned()).collect()
+    }
+
+    #[test]
+    fn without_a_table_it_is_the_kr_6() {
+        let cell = Cell::check("f", "").unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!((cell.arm().geometry().c2_mm, cell.arm().axes().max_deg[2]), (335.0, 156.0));
+        assert_eq!((cell.arm().margins().wrist_margin_deg(), cell.arm().keep_out().len()), (5.0, 0));
+    }
+
+    #[test]
+    fn another_arm_is_stated_whole() {
+        let wrong = says("[arm]\nmodel = 'custom'\na1_mm = 150\n");
+        assert!(wrong.len() == 11 && wrong.iter().all(|line| line.contains("needs every number")), "{wrong:?}");
+        let other = "[arm]\nmodel = 'custom'\na1_mm = 150\na2_mm = -20\nb_mm = 0\nc1_mm = 450\nc2_mm = 610\n\
+                     c3_mm = 660\nc4_mm = 80\noffsets_deg = [0, -90, 0, 0, 0, 0]\nsigns = [-1, 1, 1, -1, 1, -1]\n\
+                     min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
+                     max_speed_deg_s = [200, 200, 200, 300, 300, 400]\n";
+        assert_eq!(says(other), [""; 0]);
+        assert_eq!(says(&other.replace("[-1, 1, 1,", "[-1, 0.5, 1,")).len(), 1);
+    }
+
+    #[test]
+    fn a_cell_may_be_stricter_never_laxer() {
+        assert_eq!(says("[arm]\nmax_deg = [90, 45, 156, 185, 120, 350]\n"), [""; 0]);
+        let wrong = says("[arm]\nmax_deg = [171, 45, 156, 185, 120, 350]\nc2_mm = 400\n");
+        assert_eq!(wrong.len(), 2, "{wrong:?}");
+        assert!(wrong[0].contains("axis 1") && wrong[1].contains("custom"), "{wrong:?}");
+        assert!(says("[arm]\nmin_deg = [0, 40, 0, 0, 0, 0]\n")[0].contains("axis 2"));
+    }
+
+    #[test]
+    fn keep_out_boxes_have_names_and_corners_in_order() {
+        let text = "[[keep_out]]\nname = 'post'\nmin_mm = [600, -120, 0]\nmax_mm = [650, -80, 700]\n";
+        let cell = Cell::check("f", text).unwrap_or_else(|problems| panic!("{problems}"));
+        assert_eq!(cell.arm().keep_out()[0].name, "post");
+        assert_eq!(says(&text.replace("650", "550")).len(), 1);
+    }
+}

@@ -1,0 +1,96 @@
+//! How a path comes to the panel, stays on it and leaves it.
+//!
+//! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
+//! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The
+//! landing's way runs over the area's own middle, so nothing outside of it is touched. Over a hole it goes on at the
+//! landing height. In contact the tool's point goes into the panel by the press-in, which the pad takes up. The feed is the recipe's, or less where the controller
+//! could not plan lines so short in time (`eki` 4.2); corners are rounded by a share of the shorter line beside them,
+//! at least never by more than half of it. A path stops at its ends alone, and on the panel where it comes straight down.
+
+use super::orientation::{OrientationError, Stance, panel_from_tool};
+use super::plan::{Piece, ToolPath, Waypoint};
+use super::raster::{between, mix};
+use crate::geometry::{KukaPose, Panel, Rigid, Tool};
+use crate::recipe;
+use crate::surface::{BSplineSurface, Parameter};
+
+/// A place to stand at.
+#[derive(Clone, Copy)]
+struct Station {
+    at: Parameter,
+    height_mm: f64,
+    contact: bool,
+}
+
+/// The path over one piece of work, from above where the one before ended; and where it ends itself.
+pub(super) fn tool_path(
+    surface: &BSplineSurface,
+    piece: &Piece,
+    before: Option<Parameter>,
+    settings: &recipe::Path,
+) -> Result<(ToolPath, Option<Parameter>), OrientationError> {
+    let grids = piece.area.grids.clone();
+    let (Some(first), Some(last)) = (piece.track.first().copied(), piece.track.last().copied()) else {
+        return Ok((ToolPath { grids, waypoints: Vec::new() }, before));
+    };
+    let (down, up) = (beside(surface, piece, first, settings), beside(surface, piece, last, settings));
+    let air = |at: Parameter| Station { at, height_mm: settings.approach_mm(), contact: false };
+    let low = |at: Parameter| Station { at, height_mm: settings.landing_height_mm(), contact: false };
+    let on = |(at, contact): (&Parameter, &bool)| {
+        let height_mm = if *contact { -settings.press_in_mm() } else { settings.landing_height_mm() };
+        Station { at: *at, height_mm, contact: *contact }
+    };
+    let mut stations: Vec<Station> = Vec::with_capacity(piece.track.len() + 8);
+    let flown = before.into_iter().flat_map(|from| between(surface, from, down.unwrap_or(first), piece.spacing_mm));
+    stations.extend(flown.map(air));
+    stations.push(air(down.unwrap_or(first)));
+    stations.extend(down.map(low));
+    stations.extend(piece.track.iter().zip(&piece.contact).map(on));
+    stations.extend(up.map(low));
+    stations.push(air(up.unwrap_or(last)));
+    Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))
+}
+
+/// A place the landing's way from an end of the track, towards the middle of the area, or away from an end that lies
+/// there itself; `None` where the recipe lands straight down.
+fn beside(surface: &BSplineSurface, piece: &Piece, end: Parameter, settings: &recipe::Path) -> Option<Parameter> {
+    let landing_mm = settings.landing_mm();
+    let from = surface.point(end);
+    let corners = [(0.5, 0.5), (0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+    let places = corners.map(|(u, v)| piece.area.patch.at(Parameter { u, v }));
+    let away = |at: &Parameter| surface.point(*at).distance_mm(from);
+    let middle = places.first().filter(|middle| away(middle) >= landing_mm);
+    let farthest = || places.iter().max_by(|a, b| away(a).total_cmp(&away(b)));
+    let target = *middle.or_else(farthest)?;
+    let share = (landing_mm / away(&target).max(1e-9)).min(1.0);
+    (landing_mm > 0.0).then(|| mix(end, target, share))
+}
+
+fn waypoints(
+    surface: &BSplineSurface,
+    stations: &[Station],
+    settings: &recipe::Path,
+) -> Result<Vec<Waypoint>, OrientationError> {
+    let stance = Stance::of(settings);
+    let pose = |station: &Station| panel_from_tool(surface, station.at, station.height_mm, stance);
+    let poses = stations.iter().map(pose).collect::<Result<Vec<Rigid<Panel, Tool>>, _>>()?;
+    let lengths_mm: Vec<f64> =
+        poses.windows(2).map(|pair| pair[0].origin().distance_mm(pair[1].origin())).collect();
+    let planning_s = settings.planning_time_ms() / 1_000.0;
+    let waypoint = |(index, station): (usize, &Station)| {
+        let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
+        let after_mm = lengths_mm.get(index).copied();
+        let feed_mm_s = before_mm.map_or(settings.feed_mm_s(), |mm| settings.feed_mm_s().min(mm / planning_s));
+        let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
+        let straight_down = settings.landing_mm() == 0.0
+            && station.contact
+            && (touches_down(index.checked_sub(1).and_then(|n| stations.get(n)))
+                || touches_down(stations.get(index + 1)));
+        let blend_mm = match (before_mm, after_mm) {
+            (Some(before), Some(after)) if !straight_down => settings.blend_share() * before.min(after),
+            _ => 0.0,
+        };
+        Waypoint { pose: KukaPose::from_rigid(&poses[index]), contact: station.contact, feed_mm_s, blend_mm }
+    };
+    Ok(stations.iter().enumerate().map(waypoint).collect())
+}

@@ -1,0 +1,34 @@
+//! How long a disc lasts: what a path wears, and when a new disc is due. What was worn before is the caller's to keep.
+
+use super::plan::Plan;
+use crate::recipe;
+
+/// What a plan asks of the discs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DiscUse {
+    /// Panel that the disc sweeps, overlaps counted each time, mm².
+    pub swept_mm2: f64,
+    /// What is worn of the disc in use once the plan is done, mm²; more than a disc's life where it must be changed on
+    /// the way.
+    pub worn_after_mm2: f64,
+    /// What one disc lasts for, mm²; `None` where the recipe does not count.
+    pub life_mm2: Option<f64>,
+}
+
+impl DiscUse {
+    /// What the plan wears of a disc of which this much is worn already, mm².
+    pub fn of(plan: &Plan, settings: &recipe::Path, worn_mm2: f64) -> Self {
+        let swept_mm2 = plan.contact_mm * settings.disc_diameter_mm();
+        DiscUse { swept_mm2, worn_after_mm2: worn_mm2 + swept_mm2, life_mm2: settings.disc_life_mm2() }
+    }
+
+    /// Discs that the plan wears, whole and in part; `None` where they are not counted.
+    pub fn discs(&self) -> Option<f64> {
+        self.life_mm2.map(|life_mm2| self.swept_mm2 / life_mm2)
+    }
+
+    /// Must the disc be changed before this plan is begun?
+    pub fn asks_for_a_change(&self) -> bool {
+        self.life_mm2.is_some_and(|life_mm2| self.worn_after_mm2 > life_mm2)
+    }
+}

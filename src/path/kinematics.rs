@@ -1,0 +1,192 @@
+//! Which axis angles put the flange where, for the cell's arm: the analytic solver behind our types.
+//!
+//! Up to eight ways lead to a pose: in front of axis 1 or over the head, elbow up or down, wrist or wrist turned over;
+//! each axis may stand a whole turn on. The solver is `rs-opw-kinematics`; what it returns it has checked against its
+//! own forward solution. Knows nothing of limits of speed, paths or panels: see `reach`.
+//! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
+
+use crate::cell::{Arm, ArmGeometry};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use rs_opw_kinematics::glam::{DQuat, DVec3};
+use rs_opw_kinematics::kinematic_traits::{Kinematics as _, Pose};
+use rs_opw_kinematics::kinematics_impl::OPWKinematics;
+use rs_opw_kinematics::parameters::opw_kinematics::Parameters;
+
+/// Angles of the axes, degrees, axis 1 first.
+pub(super) type Angles = [f64; 6];
+
+/// An arm that can be asked.
+#[derive(Debug, Clone)]
+pub struct Kinematics {
+    arm: Arm,
+    solver: OPWKinematics,
+}
+
+/// Where the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
+pub(super) type Skeleton = [Point<Base>; 4];
+
+impl Kinematics {
+    /// The cell's arm.
+    pub fn new(arm: &Arm) -> Self {
+        let ArmGeometry { a1_mm, a2_mm, b_mm, c1_mm, c2_mm, c3_mm, c4_mm, offsets_deg, signs } = *arm.geometry();
+        let parameters = Parameters {
+            a1: a1_mm,
+            a2: a2_mm,
+            b: b_mm,
+            c1: c1_mm,
+            c2: c2_mm,
+            c3: c3_mm,
+            c4: c4_mm,
+            offsets: offsets_deg.map(f64::to_radians),
+            sign_corrections: signs,
+            dof: 6,
+        };
+        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters) }
+    }
+
+    /// The arm.
+    pub fn arm(&self) -> &Arm {
+        &self.arm
+    }
+
+    /// Where the flange is; `None` for angles that are no numbers.
+    pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
+        let pose = self.solver.try_forward(&angles(joints).map(f64::to_radians)).ok()?;
+        let (t, q) = (pose.translation, pose.rotation);
+        let turn = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
+        Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
+    }
+
+    /// All ways to put the flange there, whatever the axes' limits, each axis within half a turn of zero; none where it
+    /// is out of reach.
+    pub(super) fn ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
+        let (t, q) = (base_from_flange.isometry().translation.vector, base_from_flange.isometry().rotation.coords);
+        let rotation = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
+        let Ok(pose) = Pose::try_from_parts(DVec3::new(t.x, t.y, t.z), rotation) else { return Vec::new() };
+        self.solver.inverse(&pose).into_iter().map(|way| way.map(f64::to_degrees)).collect()
+    }
+
+    /// How far the wrist's centre lies beyond what the arm spans, mm; 0 where it is spanned.
+    pub(super) fn beyond_reach_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
+        let g = self.arm.geometry();
+        let wrist = wrist(base_from_flange, g);
+        // Seen from axis 2, in the plane of the arm, as it faces the wrist.
+        let forward = (wrist.x.hypot(wrist.y).powi(2) - g.b_mm * g.b_mm).max(0.0).sqrt() - g.a1_mm;
+        let distance_mm = forward.hypot(wrist.z - g.c1_mm);
+        let forearm_mm = g.a2_mm.hypot(g.c3_mm);
+        (distance_mm - g.c2_mm - forearm_mm).max((g.c2_mm - forearm_mm).abs() - distance_mm).max(0.0)
+    }
+
+    /// Angle between the elbow and the stretched arm, degrees.
+    pub(super) fn elbow_deg(&self, angles: &Angles) -> f64 {
+        let g = self.arm.geometry();
+        let q3_deg = angles[2] * f64::from(g.signs[2]) - g.offsets_deg[2];
+        let bend_deg = (q3_deg + g.a2_mm.atan2(g.c3_mm).to_degrees()).rem_euclid(360.0);
+        bend_deg.min(360.0 - bend_deg)
+    }
+
+    /// Distance of the wrist's centre from axis 1, mm.
+    pub(super) fn overhead_mm(&self, base_from_flange: &Rigid<Base, Flange>) -> f64 {
+        wrist(base_from_flange, self.arm.geometry()).xy().norm()
+    }
+
+    /// Where the arm's middle line bends.
+    pub(super) fn skeleton(&self, angles: &Angles) -> Skeleton {
+        let g = self.arm.geometry();
+        let q = |axis: usize| (angles[axis] * f64::from(g.signs[axis]) - g.offsets_deg[axis]).to_radians();
+        let [q1, q2, q3] = [q(0), q(1), q(2)];
+        let turned = |x: f64, z: f64| {
+            Point::at(x * q1.cos() - g.b_mm * q1.sin(), x * q1.sin() + g.b_mm * q1.cos(), g.c1_mm + z)
+        };
+        let (x_elbow, z_elbow) = (g.a1_mm + g.c2_mm * q2.sin(), g.c2_mm * q2.cos());
+        let lean = q2 + q3;
+        let (x_wrist, z_wrist) = (
+            x_elbow + g.a2_mm * lean.cos() + g.c3_mm * lean.sin(),
+            z_elbow - g.a2_mm * lean.sin() + g.c3_mm * lean.cos(),
+        );
+        let wrist = turned(x_wrist, z_wrist);
+        let flange = self.base_from_flange(&joints(*angles)).map_or(wrist, |pose| pose.origin());
+        [turned(g.a1_mm, 0.0), turned(x_elbow, z_elbow), wrist, flange]
+    }
+}
+
+fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
+    let turn = base_from_flange.isometry().rotation;
+    base_from_flange.isometry().translation.vector - turn * Vector3::z() * geometry.c4_mm
+}
+
+pub(super) fn angles(joints: &Joints) -> Angles {
+    [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
+}
+
+pub(super) fn joints([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: Angles) -> Joints {
+    Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use proptest::prelude::*;
+
+    fn kr6() -> Kinematics {
+        Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm())
+    }
+
+    /// By hand. (1) Home, A = (0, −90, 90, 0, 0, 0): upper arm upright, forearm level: x = 25 + 365 + 90 = 480,
+    /// z = 400 + 335 + 25 = 760, flange Z along base X, flange X down. (2) A = (90, 0, 90, 0, 0, 0): turned clockwise
+    /// to −y, upper arm level, forearm straight down: 25 + 335 + 25 = 385 from axis 1, z = 400 − 365 − 90 = −55, flange
+    /// Z down.
+    #[test]
+    fn two_poses_by_hand() {
+        let kr6 = kr6();
+        for (angles, origin_mm, z, x) in [
+            ([0.0, -90.0, 90.0, 0.0, 0.0, 0.0], [480.0, 0.0, 760.0], Vector3::x(), -Vector3::z()),
+            ([90.0, 0.0, 90.0, 0.0, 0.0, 0.0], [0.0, -385.0, -55.0], -Vector3::z(), Vector3::y()),
+        ] {
+            let pose = kr6.base_from_flange(&joints(angles)).expect("numbers");
+            assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 1e-9, "{pose:?}");
+            assert!((pose.rotation() * Vector3::z() - z).norm() < 1e-9);
+            assert!((pose.rotation() * Vector3::x() - x).norm() < 1e-9, "{}", pose.rotation() * Vector3::x());
+            let [_, elbow, wrist, flange] = kr6.skeleton(&angles);
+            assert!(flange.distance_mm(pose.origin()) < 1e-9);
+            assert!((wrist.distance_mm(flange) - 90.0).abs() < 1e-9);
+            assert!((elbow.distance_mm(wrist) - 365.0f64.hypot(25.0)).abs() < 1e-9);
+        }
+    }
+
+    /// By hand: the wrist's centre reaches 335 + hypot(25, 365) = 700.855 mm from axis 2; 1000 mm in front of it,
+    /// 299.145 are missing.
+    #[test]
+    fn what_is_missing_beyond_the_reach() {
+        let level = kr6().base_from_flange(&joints([0.0; 6])).expect("numbers").rotation();
+        let far = Isometry3::from_parts(Translation3::new(1_115.0, 0.0, 400.0), level.into());
+        let far: Rigid<Base, Flange> = Rigid::claim(far);
+        assert!((kr6().beyond_reach_mm(&far) - 299.145).abs() < 1e-3);
+        assert_eq!(kr6().ways(&far), Vec::<Angles>::new());
+    }
+
+    proptest! {
+        #[test]
+        fn every_way_leads_back(angles in prop::array::uniform6(-115.0..115.0f64)) {
+            let kr6 = kr6();
+            prop_assume!(angles[4].abs() > 1.0 && kr6.elbow_deg(&angles) > 1.0);
+            let pose = kr6.base_from_flange(&joints(angles)).expect("numbers");
+            prop_assume!(kr6.overhead_mm(&pose) > 5.0);
+            let ways = kr6.ways(&pose);
+            let apart = |way: &Angles, axis: usize| {
+                let apart_deg = (way[axis] - angles[axis]).rem_euclid(360.0);
+                apart_deg.min(360.0 - apart_deg)
+            };
+            let same = |way: &&Angles| (0..6).all(|axis| apart(way, axis) < 1e-4);
+            prop_assert_eq!(ways.iter().filter(same).count(), 1, "{:?}", ways);
+            for way in &ways {
+                let there = kr6.base_from_flange(&joints(*way)).expect("numbers");
+                prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-3);
+                prop_assert!((there.inverse() * pose).turn().0 < 1e-4);
+                prop_assert!((kr6.skeleton(way)[2].mm.coords - wrist(&pose, kr6.arm.geometry())).norm() < 1e-3);
+            }
+        }
+    }
+}

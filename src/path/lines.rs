@@ -1,0 +1,106 @@
+//! The lines over one patch, by the recipe's pattern, in one piece from the first place in contact to the last.
+
+use super::raster::{Along, Insets, Laying, RasterError, joined, resampled, rows};
+use super::rings::Rings;
+use super::slanted;
+use crate::geometry::Degrees;
+use crate::recipe::{self, Pattern};
+use crate::surface::{BSplineSurface, Parameter, Patch};
+
+/// Angles this near to 0 and 90° run along u and v.
+const ALONG_DEG: f64 = 0.01;
+
+/// Neighbouring turns of a spiral with corners are not parallel: near its middle they are farther apart than their
+/// depths, by up to 15 %.
+const WINDING: f64 = 0.85;
+
+/// Lines over a patch.
+#[derive(Debug, Clone)]
+pub(super) struct Lines {
+    /// All places in contact, in order.
+    pub track: Vec<Parameter>,
+    /// Lines that run side by side, for their distance.
+    pub neighbours: Vec<[Vec<Parameter>; 2]>,
+}
+
+/// Lays the lines; waypoints are at most `spacing_mm` apart.
+pub(super) fn lines(
+    surface: &BSplineSurface,
+    patch: &Patch,
+    insets: Insets,
+    settings: &recipe::Path,
+    spacing_mm: f64,
+) -> Result<Lines, RasterError> {
+    let laying = Laying { along: Along::U, insets, step_over_mm: settings.step_over_mm(), spacing_mm };
+    let rings = |share: f64| Rings::new(surface, patch, insets, share * settings.step_over_mm());
+    let around = |rings: Vec<[Vec<Parameter>; 4]>| -> Lines {
+        let resample = |side: &Vec<Parameter>| resampled(surface, side, [0.0; 2], spacing_mm);
+        let rings: Vec<[Vec<Parameter>; 4]> = rings.iter().map(|ring| ring.each_ref().map(resample)).collect();
+        let beside = |pair: &[[Vec<Parameter>; 4]]| -> Vec<[Vec<Parameter>; 2]> {
+            pair[0].iter().zip(&pair[1]).map(|(outer, inner)| [inner.clone(), outer.clone()]).collect()
+        };
+        let neighbours = rings.windows(2).flat_map(beside).collect();
+        Lines { track: joined(surface, &rings.concat(), spacing_mm), neighbours }
+    };
+    let laid = match settings.pattern() {
+        Pattern::Raster => {
+            there_and_back(surface, rows_at(surface, patch, &laying, settings.feed_angle_deg())?, spacing_mm)
+        }
+        Pattern::CrossHatch => {
+            let angle_deg = settings.feed_angle_deg();
+            let other_deg = if angle_deg > 0.0 { angle_deg - 90.0 } else { angle_deg + 90.0 };
+            let first = there_and_back(surface, rows_at(surface, patch, &laying, angle_deg)?, spacing_mm);
+            let second = there_and_back(surface, rows_at(surface, patch, &laying, other_deg)?, spacing_mm);
+            crossed(surface, first, second, spacing_mm)
+        }
+        Pattern::Offset => around(rings(1.0).closed()?),
+        Pattern::OffsetSpiral => around(rings(1.0).stepped()?),
+        Pattern::Spiral => around(rings(WINDING).winding()?),
+    };
+    let in_rows = matches!(settings.pattern(), Pattern::Raster | Pattern::CrossHatch);
+    if !(in_rows && is_slanted(settings.feed_angle_deg())) {
+        return Ok(laid);
+    }
+    // Rows that meet the border aslant leave teeth there: a contour first.
+    let contour = around(rings(1.0).closed()?.into_iter().take(1).collect());
+    Ok(Lines { track: joined(surface, &[contour.track, laid.track], spacing_mm), ..laid })
+}
+
+fn is_slanted(angle_deg: f64) -> bool {
+    angle_deg.abs() >= ALONG_DEG && (angle_deg.abs() - 90.0).abs() >= ALONG_DEG
+}
+
+fn rows_at(
+    surface: &BSplineSurface,
+    patch: &Patch,
+    laying: &Laying,
+    angle_deg: f64,
+) -> Result<Vec<Vec<Parameter>>, RasterError> {
+    if is_slanted(angle_deg) {
+        slanted::rows(surface, patch, (laying, Degrees(angle_deg)))
+    } else if angle_deg.abs() < ALONG_DEG {
+        rows(surface, patch, laying)
+    } else {
+        rows(surface, patch, &Laying { along: Along::V, ..*laying })
+    }
+}
+
+fn there_and_back(surface: &BSplineSurface, rows: Vec<Vec<Parameter>>, spacing_mm: f64) -> Lines {
+    let track = joined(surface, &rows, spacing_mm);
+    Lines { track, neighbours: rows.windows(2).map(|pair| [pair[0].clone(), pair[1].clone()]).collect() }
+}
+
+/// Two sets of rows, the second one from whichever of its ends is nearer.
+fn crossed(surface: &BSplineSurface, first: Lines, second: Lines, spacing_mm: f64) -> Lines {
+    let (mut track, mut across) = (first.track, second.track);
+    let from = track.last().map(|at| surface.point(*at));
+    let away = |at: Option<&Parameter>| match (from, at) {
+        (Some(from), Some(at)) => from.distance_mm(surface.point(*at)),
+        _ => f64::INFINITY,
+    };
+    if away(across.last()) < away(across.first()) {
+        across.reverse();
+    }
+    track = joined(surface, &[track, across], spacing_mm);
+    Lines { track, neighbours: [first.neighbours, second.neighbours].concat() }
+}

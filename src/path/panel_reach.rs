@@ -1,0 +1,187 @@
+//! Whether the arm reaches the panel where it stands: a plan as a whole, and, before the panel is wetted, every grid.
+//!
+//! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most room;
+//! one that leaves enough is taken as it comes. A refusal names the grid, the waypoint, the axis and how far it is off, and a
+//! shift of the panel that would help.
+
+use super::dwell::foot;
+use super::kinematics::Kinematics;
+use super::plan::{Plan, PlanError, plan};
+use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
+use crate::geometry::{Base, Degrees, Flange, Panel, Point, Rigid, Tool, Vector};
+use crate::panel::{GridId, Region};
+use crate::recipe;
+use crate::surface::{BSplineSurface, Parameter};
+use crate::verdict::{Judgement, Reason};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+/// Spins that are tried, degrees, in this order.
+const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
+/// Room that needs no better spin, degrees.
+const ENOUGH_DEG: f64 = 15.0;
+/// Waypoints by which a shift is judged, at most.
+const SHIFT_LEGS: usize = 60;
+
+/// Where a panel stands before an arm with its tool.
+#[derive(Debug, Clone, Copy)]
+pub struct Stand<'a> {
+    /// The arm.
+    pub arm: &'a Kinematics,
+    /// The sanding tool.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+    /// The panel.
+    pub base_from_panel: Rigid<Base, Panel>,
+}
+
+/// A plan that the arm can follow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reached {
+    /// Turn of the tool about its own Z, for the whole plan.
+    pub spin: Degrees,
+    /// The axes at each waypoint, and the room that is left.
+    pub travel: Travel,
+}
+
+/// A plan that the arm cannot follow.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Unreached {
+    /// Where and why, with the spin that comes farthest.
+    pub fault: ReachFault,
+    /// The point on the panel.
+    pub at: Point<Panel>,
+    /// A shift of the panel with which the arm follows.
+    pub shift: Option<Vector<Base>>,
+}
+
+/// Follows a plan.
+///
+/// # Errors
+/// Where the arm does not reach, with the reason of the spin that comes farthest.
+pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
+    let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
+    let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
+    for spin_deg in spins {
+        match follow(stand.arm, stand.flange_from_tool, None, &legs(plan, stand, *spin_deg)) {
+            Ok(travel) => {
+                let enough = travel.room_deg >= ENOUGH_DEG;
+                if best.as_ref().is_none_or(|best| travel.room_deg > best.travel.room_deg) {
+                    best = Some(Reached { spin: Degrees(*spin_deg), travel });
+                }
+                if enough {
+                    break;
+                }
+            }
+            Err(fault) if farthest.as_ref().is_none_or(|(_, before)| fault.index > before.index) => {
+                farthest = Some((*spin_deg, fault));
+            }
+            Err(_) => {}
+        }
+    }
+    match (best, farthest) {
+        (Some(best), _) => Ok(best),
+        (None, Some((spin_deg, fault))) => Err(Box::new(unreached(plan, stand, spin_deg, fault))),
+        // Without a waypoint there is nothing to follow.
+        (None, None) => {
+            Ok(Reached { spin: Degrees(0.0), travel: Travel { joints: Vec::new(), room_deg: f64::INFINITY } })
+        }
+    }
+}
+
+fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
+    let legs = legs(plan, stand, spin_deg);
+    let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
+    // Far apart, such legs say nothing of speed: they are walked slowly.
+    let slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
+    let at = legs
+        .get(fault.index)
+        .map_or(Point::at(0.0, 0.0, 0.0), |leg| stand.base_from_panel.inverse() * leg.base_from_tool.origin());
+    Unreached { fault, at, shift: helpful_shift(stand.arm, stand.flange_from_tool, &slow) }
+}
+
+/// The plan as the arm would be told, its tool turned about its own axis.
+pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), Degrees(spin_deg).rad());
+    let spin: Rigid<Tool, Tool> = Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn));
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let leg = |waypoint: &super::plan::Waypoint| Leg {
+        base_from_tool: stand.base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>() * spin,
+        feed_mm_s: waypoint.feed_mm_s,
+        blend_mm: waypoint.blend_mm,
+    };
+    waypoints.map(leg).collect()
+}
+
+/// One grid's reach.
+#[derive(Debug, Clone)]
+pub struct GridReach {
+    /// The grid.
+    pub id: GridId,
+    /// The room that is left, degrees, or why there is none.
+    pub outcome: Result<f64, Box<Unreached>>,
+}
+
+/// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
+///
+/// # Errors
+/// Where the surface allows no path over a grid.
+pub fn of_grids(
+    surface: &BSplineSurface,
+    (region, outline): (&Region, &[Point<Panel>]),
+    stand: &Stand<'_>,
+    settings: &recipe::Path,
+) -> Result<Vec<GridReach>, PlanError> {
+    let ids: Vec<GridId> = region.ids().collect();
+    let of_grid = |id: &GridId| {
+        let plan = plan(surface, region, &[*id], outline, settings)?;
+        Ok(GridReach { id: *id, outcome: of_plan(&plan, stand, settings).map(|reached| reached.travel.room_deg) })
+    };
+    let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
+    all.into_iter().collect()
+}
+
+/// Accepts a region of which every grid is reached, or rejects it in words.
+pub fn judge_grids(grids: &[GridReach]) -> Judgement {
+    let reason = |grid: &GridReach| {
+        let unreached = grid.outcome.as_ref().err()?;
+        Some(Reason::new("out_of_reach", format!("grid {}, {}", grid.id, words(unreached))))
+    };
+    Judgement::of(grids.iter().filter_map(reason).collect(), vec![])
+}
+
+/// Accepts a plan that the arm can follow, or rejects it in words: grid and waypoint, axis, how far, what helps.
+pub fn judge_plan(
+    reached: &Result<Reached, Box<Unreached>>,
+    (surface, region): (&BSplineSurface, &Region),
+) -> Judgement {
+    let reason = |unreached: &Unreached| {
+        let grid = grid_below(surface, region, unreached.at);
+        let grid = grid.map_or_else(|| "beside the region".to_owned(), |id| format!("grid {id}"));
+        Reason::new("out_of_reach", format!("{grid}, {}", words(unreached)))
+    };
+    Judgement::of(reached.as_ref().err().map(|unreached| reason(unreached)).into_iter().collect(), vec![])
+}
+
+/// The grid below a point; `None` beside the region.
+pub fn grid_below(surface: &BSplineSurface, region: &Region, point: Point<Panel>) -> Option<GridId> {
+    let at = foot(surface, Parameter { u: 0.5, v: 0.5 }, point)?;
+    region.grid_at(region.pixel(nalgebra::Point2::new(at.u, at.v)))
+}
+
+fn words(unreached: &Unreached) -> String {
+    let help = match unreached.shift {
+        Some(shift) => {
+            let axis = shift.mm.iamax();
+            let sign = if shift.mm[axis] > 0.0 { '+' } else { '−' };
+            format!(
+                "the panel {:.0} mm farther towards {sign}{} of the base would do",
+                shift.mm.norm(),
+                ["X", "Y", "Z"][axis]
+            )
+        }
+        None => {
+            "no shift of the panel along one axis of the base helps; another place or tool is needed".to_owned()
+        }
+    };
+    format!("{}; {help}", unreached.fault)
+}

@@ -1,0 +1,432 @@
+//! Whether the arm can follow a path: within its limits and margins, in one configuration, at the asked speed.
+//!
+//! A path of straight lines is cut into steps of at most 10 mm and 3°; at each of them the way nearest to the one before
+//! goes on. So a path keeps the configuration that it begins with, and a flip shows as a jump. The configuration is
+//! the one in which the arm stands, or, before it is known, that with the most room left. Every step must keep the
+//! margins of the cell's file from the axes' limits and from the three singular places (wrist, stretched elbow, wrist
+//! over axis 1), its speed and acceleration at each axis, and the keep-out boxes. Corners that are rounded over b mm
+//! change speed in 2 b / feed; where the arm stops, the controller's own ramp holds. Rejects a path whole.
+
+use super::kinematics::{Angles, Kinematics, angles, joints};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
+use nalgebra::{Isometry3, Vector3};
+use rayon::prelude::*;
+
+/// Longest step between two looks.
+const STEP_MM: f64 = 10.0;
+/// Largest turn between two looks, degrees.
+const STEP_DEG: f64 = 3.0;
+/// An axis that turns farther in such a step has left its way, degrees.
+const FLIP_DEG: f64 = 30.0;
+/// Distance between places on the arm that are compared with the keep-out boxes, mm.
+const SAMPLE_MM: f64 = 15.0;
+/// Shifts of the panel that are tried, mm, along each axis of the base.
+const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
+
+/// One line of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Leg {
+    /// Where it ends.
+    pub base_from_tool: Rigid<Base, Tool>,
+    /// Speed of the tool's point on the way there, mm/s.
+    pub feed_mm_s: f64,
+    /// Rounding at its end, mm; 0 stops there.
+    pub blend_mm: f64,
+}
+
+/// Which singular place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Singular {
+    /// Axes 4 and 6 in line.
+    Wrist,
+    /// The arm stretched.
+    Elbow,
+    /// The wrist's centre over axis 1.
+    Overhead,
+}
+
+/// What an arm cannot do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Obstacle {
+    /// Not a number.
+    #[error("the pose is not a number")]
+    NotFinite,
+    /// Too far or too near.
+    #[error("it is {beyond_mm:.1} mm beyond the arm's reach")]
+    OutOfReach {
+        /// How far, mm.
+        beyond_mm: f64,
+    },
+    /// An axis beyond its limits less the margin.
+    #[error("axis {axis} would stand at {angle_deg:.1}°, allowed is {:.1} to {:.1}°", allowed_deg[0], allowed_deg[1])]
+    AxisLimit {
+        /// 1 to 6.
+        axis: usize,
+        /// Where it would stand, degrees.
+        angle_deg: f64,
+        /// Lowest and highest, margins taken off, degrees.
+        allowed_deg: [f64; 2],
+    },
+    /// Near a singular place.
+    #[error("{} ({found:.1}, needed {needed:.1})", singular_words(*which))]
+    Singular {
+        /// Which.
+        which: Singular,
+        /// Distance from it, degrees or mm.
+        found: f64,
+        /// Distance needed.
+        needed: f64,
+    },
+    /// The configuration would change.
+    #[error("axis {axis} would jump by {turn_deg:.0}°: the way on is in another configuration")]
+    Flip {
+        /// 1 to 6.
+        axis: usize,
+        /// Smallest jump, degrees.
+        turn_deg: f64,
+    },
+    /// An axis too fast.
+    #[error("axis {axis} would turn at {needed_deg_s:.0} °/s, allowed {allowed_deg_s:.0}; a lower feed_mm_s helps")]
+    AxisSpeed {
+        /// 1 to 6.
+        axis: usize,
+        /// Speed needed, degrees a second.
+        needed_deg_s: f64,
+        /// Speed allowed, degrees a second.
+        allowed_deg_s: f64,
+    },
+    /// An axis speeding up too fast.
+    #[error(
+        "axis {axis} would change its speed by {needed_deg_s2:.0} °/s², allowed {allowed_deg_s2:.0}; a lower feed_mm_s \
+         helps"
+    )]
+    AxisAcceleration {
+        /// 1 to 6.
+        axis: usize,
+        /// Acceleration needed, degrees a second squared.
+        needed_deg_s2: f64,
+        /// Acceleration allowed, degrees a second squared.
+        allowed_deg_s2: f64,
+    },
+    /// A part of the arm in a box.
+    #[error("the {part} would be {distance_mm:.0} mm from \"{name}\", needed are {needed_mm:.0}")]
+    KeepOut {
+        /// Which part.
+        part: &'static str,
+        /// The box.
+        name: String,
+        /// Distance, mm.
+        distance_mm: f64,
+        /// Distance needed, mm.
+        needed_mm: f64,
+    },
+}
+
+fn singular_words(which: Singular) -> &'static str {
+    match which {
+        Singular::Wrist => "axis 5 would be too near its pole, degrees",
+        Singular::Elbow => "the elbow would be too near the stretched arm, degrees",
+        Singular::Overhead => "the wrist would be too near axis 1, mm",
+    }
+}
+
+/// Where a path is refused, and why.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("waypoint {index}: {obstacle}")]
+pub struct ReachFault {
+    /// The waypoint at or on the way to which it happens, from 0.
+    pub index: usize,
+    /// Why.
+    pub obstacle: Obstacle,
+}
+
+/// How the arm follows a path.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Travel {
+    /// The axes at each waypoint.
+    pub joints: Vec<Joints>,
+    /// Least room that is left beyond the margins, degrees, over all axes and the wrist's pole.
+    pub room_deg: f64,
+}
+
+/// One place that is looked at.
+struct Look {
+    index: usize,
+    base_from_flange: Rigid<Base, Flange>,
+    tip: Point<Base>,
+    /// Time since the look before, s.
+    seconds: f64,
+    /// Time in which the speed may change from the look before, s; `None` where the arm stops in between.
+    change_s: Option<f64>,
+    /// Does a waypoint end here?
+    is_end: bool,
+    ways: Vec<Angles>,
+}
+
+/// Follows a path from where the axes stand, or, without that, in the configuration that has the most room.
+///
+/// # Errors
+/// The first obstacle in the configuration that comes farthest.
+pub fn follow(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    from: Option<&Joints>,
+    legs: &[Leg],
+) -> Result<Travel, ReachFault> {
+    let mut looks = looks(arm, flange_from_tool, from, legs)?;
+    let ways: Vec<Vec<Angles>> = looks.par_iter().map(|look| arm.ways(&look.base_from_flange)).collect();
+    looks.iter_mut().zip(ways).for_each(|(look, ways)| look.ways = ways);
+    let Some(first) = looks.first() else { return Ok(Travel { joints: Vec::new(), room_deg: f64::INFINITY }) };
+    if first.ways.is_empty() {
+        return Err(ReachFault { index: 0, obstacle: out_of_reach(arm, first) });
+    }
+    let starts = match from {
+        Some(joints) => vec![angles(joints)],
+        None => first.ways.iter().flat_map(|way| turns(arm, way)).collect(),
+    };
+    let (mut best, mut farthest): (Option<Travel>, Option<(usize, ReachFault)>) = (None, None);
+    for start in starts {
+        match track(arm, &looks, start) {
+            Ok(travel) if best.as_ref().is_none_or(|best| travel.room_deg > best.room_deg) => best = Some(travel),
+            Ok(_) => {}
+            Err((step, fault)) if farthest.as_ref().is_none_or(|(before, _)| step > *before) => {
+                farthest = Some((step, fault));
+            }
+            Err(_) => {}
+        }
+    }
+    let missing = || ReachFault { index: 0, obstacle: axis_limit(arm, &first.ways) };
+    best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
+}
+
+/// The smallest shift of the panel along an axis of the base with which the arm follows the path; `None` where none of
+/// those tried helps.
+pub fn helpful_shift(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    legs: &[Leg],
+) -> Option<Vector<Base>> {
+    let directions = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+    let follows = |step: Vector<Base>| {
+        let moved: Vec<Leg> =
+            legs.iter().map(|leg| Leg { base_from_tool: leg.base_from_tool.displaced(step), ..*leg }).collect();
+        follow(arm, flange_from_tool, None, &moved).is_ok()
+    };
+    SHIFTS_MM.iter().find_map(|mm| directions.map(|d| Vector::new(d * *mm)).into_iter().find(|step| follows(*step)))
+}
+
+fn looks(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    from: Option<&Joints>,
+    legs: &[Leg],
+) -> Result<Vec<Look>, ReachFault> {
+    let tool_from_flange = flange_from_tool.inverse();
+    let finite = |pose: &Rigid<Base, Tool>| pose.isometry().to_homogeneous().iter().all(|n| n.is_finite());
+    let wrong = legs.iter().position(|leg| !(finite(&leg.base_from_tool) && leg.feed_mm_s > 0.0));
+    let start = from.map(|joints| arm.base_from_flange(joints).map(|pose| pose * flange_from_tool));
+    if wrong.is_some() || start == Some(None) {
+        return Err(ReachFault { index: wrong.unwrap_or(0), obstacle: Obstacle::NotFinite });
+    }
+    let look = |index, base_from_tool: Rigid<Base, Tool>, seconds, change_s, is_end| Look {
+        index,
+        base_from_flange: base_from_tool * tool_from_flange,
+        tip: base_from_tool.origin(),
+        seconds,
+        change_s,
+        is_end,
+        ways: Vec::new(),
+    };
+    let mut all = Vec::with_capacity(legs.len());
+    let mut before = start.flatten();
+    if let Some(start) = before {
+        all.push(look(0, start, 0.0, None, false));
+    }
+    // Where nothing is known of before, the path begins standing.
+    let mut blend = 0.0;
+    for (index, leg) in legs.iter().enumerate() {
+        let to = leg.base_from_tool;
+        let Some(from) = before else {
+            all.push(look(index, to, 0.0, None, true));
+            before = Some(to);
+            continue;
+        };
+        let (length_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * to).turn());
+        let steps = (length_mm / STEP_MM).max(turn.0 / STEP_DEG).ceil().max(1.0);
+        let seconds = length_mm / leg.feed_mm_s / steps;
+        for step in 1..=steps as usize {
+            let pose = if step as f64 == steps { to } else { between(from, to, step as f64 / steps) };
+            let corner_s = if blend > 0.0 { Some((2.0 * blend / leg.feed_mm_s).max(seconds)) } else { None };
+            let change_s = if step > 1 { Some(seconds) } else { corner_s };
+            all.push(look(index, pose, seconds, change_s, step as f64 == steps));
+        }
+        (before, blend) = (Some(to), leg.blend_mm);
+    }
+    Ok(all)
+}
+
+/// The pose a share of the way along a straight line.
+pub(super) fn between<To: crate::geometry::Frame>(
+    from: Rigid<To, Tool>,
+    to: Rigid<To, Tool>,
+    share: f64,
+) -> Rigid<To, Tool> {
+    let (from, to) = (from.isometry(), to.isometry());
+    let place = from.translation.vector.lerp(&to.translation.vector, share);
+    // Opposite rotations have no way between them; the jump is seen at the end.
+    let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
+    Rigid::claim(Isometry3::from_parts(place.into(), turned))
+}
+
+/// Goes on from step to step in one configuration; how far it came otherwise.
+fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usize, ReachFault)> {
+    let (mut at, mut speed) = (start, [0.0; 6]);
+    let mut travel = Travel { joints: Vec::new(), room_deg: f64::INFINITY };
+    for (step, look) in looks.iter().enumerate() {
+        let fault = |obstacle| (step, ReachFault { index: look.index, obstacle });
+        let next = nearest(arm, look, &at).map_err(fault)?;
+        if step > 0 {
+            let turned: Angles = std::array::from_fn(|axis| next[axis] - at[axis]);
+            let axis = widest(&turned);
+            if turned[axis].abs() > FLIP_DEG {
+                return Err(fault(Obstacle::Flip { axis: axis + 1, turn_deg: turned[axis].abs() }));
+            }
+            speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
+        }
+        travel.room_deg = travel.room_deg.min(room(arm, look, &next).map_err(fault)?);
+        keeps_out(arm, look, &next).map_err(fault)?;
+        at = next;
+        if look.is_end {
+            travel.joints.push(joints(at));
+        }
+    }
+    Ok(travel)
+}
+
+fn widest(turned: &Angles) -> usize {
+    (0..6).fold(0, |widest, axis| if turned[axis].abs() > turned[widest].abs() { axis } else { widest })
+}
+
+/// The way to a place nearest to where the axes stand, turn by turn.
+fn nearest(arm: &Kinematics, look: &Look, at: &Angles) -> Result<Angles, Obstacle> {
+    let wound = |way: &Angles| -> Angles {
+        std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
+    };
+    let apart = |way: &Angles| (0..6).map(|axis| (way[axis] - at[axis]).abs()).fold(0.0, f64::max);
+    let ways = look.ways.iter().map(wound);
+    ways.min_by(|a, b| apart(a).total_cmp(&apart(b))).ok_or_else(|| out_of_reach(arm, look))
+}
+
+fn out_of_reach(arm: &Kinematics, look: &Look) -> Obstacle {
+    Obstacle::OutOfReach { beyond_mm: arm.beyond_reach_mm(&look.base_from_flange) }
+}
+
+/// A way and the same with axes 4 and 6 a turn on, where limits allow it.
+fn turns(arm: &Kinematics, way: &Angles) -> Vec<Angles> {
+    let mut all = Vec::new();
+    for turn_4 in [-360.0, 0.0, 360.0] {
+        for turn_6 in [-360.0, 0.0, 360.0] {
+            let turned = [way[0], way[1], way[2], way[3] + turn_4, way[4], way[5] + turn_6];
+            if beyond(arm, &turned).is_none() {
+                all.push(turned);
+            }
+        }
+    }
+    all
+}
+
+/// The first axis beyond its limits less the margin.
+fn beyond(arm: &Kinematics, at: &Angles) -> Option<Obstacle> {
+    let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
+    (0..6).find_map(|axis| {
+        let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
+        let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&at[axis]);
+        (!inside).then_some(Obstacle::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
+    })
+}
+
+/// What stands in the way of all ways: the axis of the one that is least far beyond.
+fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Obstacle {
+    let far = |obstacle: &Obstacle| match obstacle {
+        Obstacle::AxisLimit { angle_deg, allowed_deg, .. } => {
+            (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
+        }
+        _ => f64::INFINITY,
+    };
+    let all = ways.iter().filter_map(|way| beyond(arm, way));
+    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Obstacle::NotFinite)
+}
+
+/// Room beyond all margins, degrees.
+fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Obstacle> {
+    if let Some(obstacle) = beyond(arm, at) {
+        return Err(obstacle);
+    }
+    let margins = arm.arm().margins();
+    let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
+    let checks = [
+        (Singular::Wrist, wrist_deg, margins.wrist_margin_deg()),
+        (Singular::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
+        (Singular::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
+    ];
+    if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
+        return Err(Obstacle::Singular { which, found, needed });
+    }
+    let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
+    let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
+    let least = (0..6).map(of_axis).fold(f64::INFINITY, f64::min);
+    Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
+}
+
+/// The axes' speeds on a step, degrees a second.
+fn too_fast(arm: &Kinematics, look: &Look, turned: &Angles, before: &Angles) -> Result<Angles, Obstacle> {
+    let axes = arm.arm().axes();
+    // A turn on the spot takes the time that the controller gives it.
+    if look.seconds <= 0.0 {
+        return Ok([0.0; 6]);
+    }
+    let speed: Angles = turned.map(|turn| turn / look.seconds);
+    for axis in 0..6 {
+        let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
+        if needed_deg_s > allowed_deg_s {
+            return Err(Obstacle::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
+        }
+        let Some(change_s) = look.change_s else { continue };
+        let (needed_deg_s2, allowed_deg_s2) =
+            ((speed[axis] - before[axis]).abs() / change_s, axes.max_acceleration_deg_s2[axis]);
+        if needed_deg_s2 > allowed_deg_s2 {
+            return Err(Obstacle::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
+        }
+    }
+    Ok(speed)
+}
+
+fn keeps_out(arm: &Kinematics, look: &Look, at: &Angles) -> Result<(), Obstacle> {
+    if arm.arm().keep_out().is_empty() {
+        return Ok(());
+    }
+    let margins = arm.arm().margins();
+    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
+    let parts = [
+        ("upper arm", shoulder, elbow, margins.clearance_mm()),
+        ("forearm", elbow, wrist, margins.clearance_mm()),
+        ("wrist", wrist, flange, margins.clearance_mm()),
+        ("tool", flange, look.tip, margins.tool_clearance_mm()),
+    ];
+    for keep_out in arm.arm().keep_out() {
+        for (part, from, to, needed_mm) in parts {
+            let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+            let along = |n: usize| from + (to - from) * (n as f64 / samples as f64);
+            let outside = |point: Point<Base>| {
+                let beyond = |i: usize| (keep_out.min.mm[i] - point.mm[i]).max(point.mm[i] - keep_out.max.mm[i]);
+                Vector3::new(beyond(0), beyond(1), beyond(2)).map(|mm| mm.max(0.0)).norm()
+            };
+            let distance_mm = (0..=samples).map(|n| outside(along(n))).fold(f64::INFINITY, f64::min);
+            if distance_mm < needed_mm {
+                let name = keep_out.name.clone();
+                return Err(Obstacle::KeepOut { part, name, distance_mm, needed_mm });
+            }
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,124 @@
+//! Lines that run around a patch: offset contours and spirals (thesis Fig. 4.26 b–d).
+//!
+//! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
+//! beyond that border's inset. Depths are equal steps r' = h / ceil(h / r) ≤ r down to h, half of what the insets leave of
+//! the patch's shorter side; the innermost ring is the line or the point in the middle.
+
+use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
+use crate::surface::{BSplineSurface, Parameter, Patch};
+
+/// Steps of the search for a ring's corner, where two borders meet; each gains about three digits.
+const CORNER_STEPS: usize = 4;
+/// Places along one side of a ring before it is resampled.
+const SIDE_STEPS: usize = 24;
+
+/// The rings of one patch.
+pub(super) struct Rings<'a> {
+    surface: &'a BSplineSurface,
+    patch: &'a Patch,
+    insets: Insets,
+    depth_mm: f64,
+    steps: usize,
+}
+
+/// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
+const SIDES: usize = 4;
+
+impl<'a> Rings<'a> {
+    pub fn new(surface: &'a BSplineSurface, patch: &'a Patch, insets: Insets, step_over_mm: f64) -> Self {
+        let length = |along: Along| {
+            let place = |n: usize| surface.point(patch.at(along.place(n as f64 / 8.0, 0.5)));
+            (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
+        };
+        let (u_mm, v_mm) = (length(Along::U), length(Along::V));
+        // No room for both insets: the ring shrinks to a line or a point between them.
+        let shrunk = |length_mm: f64, inset: [f64; 2]| {
+            let low_mm = between_insets_mm(length_mm, inset);
+            if inset[0] + inset[1] < length_mm { inset } else { [low_mm, length_mm - low_mm] }
+        };
+        let insets = Insets { u: shrunk(u_mm, insets.u), v: shrunk(v_mm, insets.v), ..insets };
+        let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
+        let depth_mm = left(u_mm, insets.u).min(left(v_mm, insets.v)) / 2.0;
+        let steps = (depth_mm / step_over_mm - 1e-9).ceil().max(0.0) as usize;
+        Rings { surface, patch, insets, depth_mm, steps }
+    }
+
+    fn depth(&self, ring: usize) -> f64 {
+        if self.steps == 0 { 0.0 } else { self.depth_mm * ring as f64 / self.steps as f64 }
+    }
+
+    /// Each ring's four sides, the outermost ring first.
+    pub fn closed(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        (0..=self.steps).map(|ring| self.sides([self.depth(ring); SIDES + 1])).collect()
+    }
+
+    /// As [`Rings::closed`], the last side of each ring going over to the corner of the next one where it meets that.
+    pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        let mut rings = self.closed()?;
+        for ring in 0..self.steps {
+            let next = self.corner([false, false], self.depth(ring + 1))?;
+            let last = &mut rings[ring][SIDES - 1];
+            last.retain(|at| at.v > next.v);
+            if let Some(at) = last.last().copied() {
+                last.push(self.at_depth(Along::V, Parameter { v: next.v, ..at }, false, self.depth(ring))?);
+            }
+        }
+        Ok(rings)
+    }
+
+    /// One ring, then turns that go inwards all the time, then the innermost ring.
+    pub fn winding(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
+        let mut all = vec![self.sides([0.0; SIDES + 1])?];
+        for ring in 0..self.steps {
+            let (here, next) = (self.depth(ring), self.depth(ring + 1));
+            let depth = |corner: usize| here + (next - here) * corner as f64 / SIDES as f64;
+            all.push(self.sides([0, 1, 2, 3, 4].map(depth))?);
+        }
+        all.push(self.sides([self.depth_mm; SIDES + 1])?);
+        Ok(all)
+    }
+
+    /// Four sides between corners of these depths; the fifth is where the first one's ring goes on.
+    fn sides(&self, depths_mm: [f64; SIDES + 1]) -> Result<[Vec<Parameter>; SIDES], RasterError> {
+        let corner =
+            |n: usize, depth_mm: f64| self.corner([n % SIDES == 1 || n % SIDES == 2, n % SIDES >= 2], depth_mm);
+        let mut corners = [Parameter { u: 0.0, v: 0.0 }; SIDES + 1];
+        for (n, depth_mm) in depths_mm.iter().enumerate() {
+            corners[n] = corner(n, *depth_mm)?;
+        }
+        let mut sides = [const { Vec::new() }; SIDES];
+        for (n, side) in sides.iter_mut().enumerate() {
+            let along = if n % 2 == 0 { Along::U } else { Along::V };
+            // Sides 0 and 3 follow the low border of the other parameter.
+            let high = n == 1 || n == 2;
+            for step in 0..=SIDE_STEPS {
+                let share = step as f64 / SIDE_STEPS as f64;
+                let depth_mm = depths_mm[n] + (depths_mm[n + 1] - depths_mm[n]) * share;
+                let at = mix(corners[n], corners[n + 1], share);
+                side.push(self.at_depth(along, at, high, depth_mm)?);
+            }
+        }
+        Ok(sides)
+    }
+
+    /// The place on the column of `at` with this depth from the low or high border beside it.
+    fn at_depth(&self, along: Along, at: Parameter, high: bool, depth_mm: f64) -> Result<Parameter, RasterError> {
+        let border = along.across(if high { self.patch.high } else { self.patch.low });
+        let inset_mm = self.insets.at_sides(along)[usize::from(high)] + depth_mm;
+        let from = along.place(along.along(at), border);
+        across_from(self.surface, along, from, if high { -inset_mm } else { inset_mm })
+    }
+
+    fn corner(&self, [high_u, high_v]: [bool; 2], depth_mm: f64) -> Result<Parameter, RasterError> {
+        let pick = |high: bool, low: f64, top: f64| if high { top } else { low };
+        let mut at = Parameter {
+            u: pick(high_u, self.patch.low.u, self.patch.high.u),
+            v: pick(high_v, self.patch.low.v, self.patch.high.v),
+        };
+        for _ in 0..CORNER_STEPS {
+            at = self.at_depth(Along::U, at, high_v, depth_mm)?;
+            at = self.at_depth(Along::V, at, high_u, depth_mm)?;
+        }
+        Ok(at)
+    }
+}

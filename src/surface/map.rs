@@ -1,0 +1,185 @@
+//! The deviation of a fit as a picture: where the scan lies before and behind the surface, and where it has holes.
+
+use super::bspline::Parameter;
+use super::samples::Window;
+use crate::geometry::{ColorPicture, Pixel};
+use crate::panel::Region;
+use nalgebra::Point2;
+
+/// What one pixel of the taught picture says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum MapPixel {
+    /// Outside of the region.
+    Outside,
+    /// No point of the panel.
+    Missing,
+    /// A point that has no say.
+    Rejected {
+        /// How far in front of the surface, mm.
+        mm: f32,
+    },
+    /// A point in the fit.
+    Fits {
+        /// How far in front of the surface, mm.
+        mm: f32,
+    },
+}
+
+/// A fit's deviation, pixel by pixel of the part of the taught picture that holds the region.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeviationMap {
+    pub(super) window: Window,
+    pub(super) pixels: Vec<MapPixel>,
+    pub(super) mm_per_px: f64,
+}
+
+/// Places of a region without a panel below them.
+#[derive(Debug, Clone)]
+pub struct Holes {
+    region: Region,
+    window: Window,
+    is_over: Vec<bool>,
+}
+
+impl Holes {
+    /// Is there no panel at this place?
+    pub fn holds(&self, at: Parameter) -> bool {
+        let pixel = self.region.pixel(Point2::new(at.u, at.v));
+        let (column, row) = (pixel.u.round(), pixel.v.round());
+        let inside = column >= self.window.columns.start as f64
+            && row >= self.window.rows.start as f64
+            && column < self.window.columns.end as f64
+            && row < self.window.rows.end as f64;
+        inside && {
+            let (column, row) =
+                (column as usize - self.window.columns.start, row as usize - self.window.rows.start);
+            self.is_over[row * self.window.width() + column]
+        }
+    }
+}
+
+const BACKGROUND: [u8; 3] = [245, 245, 245];
+const MISSING: [u8; 3] = [20, 20, 20];
+const REJECTED: [u8; 3] = [230, 190, 0];
+
+impl DeviationMap {
+    /// Pixels across.
+    pub fn width(&self) -> usize {
+        self.window.width()
+    }
+
+    /// What each pixel says, row by row.
+    pub fn pixels(&self) -> &[MapPixel] {
+        &self.pixels
+    }
+
+    /// A picture: white on the surface, red in front of it, blue behind it, full colour from `full_mm` on; black where
+    /// the scan has no point, yellow where a point was left out.
+    pub fn picture(&self, full_mm: f64) -> ColorPicture {
+        let width = self.width();
+        let mut picture = ColorPicture::filled(width, self.pixels.len() / width.max(1), BACKGROUND);
+        for (color, pixel) in picture.rgb.iter_mut().zip(&self.pixels) {
+            *color = match pixel {
+                MapPixel::Outside => BACKGROUND,
+                MapPixel::Missing => MISSING,
+                MapPixel::Rejected { .. } => REJECTED,
+                MapPixel::Fits { mm } => shade(f64::from(*mm) / full_mm),
+            };
+        }
+        picture
+    }
+
+    /// Side, px, and middle of the largest square of the region in which no pixel has a point in the fit; 0 where there
+    /// is none.
+    pub(super) fn largest_hole(&self) -> (usize, Pixel) {
+        let squares = self.squares();
+        let largest = squares.iter().enumerate().fold(
+            (0, 0),
+            |best, (index, side)| {
+                if *side > best.0 { (*side, index) } else { best }
+            },
+        );
+        let corner = self.window.pixel(largest.1);
+        let half = (f64::from(largest.0) - 1.0).max(0.0) / 2.0;
+        (largest.0 as usize, Pixel::at(corner.u - half, corner.v - half))
+    }
+
+    /// The holes of which a square of this side is a part, mm.
+    pub fn holes(&self, region: &Region, side_mm: f64) -> Holes {
+        let least = (side_mm / self.mm_per_px).ceil().max(1.0) as u32;
+        let width = self.width();
+        let mut reach: Vec<u32> =
+            self.squares().into_iter().map(|side| if side >= least { side } else { 0 }).collect();
+        // A square of side s that ends at a pixel holds the s − 1 pixels before it along rows, columns and both.
+        for index in (0..reach.len()).rev() {
+            let (last_column, last_row) = ((index + 1) % width == 0, index + width >= reach.len());
+            let right = if last_column { 0 } else { reach[index + 1] };
+            let below = if last_row { 0 } else { reach[index + width] };
+            let both = if last_column || last_row { 0 } else { reach[index + width + 1] };
+            reach[index] = reach[index].max(right.max(below).max(both).saturating_sub(1));
+        }
+        let is_over = reach.into_iter().map(|side| side > 0).collect();
+        Holes { region: region.clone(), window: self.window.clone(), is_over }
+    }
+
+    /// Side of the largest square without a point that ends at each pixel, px.
+    fn squares(&self) -> Vec<u32> {
+        let width = self.width();
+        let mut squares = vec![0_u32; self.pixels.len()];
+        for (index, pixel) in self.pixels.iter().enumerate() {
+            if matches!(pixel, MapPixel::Missing | MapPixel::Rejected { .. }) {
+                let beside = if index % width > 0 && index >= width {
+                    squares[index - 1].min(squares[index - width]).min(squares[index - width - 1])
+                } else {
+                    0
+                };
+                squares[index] = 1 + beside;
+            }
+        }
+        squares
+    }
+}
+
+/// White at 0, red at 1, blue at −1.
+fn shade(share: f64) -> [u8; 3] {
+    let fade = (255.0 * (1.0 - share.abs().min(1.0))) as u8;
+    if share >= 0.0 { [255, fade, fade] } else { [fade, fade, 255] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: in 6 × 5 pixels a hole of 3 × 2 whose other pixel is rejected; the largest square is 2 × 2 and the
+    /// corner at (4, 2) makes a second one.
+    #[test]
+    fn the_largest_hole_is_a_square_of_missing_and_rejected_pixels() {
+        let (fits, missing) = (MapPixel::Fits { mm: 0.1 }, MapPixel::Missing);
+        let mut pixels = vec![fits; 30];
+        for (column, row) in [(1, 1), (2, 1), (3, 1), (1, 2), (2, 2), (3, 2)] {
+            pixels[row * 6 + column] = missing;
+        }
+        pixels[2 * 6 + 2] = MapPixel::Rejected { mm: -2.0 };
+        let mut map = DeviationMap { window: Window { columns: 100..106, rows: 50..55 }, pixels, mm_per_px: 2.0 };
+        assert_eq!(map.largest_hole(), (2, Pixel::at(101.5, 51.5)));
+        // Squares of 4 mm: both of the hole's, all six pixels; none of 5 mm.
+        let text = "panel = \"p\"\nregion = { corners_px = [[100, 50], [106, 50], [106, 55], [100, 55]], rows = 1, \
+                    columns = 1 }\nlocate.box_min_mm = [0, 0, 0]\nlocate.box_max_mm = [1, 1, 1]\n";
+        let recipe = crate::recipe::Recipe::check("f", text).unwrap_or_else(|e| panic!("{e}"));
+        let region = Region::new(recipe.region()).expect("convex");
+        let over = |holes: &Holes, column: f64, row: f64| {
+            let unit = region.unit(Pixel::at(column, row));
+            holes.holds(Parameter { u: unit.x, v: unit.y })
+        };
+        let holes = map.holes(&region, 4.0);
+        assert_eq!(holes.is_over.iter().filter(|over| **over).count(), 6);
+        assert!(over(&holes, 101.0, 51.0) && over(&holes, 103.0, 52.0) && !over(&holes, 104.0, 52.0));
+        assert!(!map.holes(&region, 4.1).is_over.contains(&true) && !over(&holes, 90.0, 51.0));
+        map.pixels[6 + 1] = fits;
+        assert_eq!(map.largest_hole(), (2, Pixel::at(102.5, 51.5)));
+        map.pixels[6 + 2] = fits;
+        assert_eq!(map.largest_hole().0, 1);
+        let picture = map.picture(0.2);
+        assert_eq!((picture.rgb[0], picture.rgb[6 + 3]), ([255, 127, 127], MISSING));
+    }
+}

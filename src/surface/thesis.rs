@@ -1,0 +1,31 @@
+//! The thesis's own way (4.5): points of the scan are the control points.
+//!
+//! The scan is too dense for a control point each, so every control point is the scan's point nearest to its Greville
+//! abscissa: the surface then follows the scan, keeps its noise, and cuts every bulge. It is here to compare with.
+
+use super::basis::{KnotError, KnotVector};
+use super::fit::{DEGREE, FitError};
+use crate::panel::TaughtPanel;
+use nalgebra::{Point2, Vector3};
+
+/// Knots over the region alone: beyond it there need not be a point.
+pub(super) fn knots(sides_mm: [f64; 2], spacing_mm: f64) -> Result<[KnotVector; 2], KnotError> {
+    let along = |length_mm: f64| {
+        let spans = (length_mm / spacing_mm).ceil().max(1.0) as usize;
+        KnotVector::uniform(DEGREE, spans, 0.0..=1.0)
+    };
+    Ok([along(sides_mm[0])?, along(sides_mm[1])?])
+}
+
+/// The scan's points that are the control points, v running fastest.
+pub(super) fn controls(panel: &TaughtPanel, knots: &[KnotVector; 2]) -> Result<Vec<Vector3<f64>>, FitError> {
+    let (on_u, on_v) = (knots[0].greville(), knots[1].greville());
+    let control = |(u, v): (f64, f64)| {
+        let at = panel.region.pixel(Point2::new(u, v));
+        let place = at.whole(panel.scan.width(), panel.scan.height());
+        let on_panel = place.filter(|(column, row)| panel.mask.contains(*column, *row));
+        let point = on_panel.and_then(|(column, row)| panel.scan.point(column, row));
+        point.map(|point| point.mm.coords).ok_or(FitError::NoControlPoint { at })
+    };
+    on_u.iter().flat_map(|u| on_v.iter().map(move |v| (*u, *v))).map(control).collect()
+}
