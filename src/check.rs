@@ -286,7 +286,8 @@ mod tests {
               cell (store, socket, scanner, flange_camera, robot, poses, io, calibration, limits, rough, arm, keep_out); \
               recipe (panel, process, locate, corner, region, inspect, surface, path); \
               intrinsics (camera); base_from_camera (base_from_camera); \
-              flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool)"]
+              flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
+              base_from_board (base_from_board)"]
         );
         // Whatever it is called.
         assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));

@@ -232,7 +232,16 @@ pub(super) fn between(
     to: Parameter,
     spacing_mm: f64,
 ) -> impl Iterator<Item = Parameter> {
-    let steps = (surface.point(from).distance_mm(surface.point(to)) / spacing_mm - 1e-9).ceil().max(1.0) as usize;
+    let at = move |step: usize, steps: usize| mix(from, to, step as f64 / steps as f64);
+    let longest_mm = |steps: usize| {
+        let points = (0..=steps).map(|step| surface.point(at(step, steps)));
+        let ends = points.clone().skip(1);
+        points.zip(ends).map(|(from, to)| from.distance_mm(to)).fold(0.0, f64::max)
+    };
+    let fewest = (surface.point(from).distance_mm(surface.point(to)) / spacing_mm - 1e-9).ceil().max(1.0) as usize;
+    // Even steps of the parameters are uneven ones on the surface.
+    let most = 2 * fewest + 8;
+    let steps = (fewest..most).find(|steps| longest_mm(*steps) <= spacing_mm * (1.0 + 1e-9)).unwrap_or(most);
     (1..steps).map(move |step| mix(from, to, step as f64 / steps as f64))
 }
 

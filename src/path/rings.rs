@@ -55,9 +55,9 @@ impl<'a> Rings<'a> {
     /// As [`Rings::closed`], the last side of each ring going over to the corner of the next one where it meets that.
     pub fn stepped(&self) -> Result<Vec<[Vec<Parameter>; SIDES]>, RasterError> {
         let mut rings = self.closed()?;
-        for ring in 0..self.steps {
+        for (ring, sides) in rings.iter_mut().take(self.steps).enumerate() {
             let next = self.corner([false, false], self.depth(ring + 1))?;
-            let last = &mut rings[ring][SIDES - 1];
+            let last = &mut sides[SIDES - 1];
             last.retain(|at| at.v > next.v);
             if let Some(at) = last.last().copied() {
                 last.push(self.at_depth(Along::V, Parameter { v: next.v, ..at }, false, self.depth(ring))?);
