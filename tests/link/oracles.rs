@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 
 /// From full speed to standing.
 const BRAKE_MS: u64 = 260;
-/// And 50 mm away from the panel, by an arm that may be slowed.
-const RETRACT_MS: u64 = 900;
+/// And 50 mm away from the panel at 0.2 m/s, by an arm that may be slowed to a fifth of that.
+const RETRACT_MS: u64 = 1_600;
 /// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
 const END_MS: u64 = 400 + 400 + BRAKE_MS + RETRACT_MS;
 /// Off the surface after a stop in contact.
