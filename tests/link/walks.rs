@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::time::Duration;
 
-const WALKS: u64 = 20_000;
+const WALKS: u64 = 5_000;
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
