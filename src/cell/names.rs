@@ -101,11 +101,12 @@ impl Feedback {
     }
 }
 
-/// `[io.outputs]` and `[io.feedbacks]`: names for the controller's digital outputs and inputs.
+/// `[io.outputs]`, `[io.feedbacks]` and `[io.mapped_inputs]`: names for the controller's digital outputs and inputs.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,
     feedbacks: BTreeMap<String, u16>,
+    mapped_inputs: BTreeMap<String, u16>,
 }
 
 impl InputsOutputs {
@@ -117,6 +118,11 @@ impl InputsOutputs {
     /// Number n of `$IN[n]` by name.
     pub fn feedbacks(&self) -> &BTreeMap<String, u16> {
         &self.feedbacks
+    }
+
+    /// Numbers that `set_digin` may name: the controller maps each to a flag, since `$IN[n]` itself cannot be written.
+    pub fn mapped_inputs(&self) -> &BTreeMap<String, u16> {
+        &self.mapped_inputs
     }
 
     /// The number of an output that the process uses.
@@ -138,16 +144,34 @@ impl InputsOutputs {
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
 const MOST_FEEDBACKS: usize = 31;
+/// As many as the controller's list of mapped inputs has places.
+const MOST_MAPPED: usize = 8;
 
 pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
+    let mapped = section.section("mapped_inputs");
     section.done();
-    let io = InputsOutputs { outputs: take_numbers(&outputs)?, feedbacks: take_numbers(&feedbacks)? };
+    let io = InputsOutputs {
+        outputs: take_numbers(&outputs)?,
+        feedbacks: take_numbers(&feedbacks)?,
+        mapped_inputs: take_numbers(&mapped)?,
+    };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
     }
-    let right = constant.is_empty();
+    // What proves that water or tool are off is never set from here.
+    let proves = |number: &u16| io.feedbacks.values().any(|feedback| feedback == number);
+    let feigned: Vec<_> = io.mapped_inputs.iter().filter(|(_, number)| proves(number)).collect();
+    for (name, number) in &feigned {
+        mapped.problem(name, format!("found {number}, which is a feedback's; a feedback is read and never set"));
+    }
+    if io.mapped_inputs.len() > MOST_MAPPED {
+        let found = io.mapped_inputs.len();
+        section.problem("mapped_inputs", format!("found {found} names, allowed are {MOST_MAPPED}"));
+        return None;
+    }
+    let right = constant.is_empty() && feigned.is_empty();
     if io.feedbacks.len() > MOST_FEEDBACKS {
         section.problem("feedbacks", format!("found {} names, allowed are {MOST_FEEDBACKS}", io.feedbacks.len()));
         return None;

@@ -248,7 +248,7 @@ pub enum RobotFunction {
         #[arg(long, value_name = "SECONDS", default_value_t = 0)]
         keep_s: u16,
     },
-    /// set_digin: inputs of a KRC are read-only; says so.
+    /// set_digin: refused, since inputs of a KRC are read-only, unless the cell's [io.mapped_inputs] names it.
     SetIn {
         /// The number of the input.
         number: u16,

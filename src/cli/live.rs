@@ -78,7 +78,7 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
         Some(simulated) => (simulated.address(), Pace::LockStep),
         None => (Address::from(cell.robot()), Pace::Wall),
     };
-    let link = BlockingLink::start(address, link_limits(cell.limits()), pace).map_err(Fault::stage)?;
+    let link = BlockingLink::start(address, link_limits(cell), pace).map_err(Fault::stage)?;
     Ok(LinkedRobot::new(link, pace))
 }
 

@@ -54,6 +54,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         robot: &mut live.robot,
         eyes: Box::new(live.eyes),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
+        keep: daemon::keeper(&store).map_err(Fault::stage)?,
         record: &mut StoreRecord::new(&mut store, left_open),
         requests: &mut person,
     };

@@ -107,6 +107,7 @@ impl Running<'_> {
                 Note::Finding(finding) => self.record(&finding)?,
                 Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
                 Note::Figure(figure) => self.ports.record.figure(&figure)?,
+                Note::Kept(kept) => self.ports.record.kept(kept)?,
                 Note::Budget(measured) => self.ports.record.budget(&measured)?,
             }
         }

@@ -6,13 +6,13 @@
 //! recorded. One piece of work is done at a time, in the order in which they were asked for, since they share cameras.
 
 use super::abrasion::Abrasion;
-use super::ports::{Eyes, Figure, Finding, Record, RecordError};
+use super::ports::{Eyes, Figure, Finding, Keeper, Kept, Record, RecordError};
 use super::sight::{Filming, Sight};
 use super::{DaemonError, Job, Site, Task};
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::eki::Time;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
-use crate::record::Budget;
+use crate::record::{Budget, KeptFile, Picture};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -63,31 +63,47 @@ pub(super) enum Note {
     Finding(Finding),
     Picture(String, ColorPicture),
     Figure(Figure),
+    /// Packed and written already.
+    Kept(Kept),
     Budget(Budget),
 }
 
-/// Notes instead of a record.
-#[derive(Debug, Default)]
-struct Notes(Vec<Note>);
+/// Notes instead of a record. Aside, pictures are packed and written at once: on the loop that would take longer than
+/// its deadlines and its watchdog bear.
+struct Notes<'k> {
+    notes: Vec<Note>,
+    keep: Option<&'k mut Keeper>,
+}
 
-impl Record for Notes {
+impl Record for Notes<'_> {
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.0.push(Note::Finding(finding.clone()));
+        self.notes.push(Note::Finding(finding.clone()));
         Ok(())
     }
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        self.0.push(Note::Picture(name.to_owned(), picture.clone()));
+        let name = name.to_owned();
+        self.notes.push(match &mut self.keep {
+            Some(keep) => Note::Kept(Kept::Shot(KeptFile { name, hash: keep(picture)? })),
+            None => Note::Picture(name, picture.clone()),
+        });
         Ok(())
     }
 
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        self.0.push(Note::Figure(figure.clone()));
+        self.notes.push(match &mut self.keep {
+            Some(keep) => {
+                let hash = keep(&figure.picture)?;
+                let Figure { name, caption, .. } = figure.clone();
+                Note::Kept(Kept::Figure(Picture { name, caption, hash }))
+            }
+            None => Note::Figure(figure.clone()),
+        });
         Ok(())
     }
 
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.0.push(Note::Budget(*measured));
+        self.notes.push(Note::Budget(*measured));
         Ok(())
     }
 }
@@ -99,15 +115,16 @@ impl Work {
         job: Option<&Job<'_>>,
         eyes: &mut dyn Eyes,
         readable: &mut dyn FnMut() -> Vec<Reason>,
+        keep: Option<&mut Keeper>,
     ) -> Worked {
-        let mut notes = Notes::default();
+        let mut notes = Notes { notes: Vec::new(), keep };
         let found = match (self.act, job) {
             (Act::SelfTest, _) => Ok(Found::Wrong(test(eyes, readable))),
             (_, Some(job)) => self.phase(job, eyes, &mut notes),
             (_, None) => Ok(Found::Answer(Answer::Failed(Trouble::Unexpected))),
         };
         let Work { id, sight, abrasion, .. } = self;
-        Worked { id, found, artifacts: Some((sight, abrasion)), notes: notes.0 }
+        Worked { id, found, artifacts: Some((sight, abrasion)), notes: notes.notes }
     }
 
     fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
@@ -191,6 +208,7 @@ impl<'p> Computing<'p> {
         mut eyes: Box<dyn Eyes + Send>,
         site: Site,
         mut readable: Readable,
+        mut keep: Keeper,
         steps_back: bool,
     ) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
@@ -202,7 +220,7 @@ impl<'p> Computing<'p> {
             }
             for (work, task) in taken {
                 let job = task.as_deref().map(|task| task.job(&site));
-                if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable)).is_err() {
+                if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable, Some(&mut keep))).is_err() {
                     return;
                 }
             }
@@ -216,7 +234,7 @@ impl<'p> Computing<'p> {
         match self {
             Computing::Here { job, eyes, done } => {
                 // The command that runs one cycle has just read its calibrations.
-                let worked = work.perform(Some(job), &mut **eyes, &mut Vec::new);
+                let worked = work.perform(Some(job), &mut **eyes, &mut Vec::new, None);
                 done.push_back(worked);
             }
             Computing::Aside(aside) => {

@@ -44,10 +44,10 @@ mod tests;
 pub use cameras::Cameras;
 pub use desk::{Desk, Letter};
 pub use ports::{
-    Ask, Eyes, Figure, Finding, Journal, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
+    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
-pub use recording::StoreRecord;
+pub use recording::{StoreRecord, keeper};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};

@@ -5,7 +5,7 @@ use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
-use crate::record::{Budget, CycleId};
+use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
 use std::time::{Duration, Instant};
@@ -108,8 +108,25 @@ pub trait Record {
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError>;
 }
 
+/// A picture that was kept already; what follows is to name it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Kept {
+    /// As a camera gave it.
+    Shot(KeptFile),
+    /// Drawn for people.
+    Figure(Picture),
+}
+
+/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back.
+pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<String, RecordError> + Send>;
+
 /// What is remembered. Each call returns when it is on disk.
 pub trait Journal: Record {
+    /// A picture that is on disk already.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn kept(&mut self, kept: Kept) -> Result<(), RecordError>;
     /// One line of the journal.
     ///
     /// # Errors

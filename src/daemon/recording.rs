@@ -1,12 +1,12 @@
 //! The store as the loop's record of one cycle.
 
-use super::ports::{Figure, Finding, Journal, Record, RecordError};
+use super::ports::{Figure, Finding, Journal, Keeper, Kept, Record, RecordError};
 use super::words;
 use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
 use crate::files::write_color_jpeg;
 use crate::geometry::ColorPicture;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
-use crate::store::{CycleStart, Store};
+use crate::store::{CycleStart, Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 
 /// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
@@ -44,6 +44,15 @@ impl<'a> StoreRecord<'a> {
     }
 }
 
+/// Keeps pictures in this store from any thread.
+///
+/// # Errors
+/// Where the store is open for reading.
+pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
+    let writer = store.blob_writer()?;
+    Ok(Box::new(move |picture| writer.put(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
+}
+
 /// Why this event ends a cycle without a result, where it is one that can.
 fn cause(event: &Event) -> Option<Reason> {
     let asked = |words: &str| Some(Reason::new("asked", words));
@@ -70,6 +79,14 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError 
 }
 
 impl Journal for StoreRecord<'_> {
+    fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
+        match kept {
+            Kept::Shot(shot) => self.pages.shots.push(shot),
+            Kept::Figure(figure) => self.pages.pictures.push(figure),
+        }
+        Ok(())
+    }
+
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.pages.cause = cause(event).or(self.pages.cause.take());
         self.store.append(event, self.cycle).map(drop).map_err(failed)

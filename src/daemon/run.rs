@@ -5,7 +5,7 @@ use super::acts::{Pending, Waits};
 use super::computing::Computing;
 use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
-use super::ports::{Ask, Eyes, Journal, Order, Requests, Robot};
+use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
 use super::{DaemonError, Job, Site, Task, words};
 use crate::cycle::{self, Act, Answer, Deadline, Effect, Event, Id, Path, Report, State, Trouble, fold, step};
@@ -39,6 +39,8 @@ pub struct Service<'a> {
     pub eyes: Box<dyn Eyes + Send>,
     /// Looks at the calibrations, for a self-test: what cannot be read.
     pub readable: Box<dyn FnMut() -> Vec<Reason> + Send>,
+    /// Keeps the pictures of what is seen and computed.
+    pub keep: Keeper,
     /// The record.
     pub record: &'a mut dyn Journal,
     /// Who asks.
@@ -88,9 +90,9 @@ pub fn serve(
     service: Service<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<State, DaemonError> {
-    let Service { robot, eyes, readable, record, requests } = service;
+    let Service { robot, eyes, readable, keep, record, requests } = service;
     let computing =
-        Computing::aside(eyes, site.clone(), readable, !robot.is_lock_step()).map_err(DaemonError::Thread)?;
+        Computing::aside(eyes, site.clone(), readable, keep, !robot.is_lock_step()).map_err(DaemonError::Thread)?;
     let outside = Outside { robot, record, requests };
     let mut running = Running::new(site, Seat::Empty, computing, outside, fold(journal));
     running.live()?;
@@ -358,6 +360,20 @@ impl<'p> Running<'p> {
                 self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
             }
             R::Interrupted { .. } => {}
+            R::Slow { id, contact, waited } => {
+                let waited_s = waited.as_secs_f64();
+                let words = format!(
+                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; is its override below \
+                     100 %, or in T1 the start key released?"
+                );
+                if contact {
+                    self.trouble(Trouble::Slow, Reason::new("slow", words))?;
+                } else {
+                    tracing::warn!("{words}");
+                    self.ports.requests.noted(&[Reason::new("slow", words)]);
+                    self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
+                }
+            }
             R::SequenceError(error) => self.trouble(Trouble::Sequence, reason("sequence", &error))?,
             R::WatchdogExpired { channel, silence } => {
                 let words = format!("the {channel} was silent for {} ms", silence.as_millis());

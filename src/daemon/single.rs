@@ -9,7 +9,7 @@ use super::ports::Robot;
 use super::routes;
 use crate::cell::{Cell, Feedback, InputsOutputs, Limits, Output};
 use crate::eki::{
-    Command, CommandError, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp,
+    Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp,
     Signal, State, Time,
 };
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
@@ -105,10 +105,6 @@ impl<'r> Single<'r> {
             Command::MoveLin(_) | Command::MoveJ(_) | Command::SetDigout(_) => {
                 let message = format!("{} has a gate of its own", command.name());
                 return Err(gate(Reason::new("not_single", message)));
-            }
-            // Known without asking the controller.
-            Command::SetDigin(Signal { number, .. }) => {
-                return Err(QueueError::from(CommandError::InputReadOnly { number }).into());
             }
             _ => self.open_epoch()?,
         }

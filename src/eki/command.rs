@@ -21,10 +21,13 @@ pub enum Command {
     SetTcp(SetTcp),
     /// `set_acc_speed(acceleration, speed)`.
     SetAccSpeed(SetAccSpeed),
-    /// `set_digin(number, value)`: refused here, since inputs of a KRC are read-only.
+    /// `set_digin(number, value)`: inputs of a KRC are read-only, so it is refused unless the controller maps the input
+    /// to a flag ([`MappedInputs`]).
     SetDigin(Signal),
-    /// `set_digout(number, value)`.
+    /// `set_digout(number, value)`: when the arm stands at the end of what was sent before.
     SetDigout(Signal),
+    /// `set_digout(number, value)` on the way: with the end of the motion before it, which is blended all the same.
+    SetDigoutOnPath(Signal),
     /// `call_subroutine()`: one of the controller's predefined subroutines, by its index.
     CallSubroutine {
         /// Its index in the controller's own list.
@@ -92,6 +95,30 @@ pub struct Signal {
     pub on: bool,
 }
 
+/// The inputs that the controller maps to flags, so that they can be set; none unless the cell names some.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MappedInputs([u16; MappedInputs::MOST]);
+
+impl MappedInputs {
+    /// As many as the controller's list has places.
+    pub const MOST: usize = 8;
+
+    /// These inputs, by their numbers; `None` where there are too many.
+    pub fn new(numbers: impl IntoIterator<Item = u16>) -> Option<Self> {
+        let mut mapped = MappedInputs::default();
+        let mut places = mapped.0.iter_mut();
+        for number in numbers {
+            *places.next()? = number;
+        }
+        Some(mapped)
+    }
+
+    /// Whether this input can be set.
+    pub fn contains(&self, number: u16) -> bool {
+        number > 0 && self.0.contains(&number)
+    }
+}
+
 /// What is asked on the state channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Request {
@@ -133,7 +160,8 @@ pub enum CommandError {
     },
     /// Inputs are read-only.
     #[error(
-        "set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead"
+        "set_digin: input {number} cannot be set, inputs of a KRC are read-only (KSS10388); an input that the \
+         controller maps to a flag can: name it in [io.mapped_inputs] and in CELL_VIN of cell_config.dat"
     )]
     InputReadOnly {
         /// The input.
@@ -169,7 +197,7 @@ impl Command {
             Command::SetTcp(_) => "set_tcp",
             Command::SetAccSpeed(_) => "set_acc_speed",
             Command::SetDigin(_) => "set_digin",
-            Command::SetDigout(_) => "set_digout",
+            Command::SetDigout(_) | Command::SetDigoutOnPath(_) => "set_digout",
             Command::CallSubroutine { .. } => "call_subroutine",
         }
     }
@@ -208,11 +236,11 @@ impl Command {
                 let tip_m_s2 = check.range("acceleration (m/s²)", speed.acceleration_m_s2, 0.001, 20.0)?;
                 Fields { operation: 5, n, r: [tip_m_s, tip_m_s2], ..none }
             }
-            Command::SetDigout(Signal { number, on }) => {
-                check.range("output", f64::from(number), 1.0, 4096.0)?;
-                Fields { operation: 6, n: [i32::from(number), i32::from(on)], ..none }
+            Command::SetDigout(signal) => Fields { operation: 6, n: check.signal("output", signal)?, ..none },
+            Command::SetDigoutOnPath(signal) => {
+                Fields { operation: 6, n: check.signal("output", signal)?, r: [1.0, 0.0], ..none }
             }
-            Command::SetDigin(Signal { number, .. }) => return Err(CommandError::InputReadOnly { number }),
+            Command::SetDigin(signal) => Fields { operation: 7, n: check.signal("input", signal)?, ..none },
             Command::CallSubroutine { index } => {
                 check.range("index", f64::from(index), 0.0, 1_000.0)?;
                 Fields { operation: 8, n: [i32::from(index), 0], ..none }
@@ -236,6 +264,11 @@ impl Check {
         } else {
             Err(CommandError::OutOfRange { function, field, found, low, high })
         }
+    }
+
+    fn signal(&self, field: &'static str, Signal { number, on }: Signal) -> Result<[i32; 2], CommandError> {
+        self.range(field, f64::from(number), 1.0, 4096.0)?;
+        Ok([i32::from(number), i32::from(on)])
     }
 
     fn pose(&self, pose: KukaPose) -> Result<[f64; 6], CommandError> {

@@ -81,6 +81,16 @@ pub enum Report {
         /// For how long.
         silence: Duration,
     },
+    /// The robot is far behind its plan: a point took more than half a second beyond twice its time. Told once for
+    /// each path; in contact the epoch is being ended.
+    Slow {
+        /// The point.
+        id: CommandId,
+        /// The tool is on the panel, or on its way.
+        contact: bool,
+        /// How long it has taken so far.
+        waited: Duration,
+    },
     /// After an abort the robot stands.
     Standstill {
         /// The last command of the ended epoch that was executed, as far as the controller has told.

@@ -11,7 +11,25 @@ pub(super) struct Blobs {
     folder: PathBuf,
 }
 
+/// Keeps files for a store's writer.
+#[derive(Debug)]
+pub struct BlobWriter(Blobs);
+
+impl BlobWriter {
+    /// As [`Store::put_blob`](super::Store::put_blob).
+    ///
+    /// # Errors
+    /// Where the file cannot be written, or is there already and damaged.
+    pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
+        self.0.put(bytes)
+    }
+}
+
 impl Blobs {
+    pub fn writer(&self) -> BlobWriter {
+        BlobWriter(Blobs { folder: self.folder.clone() })
+    }
+
     /// For reading: nothing is made.
     pub fn at(store: &Path) -> Self {
         Blobs { folder: store.join("blobs") }

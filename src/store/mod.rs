@@ -19,6 +19,7 @@ mod schema;
 mod teaching;
 mod verifications;
 
+pub use blobs::BlobWriter;
 pub use cycles::CycleStart;
 pub use error::StoreError;
 pub use teaching::{Taught, TaughtCorner, Teaching};
@@ -87,6 +88,15 @@ impl Store {
     pub fn put_blob(&self, bytes: &[u8]) -> Result<String, StoreError> {
         self.writable()?;
         self.blobs.put(bytes)
+    }
+
+    /// Whatever writes files of this store beside its writer, on a thread of its own. What no row names is only a file.
+    ///
+    /// # Errors
+    /// Where the store is open for reading.
+    pub fn blob_writer(&self) -> Result<BlobWriter, StoreError> {
+        self.writable()?;
+        Ok(self.blobs.writer())
     }
 
     /// The bytes with this hash.

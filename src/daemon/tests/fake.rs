@@ -194,6 +194,7 @@ impl Cell {
             robot: &mut FakeRobot(self.world.clone()),
             eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
             readable: Box::new(move || readable.clone()),
+            keep: Box::new(|_| Ok(String::new())),
             record: &mut record,
             requests: asks,
         };
@@ -510,6 +511,13 @@ impl Record for Memory {
 }
 
 impl Journal for Memory {
+    fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
+        if let Kept::Figure(figure) = kept {
+            self.figures.push(figure.name);
+        }
+        self.written()
+    }
+
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.events.push(*event);
         self.written()

@@ -24,7 +24,8 @@ pub use blocking::BlockingLink;
 
 use crate::cell;
 use crate::eki::{
-    CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, LinkLoss, MoveLin, Pace,
+    CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, LinkLoss, MappedInputs,
+    MoveLin, Pace,
     QueueError, Report, SchemaError, Session, Wire,
 };
 use order::Order;
@@ -55,8 +56,9 @@ impl From<&cell::Robot> for Address {
     }
 }
 
-/// The link's share of the cell's limits.
-pub fn link_limits(limits: &cell::Limits) -> LinkLimits {
+/// The link's share of the cell's file.
+pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
+    let limits = cell.limits();
     let ms = |ms: usize| Duration::from_millis(ms as u64);
     LinkLimits {
         window: Duration::try_from_secs_f64(limits.window_s()).unwrap_or_default(),
@@ -64,6 +66,8 @@ pub fn link_limits(limits: &cell::Limits) -> LinkLimits {
         min_points: limits.min_points(),
         heartbeat: ms(limits.heartbeat_ms()),
         watchdog: ms(limits.watchdog_ms()),
+        // A cell's file with more names is refused.
+        mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
     }
 }
 

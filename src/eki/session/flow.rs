@@ -22,6 +22,8 @@ const MAX_UNRECEIVED_BYTES: usize = 8 * 1024;
 /// Turning speed by which a line that turns more than it goes is counted, degrees a second: slower than the
 /// controller's own (`$VEL.ORI`, 200), so that the count is not too small.
 const TURN_DEG_S: f64 = 90.0;
+/// How far behind its plan a point may be, beyond twice what it lasts (`faults.md` R5).
+const LATE: Duration = Duration::from_millis(500);
 
 /// A command on its way.
 #[derive(Debug)]
@@ -30,6 +32,10 @@ struct Order {
     bytes: Vec<u8>,
     /// How long its motion lasts by our count; zero where nothing moves.
     motion: Duration,
+    /// Start and speed of its line are known, so that its motion is a measure.
+    measured: bool,
+    /// It ends on the panel.
+    contact: bool,
     /// The path that it is a point of.
     path: Option<Part>,
     /// Where its line goes and how fast, while nobody knows where it starts.
@@ -53,6 +59,9 @@ pub(super) struct Flow {
     epoch: Epoch,
     queue: VecDeque<Order>,
     in_flight: VecDeque<Order>,
+    /// Motion of what is in flight, and bytes of what of it was not received.
+    motion: Duration,
+    unreceived_bytes: usize,
     next_id: CommandId,
     sent: CommandId,
     received: CommandId,
@@ -69,6 +78,19 @@ pub(super) struct Flow {
     /// Where the last line queued ends, where that is known.
     end: Option<KukaPose>,
     path_ends: VecDeque<CommandId>,
+    /// When the last command was executed, as far as was told, and whether it ended on the panel.
+    progressed_at: Time,
+    touches: bool,
+    /// The last point of the path that was told to be late.
+    late: Option<CommandId>,
+}
+
+/// A point that is not executed although it should long have been.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Late {
+    pub id: CommandId,
+    pub contact: bool,
+    pub waited: Duration,
 }
 
 impl Flow {
@@ -77,6 +99,8 @@ impl Flow {
             epoch,
             queue: VecDeque::new(),
             in_flight: VecDeque::new(),
+            motion: Duration::ZERO,
+            unreceived_bytes: 0,
             next_id: CommandId(1),
             sent: CommandId(0),
             received: CommandId(0),
@@ -90,6 +114,9 @@ impl Flow {
             speed_mm_s: None,
             end: None,
             path_ends: VecDeque::new(),
+            progressed_at: Time::default(),
+            touches: false,
+            late: None,
         }
     }
 
@@ -112,7 +139,8 @@ impl Flow {
 
     /// When the oldest command was sent that the controller has not received.
     pub(super) fn oldest_unreceived(&self) -> Option<Time> {
-        self.in_flight.iter().find(|order| order.id > self.received).map(|order| order.sent_at)
+        let received = self.in_flight.partition_point(|order| order.id <= self.received);
+        self.in_flight.get(received).map(|order| order.sent_at)
     }
 
     pub(super) fn queue(
@@ -132,13 +160,18 @@ impl Flow {
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
             _ => {}
         }
-        if !matches!(command, Command::SetAccSpeed(_) | Command::SetDigout(_)) {
+        if matches!(
+            command,
+            Command::SetBase(_) | Command::SetTcp(_) | Command::MoveJ(_) | Command::CallSubroutine { .. }
+        ) {
             self.end = None;
         }
         self.queue.push_back(Order {
             id,
             bytes,
             motion,
+            measured: false,
+            contact: false,
             path: None,
             from_anywhere: None,
             sent_at: Time::default(),
@@ -166,10 +199,19 @@ impl Flow {
         let mut orders = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
             let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
-            let motion = line_time(end, point.pose, self.speed_mm_s).unwrap_or(limits.window);
+            let motion = line_time(end, point.pose, self.speed_mm_s);
             let from_anywhere = end.is_none().then_some((point.pose, self.speed_mm_s));
             end = Some(point.pose);
-            orders.push(Order { id, bytes, motion, path, from_anywhere, sent_at: Time::default() });
+            orders.push(Order {
+                id,
+                bytes,
+                motion: motion.unwrap_or(limits.window),
+                measured: motion.is_some(),
+                contact: point.contact,
+                path,
+                from_anywhere,
+                sent_at: Time::default(),
+            });
         }
         self.queue.extend(orders);
         (self.end, self.next_id) = (end, CommandId(last.0 + 1));
@@ -193,18 +235,18 @@ impl Flow {
         let mut order = self.queue.pop_front()?;
         let bytes = order.bytes.clone();
         (self.sent, order.sent_at) = (order.id, now);
+        self.motion += order.motion;
+        self.unreceived_bytes += order.bytes.len();
         self.in_flight.push_back(order);
         Some(bytes)
     }
 
     fn may_go(&self, next: &Order, limits: &LinkLimits) -> bool {
-        let unreceived = self.in_flight.iter().filter(|order| order.id > self.received);
-        let bytes: usize = unreceived.map(|order| order.bytes.len()).sum();
         let has_place = self.credit.is_none_or(|credit| u64::from(next.id.0) <= credit)
-            && bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
+            && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();
         let Some(part) = next.path else {
-            let fits = next.motion.is_zero() || self.motion_in_flight() + next.motion <= limits.window;
+            let fits = next.motion.is_zero() || self.motion + next.motion <= limits.window;
             return has_place && fits && commands < limits.window_commands;
         };
         if !(self.base.is_confirmed(part.base) && self.tool.is_confirmed(part.tool)) {
@@ -216,10 +258,6 @@ impl Flow {
         has_place && commands + together <= limits.window_commands && self.motion_fits(part, together, limits)
     }
 
-    fn motion_in_flight(&self) -> Duration {
-        self.in_flight.iter().map(|order| order.motion).sum()
-    }
-
     /// Whether the next points of a path fit into the window by time, or are too few to wait for it.
     fn motion_fits(&self, part: Part, together: usize, limits: &LinkLimits) -> bool {
         let is_ours = |order: &Order| order.path == Some(part);
@@ -227,26 +265,26 @@ impl Flow {
         let few = ahead < limits.min_points
             && self.in_flight.iter().all(|order| is_ours(order) || order.motion.is_zero());
         let motion: Duration = self.queue.iter().take(together).map(|order| order.motion).sum();
-        few || self.motion_in_flight() + motion <= limits.window
+        few || self.motion + motion <= limits.window
     }
 
     /// Takes an acknowledgement of this epoch.
-    pub(super) fn acknowledge(&mut self, ack: &Ack) -> Result<(), SequenceError> {
+    pub(super) fn acknowledge(&mut self, ack: &Ack, now: Time) -> Result<(), SequenceError> {
         within("received", ack.received, self.acked_received, self.sent)?;
         within("executed", ack.done, self.acked_done, ack.received)?;
         (self.acked_received, self.acked_done) = (ack.received, ack.done);
         self.received_up_to(ack.received);
         self.credit = Some(u64::from(ack.received.0) + u64::from(ack.free));
-        self.forget_done();
+        self.forget_done(now);
         Ok(())
     }
 
     /// Takes a state of this epoch.
-    pub(super) fn follow(&mut self, state: &State) -> Result<(), Report> {
+    pub(super) fn follow(&mut self, state: &State, now: Time) -> Result<(), Report> {
         within("executed", state.done, self.state_done, self.sent).map_err(Report::SequenceError)?;
         self.state_done = state.done;
         self.received_up_to(state.done);
-        self.forget_done();
+        self.forget_done(now);
         let echo = [
             (&mut self.base, state.base_set, state.active_base),
             (&mut self.tool, state.tool_set, state.flange_from_tool),
@@ -271,17 +309,34 @@ impl Flow {
             && self.tool.is_confirmed(part.tool)
             && let Some(motion) = line_time(Some(state.base_from_tcp), end, speed_mm_s)
         {
-            next.motion = motion;
+            (next.motion, next.measured) = (motion, true);
         }
     }
 
     pub(super) fn received_up_to(&mut self, id: CommandId) {
+        let before = self.in_flight.partition_point(|order| order.id <= self.received);
         self.received = self.received.max(id).min(self.sent);
+        let fresh = self.in_flight.iter().skip(before).take_while(|order| order.id <= self.received);
+        self.unreceived_bytes -= fresh.map(|order| order.bytes.len()).sum::<usize>();
     }
 
-    fn forget_done(&mut self) {
+    fn forget_done(&mut self, now: Time) {
         let done = self.done();
-        while self.in_flight.pop_front_if(|order| order.id <= done).is_some() {}
+        while let Some(order) = self.in_flight.pop_front_if(|order| order.id <= done) {
+            self.motion -= order.motion;
+            (self.progressed_at, self.touches) = (now, order.contact);
+        }
+    }
+
+    /// The point that the arm is at, where it takes far longer than planned: once for each path.
+    pub(super) fn late(&mut self, now: Time) -> Option<Late> {
+        let next = self.in_flight.front().filter(|next| next.measured)?;
+        let last = next.path?.last;
+        let waited = now.since(next.sent_at.max(self.progressed_at));
+        if waited <= 2 * next.motion + LATE || self.late.replace(last) == Some(last) {
+            return None;
+        }
+        Some(Late { id: next.id, contact: next.contact || self.touches, waited })
     }
 
     /// What has come to its end since the last call.

@@ -11,11 +11,12 @@
 mod echo;
 mod flow;
 mod receive;
+mod timing;
 
 #[cfg(test)]
 mod tests;
 
-use super::command::{Command, CommandError, MoveLin, Request};
+use super::command::{Command, CommandError, MappedInputs, MoveLin, Request, Signal};
 use super::framer::Framer;
 use super::report::{Channel, LinkLoss, Report, StopCause};
 use super::time::Time;
@@ -37,6 +38,8 @@ pub struct LinkLimits {
     pub heartbeat: Duration,
     /// Silence after which the epoch is ended, while anything is queued.
     pub watchdog: Duration,
+    /// The inputs that can be set.
+    pub mapped_inputs: MappedInputs,
 }
 
 impl Default for LinkLimits {
@@ -47,15 +50,10 @@ impl Default for LinkLimits {
             min_points: 5,
             heartbeat: Duration::from_millis(100),
             watchdog: Duration::from_millis(400),
+            mapped_inputs: MappedInputs::default(),
         }
     }
 }
-
-/// Silence after which a connection is given up, queued commands or not.
-const SILENCE: Duration = Duration::from_secs(1);
-
-/// A message that takes longer from its first byte to its last is none.
-const UNFINISHED: Duration = Duration::from_millis(200);
 
 /// Whose clock runs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -231,6 +229,10 @@ impl Session {
                 Ok(CommandId(0))
             }
             Command::MoveLin(point) => self.queue_path(&[point]),
+            Command::SetDigin(Signal { number, .. }) if !self.limits.mapped_inputs.contains(number) => {
+                self.greeted()?;
+                Err(CommandError::InputReadOnly { number }.into())
+            }
             other => {
                 let (flow, wire, limits) = self.flow()?;
                 flow.queue(other, wire, limits)
@@ -295,56 +297,6 @@ impl Session {
         Ok(())
     }
 
-    /// Sends a heartbeat now, once a controller has answered; in lock step it grants the controller its next 100 ms.
-    pub fn heartbeat(&mut self, now: Time) {
-        if self.greeted().is_err() {
-            return;
-        }
-        let last_sent = if let Phase::Open(flow) = &self.phase { flow.sent().0 } else { 0 };
-        let request = self.ask(Request::Heartbeat { last_sent });
-        if self.pace == Pace::LockStep && last_sent > 0 {
-            self.named.push_back((request, last_sent));
-        }
-        self.next_heartbeat = now + self.limits.heartbeat;
-    }
-
-    /// When [`Session::time_passed`] has something to do; never in lock step.
-    pub fn deadline(&self) -> Option<Time> {
-        if self.pace == Pace::LockStep || !self.is_connected() {
-            return None;
-        }
-        let silence = self.heard + SILENCE;
-        let watchdog = self.watchdog().map(|(_, at)| at);
-        let heartbeat = (!self.is_greeting()).then_some(self.next_heartbeat);
-        let unfinished = self.begun.iter().flatten().map(|&begun| begun + UNFINISHED);
-        [heartbeat, Some(silence), watchdog].into_iter().flatten().chain(unfinished).min()
-    }
-
-    /// Does what is due: heartbeat, watchdog, giving up a silent connection.
-    pub fn time_passed(&mut self, now: Time) {
-        if self.pace == Pace::LockStep || !self.is_connected() {
-            return;
-        }
-        if let Some((channel, _)) = self.watchdog().filter(|&(_, at)| now >= at) {
-            let silence = match (&self.phase, channel) {
-                (Phase::Open(flow), Channel::Command) => {
-                    flow.oldest_unreceived().map_or(Duration::ZERO, |at| now.since(at))
-                }
-                _ => now.since(self.heard),
-            };
-            self.fault(Report::WatchdogExpired { channel, silence });
-        }
-        if let Some((channel, waited)) = self.unfinished(now) {
-            let waited_ms = u64::try_from(waited.as_millis()).unwrap_or(u64::MAX);
-            self.disconnected(LinkLoss::Unfinished { channel, waited_ms });
-        } else if now.since(self.heard) >= SILENCE {
-            let silence_ms = u64::try_from(now.since(self.heard).as_millis()).unwrap_or(u64::MAX);
-            self.disconnected(LinkLoss::Silent { channel: Channel::State, silence_ms });
-        } else if now >= self.next_heartbeat && !self.is_greeting() {
-            self.heartbeat(now);
-        }
-    }
-
     /// The next bytes to send. Requests first: an abort waits for nothing.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
         if let Some(request) = self.requests.pop_front() {
@@ -359,28 +311,11 @@ impl Session {
         self.reports.pop_front()
     }
 
-    /// A message that should have ended by now.
-    fn unfinished(&self, now: Time) -> Option<(Channel, Duration)> {
-        let waited =
-            |begun: Option<Time>| begun.map(|begun| now.since(begun)).filter(|waited| *waited >= UNFINISHED);
-        let channels = [Channel::Command, Channel::State].into_iter().zip(self.begun);
-        channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
-    }
-
     /// Ends the epoch for this cause, where anything of it is left.
     pub fn interrupt(&mut self, cause: StopCause) {
         if matches!(&self.phase, Phase::Open(flow) if flow.is_busy()) {
             self.fault(Report::Interrupted { cause });
         }
-    }
-
-    /// The earliest moment at which silence is too long, and of which channel.
-    fn watchdog(&self) -> Option<(Channel, Time)> {
-        let Phase::Open(flow) = &self.phase else { return None };
-        let state = (Channel::State, self.heard + self.limits.watchdog);
-        let unreceived = flow.oldest_unreceived().map(|at| (Channel::Command, at + self.limits.watchdog));
-        let both = [flow.is_busy().then_some(state), unreceived];
-        both.into_iter().flatten().min_by_key(|&(_, at)| at)
     }
 
     fn greeted(&self) -> Result<(), QueueError> {

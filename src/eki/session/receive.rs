@@ -1,6 +1,6 @@
 //! What comes in: bytes to documents, documents to what they mean for the phase at hand.
 
-use super::flow::Flow;
+use super::flow::{Flow, Late};
 use super::{Phase, Session};
 use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
@@ -21,7 +21,7 @@ impl Session {
                     return;
                 }
                 Ok(Some(document)) => match self.wire.decode_ack(&document) {
-                    Ok(ack) => self.on_ack(&ack),
+                    Ok(ack) => self.on_ack(&ack, now),
                     Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::Command, error }),
                 },
                 Err(error) => self.disconnected(LinkLoss::Frame { channel: Channel::Command, error }),
@@ -38,12 +38,12 @@ impl Session {
             match self.state_framer.next_document() {
                 Ok(None) => {
                     self.begun[1] = begun(self.begun[1], &self.state_framer, has_ended, now);
-                    return;
+                    return self.check_pace(now);
                 }
                 Ok(Some(document)) => match self.wire.decode_state(&document) {
                     Ok(state) => {
                         self.heard = now;
-                        self.on_state(state);
+                        self.on_state(state, now);
                     }
                     Err(error) => self.disconnected(LinkLoss::Message { channel: Channel::State, error }),
                 },
@@ -53,10 +53,10 @@ impl Session {
         }
     }
 
-    fn on_ack(&mut self, ack: &Ack) {
+    fn on_ack(&mut self, ack: &Ack, now: Time) {
         match &mut self.phase {
             Phase::Open(flow) if ack.epoch == flow.epoch() => {
-                match flow.acknowledge(ack) {
+                match flow.acknowledge(ack, now) {
                     Err(error) => return self.fault(Report::SequenceError(error)),
                     Ok(()) => self.tell_progress(),
                 }
@@ -85,7 +85,7 @@ impl Session {
         }
     }
 
-    fn on_state(&mut self, state: State) {
+    fn on_state(&mut self, state: State, now: Time) {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
             self.phase = if self.is_greeting() { Phase::Greeting } else { Phase::Idle };
@@ -109,7 +109,7 @@ impl Session {
             self.fault(Report::SequenceError(error));
         }
         self.note_counts(&state);
-        self.in_phase(&state);
+        self.in_phase(&state, now);
         self.reports.push_back(Report::State(Box::new(state)));
     }
 
@@ -140,7 +140,7 @@ impl Session {
         }
     }
 
-    fn in_phase(&mut self, state: &State) {
+    fn in_phase(&mut self, state: &State, now: Time) {
         match &mut self.phase {
             Phase::Opening { epoch, .. } if state.epoch == *epoch => {
                 let epoch = *epoch;
@@ -158,7 +158,7 @@ impl Session {
             Phase::Stopping { ended: Some(ended), done, .. } if state.epoch == *ended => {
                 *done = state.done.max(*done);
             }
-            Phase::Open(flow) if state.epoch == flow.epoch() => match flow.follow(state) {
+            Phase::Open(flow) if state.epoch == flow.epoch() => match flow.follow(state, now) {
                 Err(report) => self.fault(report),
                 Ok(()) => {
                     self.tell_progress();
@@ -172,6 +172,16 @@ impl Session {
             }
             Phase::Open(_) => self.stale += 1,
             _ => self.last_epoch = self.last_epoch.max(state.epoch),
+        }
+    }
+
+    /// A robot that is far behind its plan: in the air that is told, in contact it has lingered long enough.
+    fn check_pace(&mut self, now: Time) {
+        let Phase::Open(flow) = &mut self.phase else { return };
+        match flow.late(now) {
+            Some(Late { id, contact: true, waited }) => self.fault(Report::Slow { id, contact: true, waited }),
+            Some(Late { id, contact, waited }) => self.reports.push_back(Report::Slow { id, contact, waited }),
+            None => {}
         }
     }
 

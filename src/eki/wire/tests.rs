@@ -249,8 +249,8 @@ fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
         (Command::SetDigout(Signal { number: 4097, on: true }), "set_digout: output is 4097, allowed is 1 to 4096"),
         (Command::CallSubroutine { index: 1001 }, "call_subroutine: index is 1001, allowed is 0 to 1000"),
         (
-            Command::SetDigin(Signal { number: 3, on: true }),
-            "set_digin: input 3 cannot be set, inputs of a KRC are read-only (KSS10388); map an output instead",
+            Command::SetDigin(Signal { number: 0, on: true }),
+            "set_digin: input is 0, allowed is 1 to 4096",
         ),
     ];
     for (command, verdict) in cases {

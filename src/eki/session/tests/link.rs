@@ -1,0 +1,138 @@
+//! The connection: boots, broken streams, reconnection, what is refused where it is queued, lock step.
+
+use super::*;
+
+#[test]
+fn another_boot_ends_the_epoch_and_no_number_comes_again() {
+    let mut cell = Cell::ready();
+    cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+    cell.pass(1_000);
+    (cell.controller.boot, cell.controller.sequence) = (78, 0);
+    cell.controller.begin(0);
+    cell.pass(200);
+    assert!(matches!(cell.events()[..], [.., Report::Rebooted { .. }]), "{:?}", cell.events());
+    assert_eq!(cell.session.queue(speed(0.1)), Err(QueueError::NoEpoch));
+    assert_eq!(cell.session.open_epoch(), Ok(Epoch(8)));
+}
+
+/// A malformed message with a path underway: the abort still goes out, then the link is closed.
+#[test]
+fn a_broken_stream_aborts_and_closes() {
+    let mut cell = Cell::ready();
+    cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+    cell.pass(1_000);
+    cell.session.push_state_bytes(b"<!DOCTYPE x>", Time::at_ms(cell.now_ms));
+    assert!(!cell.session.is_connected());
+    let transmitted = std::iter::from_fn(|| cell.session.poll_transmit(Time::at_ms(cell.now_ms)));
+    let last = transmitted.map(|(_, bytes)| String::from_utf8(bytes).expect("ASCII")).last();
+    assert!(last.as_deref().is_some_and(|text| text.contains("Op=\"11\" N1=\"8\"")), "{last:?}");
+    let report = cell.session.poll_report();
+    let Some(Report::LinkLost { why: LinkLoss::Frame { channel, error } }) = report else { panic!("{report:?}") };
+    assert!(matches!((channel, error), (Channel::State, FrameError::Declaration { .. })), "{error}");
+}
+
+/// A new connection asks for the state and nothing else, whatever was queued before.
+#[test]
+fn a_reconnection_moves_nothing() {
+    let mut cell = Cell::ready();
+    cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+    cell.pass(1_000);
+    cell.session.disconnected(LinkLoss::Closed { channel: Channel::Command });
+    let left = std::iter::from_fn(|| cell.session.poll_transmit(Time::at_ms(cell.now_ms)));
+    assert!(left.into_iter().all(|(channel, _)| channel == Channel::State), "a command after the link was lost");
+    cell.controller.begin(7);
+    cell.controller.answered = 0;
+    let executed = cell.controller.executed.len();
+    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.pass(2_000);
+    assert_eq!(cell.controller.executed.len(), executed);
+    assert!(matches!(cell.events()[..], [.., Report::LinkLost { .. }, Report::Connected { .. }]));
+    assert_eq!(cell.session.epoch(), None);
+    assert_eq!(cell.session.queue(speed(0.1)), Err(QueueError::NoEpoch));
+}
+
+#[test]
+fn what_cannot_be_executed_is_refused_where_it_is_queued() {
+    let mut cell = Cell::ready();
+    assert_eq!(cell.session.queue_path(&[]), Err(QueueError::EmptyPath));
+    let mut bad = path(3, 2.0);
+    bad[2].pose.y_mm = f64::NAN;
+    assert!(matches!(cell.session.queue_path(&bad), Err(QueueError::Command(_))));
+    let input = Command::SetDigin(Signal { number: 3, on: true });
+    let read_only = QueueError::Command(CommandError::InputReadOnly { number: 3 });
+    assert_eq!(cell.session.queue(input), Err(read_only));
+    // Nothing of the three was queued: the next id follows on base, tool and speed.
+    assert_eq!(cell.session.queue_path(&path(1, 2.0)), Ok(CommandId(4)));
+    assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
+    let mut offline = Session::new(wire(), LinkLimits::default(), Pace::Wall);
+    assert_eq!(offline.queue(speed(0.1)), Err(QueueError::NotConnected));
+    assert_eq!(offline.open_epoch(), Err(QueueError::NotConnected));
+}
+
+/// In lock step there is no deadline, and an answered heartbeat says that what it named has arrived.
+#[test]
+fn in_lock_step_only_heartbeats_pass_time() {
+    let mut cell = Cell::new();
+    cell.session = Session::new(wire(), LinkLimits::default(), Pace::LockStep);
+    cell.session.connected(Time::at_ms(0));
+    cell.exchange();
+    cell.session.open_epoch().expect("connected");
+    cell.exchange();
+    assert_eq!(cell.session.deadline(), None);
+    cell.controller.silent = true;
+    cell.session.queue(speed(0.1)).expect("good");
+    cell.exchange();
+    cell.session.time_passed(Time::at_ms(60_000));
+    assert!(cell.session.is_connected() && cell.session.epoch().is_some());
+    assert!(!cell.session.awaits_answer());
+    cell.session.heartbeat(Time::at_ms(0));
+    assert!(cell.session.awaits_answer());
+}
+
+/// A state that begins at 300 ms and has not ended at 500 never will; one that ends in time is one.
+#[test]
+fn a_message_has_200_ms_from_its_first_byte_to_its_last() {
+    let mut cell = Cell::ready();
+    cell.pass(100);
+    let now_ms = cell.now_ms;
+    cell.session.push_command_bytes(b"<Ack Rx=\"0\"", Time::at_ms(now_ms));
+    let at = |session: &Session| session.deadline().expect("connected").since_start().as_millis() as u64;
+    assert!(at(&cell.session) <= now_ms + 200);
+    cell.session.time_passed(Time::at_ms(now_ms + 199));
+    assert!(cell.session.is_connected());
+    cell.session.time_passed(Time::at_ms(now_ms + 200));
+    cell.exchange();
+    let unfinished = LinkLoss::Unfinished { channel: Channel::Command, waited_ms: 200 };
+    assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unfinished }));
+}
+
+/// Request 2³¹ − 1 is the last: the connection ends, and the next one counts from 1.
+#[test]
+fn requests_do_not_wrap() {
+    let mut cell = Cell::ready();
+    cell.pass(100);
+    cell.session.asked = LAST_NUMBER;
+    cell.session.heartbeat(Time::at_ms(cell.now_ms));
+    assert!(!cell.session.is_connected());
+    let exhausted = LinkLoss::RequestsExhausted { most: LAST_NUMBER };
+    assert_eq!(cell.session.poll_report(), Some(Report::LinkLost { why: exhausted }));
+    cell.session.connected(Time::at_ms(cell.now_ms));
+    let (_, request) = cell.session.poll_transmit(Time::at_ms(cell.now_ms)).expect("asks");
+    assert!(request.starts_with(b"<Req Id=\"1\""));
+}
+
+/// An acknowledgement of an epoch that is not ours ends ours, and the abort's number is above it.
+#[test]
+fn another_clients_epoch_is_told_and_left_behind() {
+    let mut cell = Cell::ready();
+    cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+    cell.pass(500);
+    let foreign = "<Ack Rx=\"0\" Done=\"0\" Free=\"100\" Err=\"0\" ErrId=\"0\" Ep=\"20\"></Ack>";
+    cell.session.push_command_bytes(foreign.as_bytes(), Time::at_ms(cell.now_ms));
+    cell.pass(300);
+    assert!(matches!(
+        cell.events()[2..],
+        [Report::SequenceError(SequenceError::Epoch { .. }), Report::Standstill { .. }]
+    ));
+    assert_eq!(cell.controller.epoch, 21);
+}

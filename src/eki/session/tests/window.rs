@@ -1,0 +1,85 @@
+//! What is sent and not executed: the window by commands, by time, by the ring, by bytes; a robot behind its plan.
+
+use super::*;
+
+/// 200 points 1 mm apart at 100 mm/s are 10 ms each, 100 of them a second: 50 commands are ahead and never more.
+#[test]
+fn two_hundred_points_are_executed_once_inside_the_window() {
+    let mut cell = Cell::ready();
+    let last = cell.session.queue_path(&path(200, 1.0)).expect("a good path");
+    assert_eq!(last, CommandId(203));
+    cell.pass(6_000);
+    assert!(matches!(
+        cell.events()[..],
+        [Report::Connected { .. }, Report::EpochOpened { .. }, Report::PathDone { last: CommandId(203) }]
+    ));
+    let expected: Vec<(u32, u32)> = (1..=203).map(|id| (7, id)).collect();
+    assert_eq!(cell.controller.executed, expected);
+    let most = cell.controller.most_in_ring;
+    assert!((49..=50).contains(&most), "{most} commands in the ring");
+    let told: Vec<u32> = cell
+        .reports
+        .iter()
+        .filter_map(|report| if let Report::Progress { done } = report { Some(done.0) } else { None })
+        .collect();
+    assert!(told.is_sorted() && told.last() == Some(&203));
+}
+
+/// The arm stands on the first point, which takes no time; 10 mm at 100 mm/s are 0.1 s: ten more are a second.
+#[test]
+fn the_window_is_also_time() {
+    let mut cell = Cell::ready();
+    cell.pass(200);
+    cell.controller.ms_per_command = 100;
+    cell.session.queue_path(&path(60, 10.0)).expect("a good path");
+    cell.pass(8_000);
+    assert_eq!((cell.controller.most_in_ring, cell.controller.done), (11, 63));
+}
+
+/// 100 mm at 100 mm/s are a second each, and still five are ahead, so that the controller can blend.
+#[test]
+fn a_few_points_are_ahead_whatever_they_last() {
+    let mut cell = Cell::ready();
+    cell.pass(200);
+    cell.controller.ms_per_command = 1_000;
+    cell.session.queue_path(&path(12, 100.0)).expect("a good path");
+    cell.pass(8_000);
+    assert_eq!(cell.controller.most_in_ring, 5);
+}
+
+/// A free ring of eight places never holds a ninth command, whatever the window says.
+#[test]
+fn the_rings_free_places_are_kept() {
+    let mut cell = Cell::ready();
+    cell.controller.ring_places = 8;
+    cell.pass(300);
+    cell.session.queue_path(&path(100, 2.0)).expect("a good path");
+    cell.pass(4_000);
+    assert_eq!((cell.controller.most_in_ring, cell.controller.done), (8, 103));
+}
+
+/// Without an acknowledgement no more than 8 KiB are under way. In lock step an answered heartbeat is one for the
+/// commands that it names: then the window fills to its 50.
+#[test]
+fn bytes_not_yet_received_are_bounded() {
+    let mut cell = Cell::ready_at(Pace::LockStep);
+    cell.pass(300);
+    let mut points = path(200, 1.0);
+    for MoveLin { pose, .. } in &mut points {
+        // Ten whole turns: the same place in more bytes.
+        (pose.a_deg, pose.b_deg, pose.c_deg) = (-3_600.0, -3_600.0, -3_600.0);
+    }
+    cell.session.queue_path(&points).expect("a good path");
+    let now = Time::at_ms(cell.now_ms);
+    let send = |session: &mut Session| -> Vec<usize> {
+        std::iter::from_fn(|| session.poll_transmit(now)).map(|(_, bytes)| bytes.len()).collect()
+    };
+    let first = send(&mut cell.session);
+    let bytes: usize = first.iter().sum();
+    assert!((8 * 1024 - 250..=8 * 1024).contains(&bytes) && first.len() < 50, "{bytes} bytes");
+    cell.session.heartbeat(now);
+    let (_, request) = cell.session.poll_transmit(now).expect("a heartbeat");
+    cell.controller.take(&request);
+    cell.session.push_state_bytes(&std::mem::take(&mut cell.controller.state_bytes), now);
+    assert_eq!(first.len() + send(&mut cell.session).len(), 50);
+}
