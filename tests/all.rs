@@ -11,3 +11,4 @@ mod link;
 mod locate;
 mod robot;
 mod service;
+mod wall;

@@ -18,7 +18,7 @@ use tempfile::TempDir;
 const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A service that runs; killed when the test ends.
-struct Service {
+pub struct Service {
     child: Child,
     folder: PathBuf,
 }
@@ -32,7 +32,7 @@ impl Drop for Service {
 
 impl Service {
     /// Starts it and waits until it answers.
-    fn start(folder: &Path) -> Self {
+    pub fn start(folder: &Path) -> Self {
         let log =
             std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
         let child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
@@ -47,11 +47,11 @@ impl Service {
         service
     }
 
-    fn ctl(&self, ask: &str) -> (i32, Value) {
+    pub fn ctl(&self, ask: &str) -> (i32, Value) {
         json(&self.folder, &format!("ctl {ask} --cell cell/cell.toml"))
     }
 
-    fn state(&self) -> String {
+    pub fn state(&self) -> String {
         self.ctl("state").1["state"].as_str().unwrap_or_default().to_owned()
     }
 
@@ -59,7 +59,7 @@ impl Service {
         std::fs::read_to_string(self.folder.join("run.log")).unwrap_or_default()
     }
 
-    fn wait(&self, what: &str, mut until: impl FnMut(&Self) -> bool) {
+    pub fn wait(&self, what: &str, mut until: impl FnMut(&Self) -> bool) {
         let since = Instant::now();
         while !until(self) {
             assert!(since.elapsed() < PATIENCE, "{what} never came; {:?}\n{}", self.ctl("state"), self.log());
@@ -67,12 +67,12 @@ impl Service {
         }
     }
 
-    fn reach(&self, state: &str) {
+    pub fn reach(&self, state: &str) {
         self.wait(state, |service| service.state() == state);
     }
 
     /// Asks, and it is done.
-    fn done(&self, ask: &str) -> Value {
+    pub fn done(&self, ask: &str) -> Value {
         let (exit, answer) = self.ctl(ask);
         assert_eq!(exit, 0, "{ask}: {answer}\n{}", self.log());
         answer
@@ -85,18 +85,18 @@ impl Service {
         assert!(found == exit && message.contains(words), "{ask}: {found} {answer}");
     }
 
-    fn reset(&self) {
+    pub fn reset(&self) {
         // The robot's link may still be on its way.
         self.wait("a reset is taken", |service| service.ctl("reset").0 == 0);
         self.reach("idle");
     }
 
-    fn signal(&self, signal: rustix::process::Signal) {
+    pub fn signal(&self, signal: rustix::process::Signal) {
         let id = rustix::process::Pid::from_child(&self.child);
         rustix::process::kill_process(id, signal).expect("it is there");
     }
 
-    fn ended(mut self) -> ExitStatus {
+    pub fn ended(mut self) -> ExitStatus {
         let since = Instant::now();
         loop {
             if let Some(status) = self.child.try_wait().expect("its status") {
@@ -113,10 +113,10 @@ impl Service {
     }
 }
 
-const START: &str = "start --recipe cell/recipe.toml";
+pub const START: &str = "start --recipe cell/recipe.toml";
 
 /// A taught cell in a folder of its own.
-fn taught(scene: &str) -> TempDir {
+pub fn taught(scene: &str) -> TempDir {
     let folder = rendered(scene);
     assert_eq!(json(folder.path(), TEACH).0, 0);
     folder

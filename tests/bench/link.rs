@@ -2,7 +2,7 @@
 //! without a stop. A table, and exit code 1 where a target is missed. `cargo bench --bench link -- [TRIALS]`
 
 #[path = "../link/cell.rs"]
-#[allow(dead_code)] // the tests use the rest
+#[expect(dead_code, reason = "the tests use the rest")]
 mod cell;
 mod link {
     pub mod peer;

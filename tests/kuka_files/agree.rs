@@ -157,6 +157,7 @@ fn the_numbers_are_those_of_client_and_mock() {
         ("CELL_STATE_MS", "STATE_EVERY_MS", 1.0),
         ("CELL_ACK_MS", "ACK_EVERY_MS", 1.0),
         ("CELL_CYCLE_MS", "TICK_MS", 1.0),
+        ("CELL_SILENT_MS", "SILENCE_MS", 1.0),
         ("CELL_RETRACT_MM", "RETRACT_MM", 1.0),
         ("CELL_RETRACT_VEL", "RETRACT_MM_S", 1000.0),
         ("CELL_RETRACT_ACC", "RETRACT_MM_S2", 1000.0),
@@ -202,7 +203,7 @@ fn refusals_and_operations_have_the_same_numbers() {
             }
         }
     }
-    assert_eq!(cases["cell_motion.src"].len(), 7);
+    assert_eq!(cases["cell_motion.src"].len(), 8);
     assert_eq!(cases["cell_judge.src"].len(), 8);
     assert_eq!(cases["cell_link.src"], ["ABORT", "RESET"]);
 }

@@ -91,6 +91,46 @@ fn the_order_that_a_stop_stands_on_is_kept() {
     }
 }
 
+fn body(name: &str) -> Vec<String> {
+    let files = files();
+    let routines = routines(&files);
+    routines[name].body.iter().map(|statement| statement.code.clone()).collect()
+}
+
+/// What the mock does the same way, word for word: each of these was once otherwise on one of the two sides.
+#[test]
+fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
+    // An epoch ends with its client, busy or not.
+    assert_eq!(body("CELL_LOST"), ["IF CELL_OPEN THEN", "CELL_STOP(FALSE)", "ENDIF"]);
+    let has = |routine: &str, codes: &[&str]| {
+        let body = body(routine).join("\n");
+        assert!(body.contains(&codes.join("\n")), "{routine}: {codes:?} not in\n{body}");
+    };
+    // With the program its epoch goes, before the program is forgotten.
+    has(
+        "CELL_PROGRAM",
+        &["IF CELL_NO_PROGRAM( ) THEN", "IF CELL_OPEN AND (CELL_READY OR CELL_BUSY( )) THEN", "CELL_STOP(FALSE)"],
+    );
+    // A tool that runs is watched like a motion.
+    has("CELL_WATCH", &["IF (CELL_BUSY( ) OR CELL_TOOL_ON( )) AND ($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS) THEN"]);
+    // A stop of a program that is paused, or that must stand at once, resets it.
+    has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=TRUE"]);
+    // Outputs that nobody listed are refused; inputs only where they are mapped.
+    has("CELL_JUDGE_VALUES", &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"]);
+    has("CELL_JUDGE_VALUES", &["IF CELL_VIRTUAL(CMD.N1)==0 THEN", "RETURN CELL_E_READ_ONLY"]);
+    // A move_j stops exactly.
+    has("CELL_JUDGE_VALUES", &["RIGHT=(CMD.R1>=1.0) AND (CMD.R1<=100.0) AND (CMD.R2==0.0)"]);
+    // No tip before block coincidence.
+    has("CELL_TELL_STATE", &["IF CELL_READY THEN", "TCP=$POS_ACT"]);
+    // A state's number goes on from 0.
+    has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
+    // 3 s without a request, whatever commands come.
+    assert!(body("CELL_REQUEST").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
+    assert!(!body("CELL_COMMAND").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
+    // A dead submit interpreter stops the arm after as long as a silent client.
+    has("CELL_CYCLE", &["$TIMER[CELL_T_SUBMIT]=-CELL_WATCHDOG_MS"]);
+}
+
 /// Each kind of statement is only where it may be.
 #[test]
 fn motion_waits_and_frames_are_where_they_may_be() {
@@ -106,6 +146,8 @@ fn motion_waits_and_frames_are_where_they_may_be() {
         ("CELL_EP", &["CELL_BEGIN"]),
         ("CELL_RX", &["CELL_INIT", "CELL_BEGIN", "CELL_TAKE"]),
         ("CELL_OPEN", &["CELL_INIT", "CELL_STOP", "CELL_RESET"]),
+        ("CELL_READY", &["CELL_MOTION", "CELL_PROGRAM"]),
+        ("CELL_SEQ", &["CELL_INIT", "CELL_TELL_STATE"]),
     ];
     each(&files(), |routine, statement| {
         let first = statement.first_word();

@@ -2,17 +2,18 @@
 //! either program believes.
 
 use super::cell::{BASE, Insides, TICK_MS, TOOL, TOOL_OUTPUT, Watch, height_mm};
-use panelprep::devices::mock::{Executed, Stop, StopCause};
+use panelprep::devices::mock::{Executed, Stop};
 use panelprep::eki::{CommandId, Epoch, MoveLin, Refusal, Report};
 use panelprep::geometry::{Base, Joints, Panel, Rigid, Tool};
 use std::collections::BTreeMap;
 
 /// From full speed to standing.
 const BRAKE_MS: u64 = 260;
-/// And 50 mm away from the panel at 0.2 m/s, by an arm that may be slowed to a fifth of that.
-const RETRACT_MS: u64 = 1_600;
+/// And 50 mm away from the panel at 0.2 m/s; by an arm that is slowed to a fifth of that.
+const RETRACT_MS: u64 = 800;
+const SLOW_RETRACT_MS: u64 = 1_600;
 /// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
-const END_MS: u64 = 400 + 400 + BRAKE_MS + RETRACT_MS;
+const END_MS: u64 = 400 + 400 + BRAKE_MS;
 /// Off the surface after a stop in contact.
 const LEAVE_MS: u64 = 100;
 /// Contact without motion.
@@ -25,8 +26,8 @@ pub type Violation = Option<String>;
 #[derive(Default)]
 pub struct Oracles {
     pub violation: Violation,
-    /// For how long the submit program stood still in all, which is when no watchdog runs.
-    pub stall_ms: u64,
+    /// Until then the arm is slowed.
+    pub slowed_until_ms: u64,
     /// The longest way of a byte.
     pub delay_ms: u64,
     points: BTreeMap<(u32, u32), (MoveLin, f64)>,
@@ -36,8 +37,8 @@ pub struct Oracles {
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
-    /// Stops at the last moment when the arm could not move in contact: from there it is jogged off by hand.
-    left_there: Option<usize>,
+    /// In this contact the arm could not move for a while: from there it is jogged off by hand.
+    left_there: bool,
     executed: usize,
     last_executed: BTreeMap<i32, i32>,
     traced: usize,
@@ -68,6 +69,11 @@ impl Oracles {
         }
     }
 
+    /// How long a retract that begins then may take.
+    fn retract_ms(&self, from_ms: u64) -> u64 {
+        if from_ms < self.slowed_until_ms { SLOW_RETRACT_MS } else { RETRACT_MS }
+    }
+
     fn wrong(&mut self, now_ms: u64, what: String) {
         self.violation.get_or_insert_with(|| format!("{now_ms} ms: {what}"));
     }
@@ -88,8 +94,8 @@ impl Oracles {
         {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
         }
-        if let Some(ended_ms) = self.ended_ms.get(&epoch)
-            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+        if let Some(ended_ms) = self.ended_ms.get(&epoch).copied()
+            && now_ms > ended_ms + END_MS + self.delay_ms
         {
             self.wrong(
                 now_ms,
@@ -117,7 +123,8 @@ impl Oracles {
         let last_stop = controller.stops().last();
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
         let contact = last_stop.is_some_and(|stop| stop.contact);
-        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + RETRACT_MS);
+        let retract_ms = last_stop.map_or(0, |stop| self.retract_ms(stop.time_ms));
+        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + retract_ms);
         let epoch = controller.epoch();
         let just = controller
             .executed()
@@ -129,7 +136,7 @@ impl Oracles {
         }
         if let Some(ended_ms) = self.ended_ms.get(&epoch.cast_unsigned())
             && has_work
-            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+            && now_ms > ended_ms + END_MS + self.delay_ms
         {
             self.wrong(now_ms, format!("the arm moves in epoch {epoch}, which the client ended at {ended_ms} ms"));
         }
@@ -143,21 +150,13 @@ impl Oracles {
         let Some(sample) = fresh.last() else { return };
         let now_ms = sample.time_ms;
         let last_stop = cell.controller.stops().last();
-        let at_once = |stop: &Stop| {
-            matches!(
-                stop.cause,
-                StopCause::EStop
-                    | StopCause::Guard
-                    | StopCause::Drives
-                    | StopCause::Mode
-                    | StopCause::Deselected
-                    | StopCause::Rebooted
-            )
-        };
-        if last_stop.is_some_and(at_once) || !cell.controller.can_move() {
-            self.left_there = Some(cell.controller.stops().len());
+        let stopped = cell.controller.is_stopped();
+        if (stopped && last_stop.is_some_and(|stop| stop.cause.is_at_once())) || !cell.controller.can_move() {
+            self.left_there = true;
+        } else if !stopped {
+            self.left_there = false;
         }
-        if self.left_there == Some(cell.controller.stops().len()) {
+        if self.left_there {
             return;
         }
         let low = height_mm(cell.controller) < 1.0;

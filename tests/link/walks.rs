@@ -11,9 +11,10 @@ use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
+use std::cell::Cell as Flag;
 use std::time::Duration;
 
-const WALKS: u64 = 5_000;
+const WALKS: u64 = 20_000;
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
@@ -181,16 +182,16 @@ impl Walk {
             7..9 => Fault::Unplug { for_ms },
             9 => Fault::Mute { for_ms },
             10 => Fault::NoAcks { for_ms },
-            11 => {
-                self.oracles.stall_ms += lasts_ms + 1_000;
-                Fault::Stall { for_ms }
-            }
+            11 => Fault::Stall { for_ms },
             12 => Fault::SkipState,
             13 => Fault::LoseBase,
             14 => Fault::LoseTool,
             15 => Fault::WrongBase,
             16 => Fault::Refuse(8),
-            17 => Fault::Slow { percent: draw.random_range(20..100), for_ms },
+            17 => {
+                self.oracles.slowed_until_ms = until_ms;
+                Fault::Slow { percent: draw.random_range(20..100), for_ms }
+            }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
             20 => Fault::Mode { to: Mode::T1, for_ms },
@@ -219,8 +220,13 @@ impl Walk {
                 self.queue(command);
             }
             let Some(last) = self.queue_path(&pass(8, 3.0, true), 0.3) else { continue };
-            let done = |report: &Report| matches!(report, Report::PathDone { last: done } if *done == last);
-            if self.until(2_500, done)? {
+            let done = Flag::new(false);
+            let over = |report: &Report| {
+                done.set(matches!(report, Report::PathDone { last: done } if *done == last));
+                done.get() || !matches!(report, Report::State(_) | Report::Progress { .. })
+            };
+            self.until(2_500, over)?;
+            if done.get() {
                 return Ok(());
             }
         }

@@ -106,6 +106,7 @@ impl Contact {
             flange_from_tool,
             blend_mm: 0.0,
             contact: false,
+            switches: None,
             to_come: 0,
             speed_mm_s: RETRACT_MM_S,
             acceleration_mm_s2: RETRACT_MM_S2,

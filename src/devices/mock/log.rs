@@ -61,10 +61,20 @@ pub enum StopCause {
     Drives,
     /// The mode switch was turned.
     Mode,
-    /// The robot program was deselected.
+    /// The robot program was deselected, or none runs.
     Deselected,
+    /// The submit interpreter does not run.
+    SubmitDead,
     /// The controller was started again.
     Rebooted,
+}
+
+impl StopCause {
+    /// The arm stands where it is, and the robot program is reset: nothing retracts.
+    pub fn is_at_once(self) -> bool {
+        use StopCause::{Deselected, Drives, EStop, Guard, Mode, Rebooted};
+        matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted)
+    }
 }
 
 /// A stop by the program.

@@ -5,16 +5,18 @@
 //!
 //! - bytes: `framer` (stream to documents), `channel_file` and `codec` (documents to values and back), `memory`
 //!   (what waits), `wire` (what the numbers mean)
-//! - the arm: `kinematics`, `ramp` and `corner` (speed and shape of a path), `mover` (the main run)
-//! - the programs: `model` (one tick), `submit` (intake, watchdog, stop), `epoch`, `program` (advance run), `contact`
-//!   (retract), `answer` (what is told)
-//! - around it: `setup`, `world` (inputs and outputs), `fault` (what goes wrong, and when), `log` (what happened), `server`
-//!   (TCP) with `late` (slow ways)
+//! - the arm: `kinematics`, `ramp`, `corner` and `legs` (speed and shape of a path), `mover` (the main run)
+//! - the programs: `model` (one tick), `channels` (who is connected), `submit` (intake, watchdog, stop), `epoch`,
+//!   `program` (advance run), `contact` (retract), `answer` (what is told)
+//! - around it: `setup`, `safety` (people, keys, the program's start), `world` (inputs and outputs), `fault` (what goes
+//!   wrong, and when), `log` and `view` (what happened, what is), `server` (TCP) with `late` (slow ways)
 //!
-//! Not modelled: RAW channels and UDP, path-synchronous outputs, approximated PTP.
+//! As the programs do it, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
+//! which a cell's files may have and this link has not.
 
 mod answer;
 mod channel_file;
+mod channels;
 mod codec;
 mod contact;
 mod corner;
@@ -24,15 +26,18 @@ mod fault;
 mod framer;
 mod kinematics;
 mod late;
+mod legs;
 mod log;
 mod memory;
 mod model;
 mod mover;
 mod program;
 mod ramp;
+mod safety;
 mod server;
 mod setup;
 mod submit;
+mod view;
 mod wire;
 mod world;
 

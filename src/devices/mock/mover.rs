@@ -6,8 +6,9 @@
 //! would run faster than it can, the tool slows down, as with $CP_VEL_TYPE = #VAR_ALL; where that does not help (a pole, a
 //! change of configuration), the motion fails. Not modelled: jerk, centripetal acceleration in a blend, load.
 
-use super::corner::{Bend, Corner, Pose, between, distance_mm, measure_mm};
+use super::corner::{Corner, Pose, distance_mm};
 use super::kinematics::{Arm, Unreachable, angles_deg, joints};
+use super::legs::{Leg, pose_ahead};
 use super::ramp::{self, Limits};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use std::collections::VecDeque;
@@ -28,6 +29,8 @@ pub(super) struct Lin {
     /// 0 for an exact stop.
     pub(super) blend_mm: f64,
     pub(super) contact: bool,
+    /// An output that is switched with its end.
+    pub(super) switches: Option<(u16, bool)>,
     /// Points still to come on this path.
     pub(super) to_come: i32,
     pub(super) speed_mm_s: f64,
@@ -43,6 +46,8 @@ pub(super) struct Ptp {
     pub(super) speed_share: f64,
     /// Of each axis's highest acceleration, 0…1.
     pub(super) acceleration_share: f64,
+    /// An output that is switched with its end.
+    pub(super) switches: Option<(u16, bool)>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,6 +66,13 @@ impl Move {
 
     pub(super) fn contact(&self) -> bool {
         matches!(self, Move::Lin(lin) if lin.contact)
+    }
+
+    pub(super) fn switches(&self) -> Option<(u16, bool)> {
+        match self {
+            Move::Lin(lin) => lin.switches,
+            Move::Ptp(ptp) => ptp.switches,
+        }
     }
 }
 
@@ -91,14 +103,10 @@ pub(super) struct Override {
     pub(super) share: f64,
 }
 
-/// $VEL.ORI1: how fast the tool may turn.
-const TURN_DEG_S: f64 = 200.0;
 /// An axis reaches its highest speed in this time.
 const AXIS_RAMP_S: f64 = 0.2;
-/// BRAKE on a line, at least.
-const BRAKE_MM_S2: f64 = 5000.0;
 /// Lengths closer than this are one.
-const ROUNDING_MM: f64 = 1e-9;
+pub(super) const ROUNDING_MM: f64 = 1e-9;
 /// How often the step is halved for an axis that is too slow.
 const HALVINGS: i32 = 7;
 
@@ -108,62 +116,23 @@ pub(super) struct Mover {
     arm: Arm,
     joints: Joints,
     /// The front one is being executed.
-    planned: VecDeque<Move>,
-    place: Place,
+    pub(super) planned: VecDeque<Move>,
+    pub(super) place: Place,
     /// Gone on the present leg, mm or degrees of the leading axis.
-    gone: f64,
+    pub(super) gone: f64,
     /// Along the path, mm/s or degrees/s of the leading axis.
-    speed: f64,
-    braking: bool,
+    pub(super) speed: f64,
+    pub(super) braking: bool,
     /// The legs ahead, while neither plan nor leg changes.
     ahead: Option<Vec<Leg>>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
-enum Place {
+pub(super) enum Place {
     Standing,
     Line { from: Pose, whole_mm: f64 },
     Corner { corner: Box<Corner>, passing: Option<Lin> },
     Axes { from: [f64; 6] },
-}
-
-#[derive(Debug, Clone)]
-enum Leg {
-    /// `stops` where it ends on its corner.
-    Line {
-        from: Pose,
-        to: Pose,
-        length_mm: f64,
-        lin: Lin,
-        stops: bool,
-    },
-    Corner {
-        corner: Box<Corner>,
-        lin: Lin,
-    },
-}
-
-impl Leg {
-    fn length_mm(&self) -> f64 {
-        match self {
-            Leg::Line { length_mm, .. } => *length_mm,
-            Leg::Corner { corner, .. } => corner.length_mm,
-        }
-    }
-
-    fn lin(&self) -> &Lin {
-        match self {
-            Leg::Line { lin, .. } | Leg::Corner { lin, .. } => lin,
-        }
-    }
-
-    fn pose_at(&self, gone_mm: f64) -> Pose {
-        match self {
-            Leg::Line { to, length_mm, .. } if gone_mm >= *length_mm => *to,
-            Leg::Line { from, to, length_mm, .. } => between(from, to, gone_mm / length_mm),
-            Leg::Corner { corner, .. } => corner.pose_at(gone_mm),
-        }
-    }
 }
 
 impl Mover {
@@ -213,6 +182,20 @@ impl Mover {
     pub(super) fn plan(&mut self, step: Move) {
         self.planned.push_back(step);
         self.ahead = None;
+    }
+
+    /// Switches this output with the end of the move planned last; false where there is none, or where it switches one
+    /// already.
+    pub(super) fn switch_at_end(&mut self, output: (u16, bool)) -> bool {
+        let switches = match self.planned.back_mut() {
+            Some(Move::Lin(lin)) => &mut lin.switches,
+            Some(Move::Ptp(ptp)) => &mut ptp.switches,
+            None => return false,
+        };
+        self.ahead = None;
+        let is_free = switches.is_none();
+        switches.get_or_insert(output);
+        is_free
     }
 
     /// Slows down to a stop on the path and forgets what is left.
@@ -330,72 +313,6 @@ impl Mover {
         (0..6).find(fast).map(|axis| axis + 1)
     }
 
-    fn line_limits(&self, legs: &[Leg], allowed: Override, step_s: f64) -> Limits {
-        let acceleration = legs.iter().map(|leg| leg.lin().acceleration_mm_s2).fold(f64::INFINITY, f64::min);
-        let (mut ahead_mm, mut speed) = (-self.gone, f64::INFINITY);
-        for leg in legs {
-            // Slow enough here, one step on, to be down to that leg's speed where it begins.
-            let from_mm = (ahead_mm - self.speed * step_s).max(0.0);
-            let own_mm_s = (leg.lin().speed_mm_s * allowed.share).min(allowed.tool_mm_s);
-            speed = speed.min((own_mm_s * own_mm_s + 2.0 * acceleration * from_mm).sqrt());
-            ahead_mm += leg.length_mm();
-        }
-        if self.braking {
-            return Limits { to_stop: ahead_mm, speed: 0.0, acceleration: acceleration.max(BRAKE_MM_S2) };
-        }
-        Limits { to_stop: ahead_mm, speed, acceleration }
-    }
-
-    /// The present leg and those behind it, up to the next stop.
-    fn legs(&self) -> Vec<Leg> {
-        let lins: Vec<Lin> = self
-            .planned
-            .iter()
-            .map_while(|step| match step {
-                Move::Lin(lin) => Some(*lin),
-                Move::Ptp(_) => None,
-            })
-            .collect();
-        let (mut legs, mut gone_mm) = (Vec::with_capacity(8), self.gone);
-        let (mut from, mut whole_mm) = match &self.place {
-            Place::Line { from, whole_mm } => (*from, *whole_mm),
-            Place::Corner { corner, .. } => {
-                gone_mm = 0.0;
-                legs.extend(lins.first().map(|&lin| Leg::Corner { corner: corner.clone(), lin }));
-                (corner.end, corner.whole_out_mm)
-            }
-            Place::Standing | Place::Axes { .. } => return legs,
-        };
-        for (index, &lin) in lins.iter().enumerate() {
-            let mm_per_deg = lin.speed_mm_s / TURN_DEG_S;
-            let corner = lins.get(index + 1).and_then(|next| {
-                let (vertex, next) = (lin.target, next.target);
-                Corner::new(&Bend { from, whole_in_mm: whole_mm, vertex, next, blend_mm: lin.blend_mm, mm_per_deg })
-            });
-            let line = |to: Pose, stops: bool| Leg::Line {
-                from,
-                to,
-                length_mm: measure_mm(&from, &to, mm_per_deg),
-                lin,
-                stops,
-            };
-            let blended = corner.map(|corner| (line(corner.start, false), corner));
-            match blended {
-                // A blend whose start was passed already is none.
-                Some((to_blend, corner)) if gone_mm <= to_blend.length_mm() + ROUNDING_MM => {
-                    (from, whole_mm) = (corner.end, corner.whole_out_mm);
-                    legs.extend([to_blend, Leg::Corner { corner: Box::new(corner), lin }]);
-                }
-                _ => {
-                    legs.push(line(lin.target, true));
-                    break;
-                }
-            }
-            gone_mm = 0.0;
-        }
-        legs
-    }
-
     /// Goes on along the legs, from one to the next where they end. True where it is still the first.
     fn go_on(&mut self, legs: &[Leg], further_mm: f64, done: &mut Vec<Done>) -> Result<bool, Unreachable> {
         self.gone += further_mm;
@@ -450,15 +367,4 @@ impl Mover {
         }
         Ok(())
     }
-}
-
-/// The pose this far behind the start of the first leg.
-fn pose_ahead(legs: &[Leg], mut gone_mm: f64) -> Option<Pose> {
-    for leg in legs {
-        if gone_mm <= leg.length_mm() {
-            return Some(leg.pose_at(gone_mm));
-        }
-        gone_mm -= leg.length_mm();
-    }
-    legs.last().map(|leg| leg.pose_at(leg.length_mm()))
 }

@@ -18,6 +18,9 @@ const ADVANCE: usize = 3;
 impl Controller {
     /// Executes or plans what the ring holds, as far as the advance run reaches.
     pub(super) fn interpret(&mut self) {
+        if !self.safety.motion_possible() {
+            return;
+        }
         if self.mover.stands() && self.contact.wants_retract() {
             let mover = &self.mover;
             if let Some(away) =
@@ -46,7 +49,8 @@ impl Controller {
             wire::MOVE_J => {
                 let key = Key { epoch: command.epoch, id: command.id };
                 let (target, acceleration_share) = (kinematics::joints(p), self.epoch.axis_acceleration_share);
-                self.mover.plan(Move::Ptp(Ptp { key, target, speed_share: r1 / 100.0, acceleration_share }));
+                let speed_share = r1 / 100.0;
+                self.mover.plan(Move::Ptp(Ptp { key, target, speed_share, acceleration_share, switches: None }));
             }
             wire::MOVE_LIN => {
                 let lin = self.lin(command)?;
@@ -57,6 +61,7 @@ impl Controller {
                 self.epoch.acceleration_mm_s2 = r2 * 1000.0;
                 self.epoch.axis_acceleration_share = f64::from(n2) / 100.0;
             }
+            wire::SET_DIGOUT if r1 == 1.0 && self.mover.switch_at_end((number(n1), n2 == 1)) => {}
             // These stop the advance run.
             _ if !self.mover.stands() => return Ok(false),
             wire::SET_BASE => {
@@ -66,7 +71,10 @@ impl Controller {
                 let set = self.troubles.spoil(command).map(kuka_pose);
                 self.epoch.tool = set.map(|pose| ActiveTool { pose, sanding: n1 == 1 }).or(self.epoch.tool);
             }
-            wire::SET_DIGOUT => self.set_output(u16::try_from(n1).unwrap_or_default(), n2 == 1),
+            wire::SET_DIGOUT => self.set_output(number(n1), n2 == 1),
+            wire::SET_DIGIN => {
+                self.flags.extend(self.mapped_flag(n1).map(|flag| (flag, n2 == 1)));
+            }
             _ => return Ok(self.run_subroutine(n1)),
         }
         Ok(true)
@@ -91,6 +99,7 @@ impl Controller {
             flange_from_tool,
             blend_mm: command.r[0],
             contact,
+            switches: None,
             to_come: command.n[0],
             speed_mm_s: self.epoch.speed_mm_s,
             acceleration_mm_s2: self.epoch.acceleration_mm_s2,
@@ -142,6 +151,13 @@ impl Controller {
         let Some(key) = done.step.key() else { return };
         if key.epoch == self.epoch.number {
             self.epoch.done = self.epoch.done.max(key.id);
+        }
+        // An epoch that was stopped switches nothing while the arm brakes.
+        if let Some((number, on)) = done.step.switches()
+            && key.epoch == self.epoch.number
+            && self.epoch.open
+        {
+            self.set_output(number, on);
         }
         self.executed.push(Executed {
             epoch: key.epoch,
@@ -207,11 +223,19 @@ impl Controller {
 
     /// The tool in the active base; the flange and the robot's base where none was set.
     pub(super) fn tcp(&self) -> KukaPose {
+        // Without a program the controller cannot say it.
+        if !self.safety.has_program() {
+            return KukaPose::default();
+        }
         let base = self.epoch.base.unwrap_or_default().to_rigid::<Base, Panel>();
         let tool = self.epoch.tool.map_or_else(KukaPose::default, |tool| tool.pose);
         let tcp: Rigid<Panel, Tool> = base.inverse() * self.mover.base_from_flange() * tool.to_rigid();
         KukaPose::from_rigid(&tcp)
     }
+}
+
+fn number(n: i32) -> u16 {
+    u16::try_from(n).unwrap_or_default()
 }
 
 fn kuka_pose(numbers: [f64; 6]) -> KukaPose {

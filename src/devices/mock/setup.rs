@@ -4,6 +4,7 @@ use super::channel_file::ChannelFile;
 use super::fault::FaultSpec;
 use super::kinematics::Arm;
 use crate::geometry::Joints;
+use std::collections::BTreeMap;
 
 /// What makes the controller's time pass.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +66,8 @@ pub struct Setup {
     pub outputs: Vec<u16>,
     /// The $OUT that runs the tool, switched off by every stop.
     pub tool_output: Option<u16>,
+    /// Inputs that can be set, with the $FLAG that stands for each.
+    pub mapped_inputs: BTreeMap<u16, u16>,
     /// How long each user subroutine takes, ms; its index is its place here, from 0.
     pub subroutines_ms: Vec<u64>,
     /// The count of the last state before the start.
@@ -91,6 +94,7 @@ impl Setup {
             inputs: (1..=8).collect(),
             outputs: (1..=8).collect(),
             tool_output: Some(5),
+            mapped_inputs: BTreeMap::new(),
             subroutines_ms: vec![100],
             first_state: 0,
             faults: FaultSpec::default(),

@@ -4,7 +4,7 @@ use super::epoch::{Epoch, RING};
 use super::error::EkiFault;
 use super::log::{Stop, StopCause};
 use super::model::Controller;
-use super::setup::{Clock, Mode, Rule};
+use super::setup::{Clock, Rule};
 use super::wire::{self, Channel, Command, Refusal, Request};
 
 /// Commands read in one tick, at most.
@@ -40,7 +40,7 @@ impl Controller {
                 Ok(request) => request,
                 Err(fault) => return self.close(Channel::State, fault),
             };
-            self.last_frame_ms = self.now_ms;
+            (self.last_frame_ms, self.last_request_ms) = (self.now_ms, self.now_ms);
             match request.operation {
                 wire::ABORT => self.abort(request.n1),
                 wire::RESET => self.reset(request.n1),
@@ -99,7 +99,10 @@ impl Controller {
                 return;
             }
             match self.command_places.take(&mut self.commands.memory) {
-                Ok(command) => self.take(command),
+                Ok(command) => {
+                    self.last_frame_ms = self.now_ms;
+                    self.take(command);
+                }
                 Err(fault) => return self.close(Channel::Command, fault),
             }
         }
@@ -159,12 +162,21 @@ impl Controller {
                 let motion = r1 > 0.0 && r1 <= MOST[0] && r2 > 0.0 && r2 <= MOST[1];
                 motion && percent(f64::from(n1)) && percent(f64::from(n2))
             }
-            wire::SET_DIGOUT => (1..=4096).contains(&n1) && (0..=1).contains(&n2),
-            wire::SET_DIGIN => return Err(Refusal::ReadOnly),
+            wire::SET_DIGOUT => {
+                let is_listed = self.setup.outputs.iter().any(|number| i32::from(*number) == n1);
+                is_listed && (0..=1).contains(&n2) && (r1 == 0.0 || r1 == 1.0)
+            }
+            wire::SET_DIGIN if self.mapped_flag(n1).is_none() => return Err(Refusal::ReadOnly),
+            wire::SET_DIGIN => (0..=1).contains(&n2),
             wire::CALL_SUBROUTINE => usize::try_from(n1).is_ok_and(|n1| n1 < self.setup.subroutines_ms.len()),
             _ => return Err(Refusal::UnknownOperation),
         };
         if right { Ok(()) } else { Err(Refusal::OutOfRange) }
+    }
+
+    /// The flag that stands for this input.
+    pub(super) fn mapped_flag(&self, input: i32) -> Option<u16> {
+        u16::try_from(input).ok().and_then(|input| self.setup.mapped_inputs.get(&input)).copied()
     }
 
     /// A command is not executed. A path with a hole is worse than a stop: nothing behind it is executed either.
@@ -175,13 +187,14 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Silence while something is queued ends the epoch.
+    /// Silence while something is queued, or while the tool runs, ends the epoch.
     pub(super) fn watch(&mut self) {
-        let silence_ms = self.now_ms - self.last_frame_ms;
         let watches = self.setup.left_out != Some(Rule::Watchdog);
-        if self.epoch.open && self.is_busy() && watches && silence_ms >= WATCHDOG_MS {
+        let at_stake = self.is_busy() || self.tool_is_on();
+        if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
             self.stop(StopCause::Watchdog, String::new());
         }
+        let silence_ms = self.now_ms - self.last_request_ms;
         if (self.commands.connected || self.states.connected) && watches && silence_ms >= SILENCE_MS {
             for channel in [Channel::Command, Channel::State] {
                 self.troubles.behind_cable[channel as usize].clear();
@@ -189,6 +202,26 @@ impl Controller {
                 self.drop_client(channel, EkiFault::NoContact);
             }
         }
+    }
+
+    /// Without a program that runs, what is queued is for nobody.
+    pub(super) fn look_for_program(&mut self) {
+        if self.epoch.open && self.is_busy() && !self.safety.has_program() {
+            self.stop(StopCause::Deselected, String::new());
+        }
+    }
+
+    /// The submit interpreter does not run: the robot program stops by itself.
+    pub(super) fn miss_submit(&mut self) {
+        let watches = self.setup.left_out != Some(Rule::Watchdog);
+        let dead_ms = self.now_ms - self.submit_ran_ms;
+        if self.epoch.open && self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS {
+            self.stop(StopCause::SubmitDead, String::new());
+        }
+    }
+
+    fn tool_is_on(&self) -> bool {
+        self.setup.tool_output.is_some_and(|number| self.outputs.get(&number) == Some(&true))
     }
 
     /// An epoch ends with its link, busy or not: a tool that runs in the air is switched off, too.
@@ -206,8 +239,9 @@ impl Controller {
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
         self.count_done();
         let contact = self.contact.touches(self.mover.front());
-        // A retract ends an epoch; it is never made up for later.
-        let may_retract = self.epoch.open && self.safety.drives_on && self.setup.left_out != Some(Rule::Retract);
+        let at_once = cause.is_at_once() || self.safety.paused();
+        // A retract ends an epoch; it is never made up for later, and only a program that runs makes it.
+        let may_retract = self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
@@ -221,16 +255,8 @@ impl Controller {
         self.epoch.subroutine_until_ms = None;
         self.epoch.open = false;
         self.stopped = true;
-        let at_once = matches!(
-            cause,
-            StopCause::EStop
-                | StopCause::Guard
-                | StopCause::Drives
-                | StopCause::Mode
-                | StopCause::Deselected
-                | StopCause::Rebooted
-        );
         if at_once {
+            self.safety.reset_program();
             self.contact.stop(self.mover.front(), false);
             self.mover.freeze();
         } else if !self.contact.wants_retract() {
@@ -238,55 +264,5 @@ impl Controller {
             self.contact.stop(self.mover.front(), may_retract);
             self.mover.brake();
         }
-    }
-}
-
-/// What people and the safety controller do.
-impl Controller {
-    /// The emergency stop: the arm stands at once where it is, the drives go off, the epoch ends.
-    pub fn press_e_stop(&mut self) {
-        self.safety.e_stop = true;
-        self.safety.drives_on = false;
-        self.stop(StopCause::EStop, String::new());
-    }
-
-    /// Releases the emergency stop. The drives stay off and nothing goes on.
-    pub fn release_e_stop(&mut self) {
-        self.safety.e_stop = false;
-    }
-
-    /// Switches the drives; not on while the emergency stop is pressed.
-    pub fn switch_drives(&mut self, on: bool) {
-        if !on && self.safety.drives_on {
-            self.stop(StopCause::Drives, String::new());
-        }
-        self.safety.drives_on = on && !self.safety.e_stop;
-    }
-
-    /// Opens or closes the guard; opening it stops the automatic modes at once.
-    pub fn set_guard(&mut self, closed: bool) {
-        let automatic = matches!(self.safety.mode, Mode::Aut | Mode::Ext);
-        if !closed && self.safety.guard_closed && automatic {
-            self.stop(StopCause::Guard, String::new());
-        }
-        self.safety.guard_closed = closed;
-    }
-
-    /// Turns the mode switch, which ends the epoch.
-    pub fn select_mode(&mut self, mode: Mode) {
-        if mode != self.safety.mode {
-            self.stop(StopCause::Mode, String::new());
-        }
-        self.safety.mode = mode;
-    }
-
-    /// Holds or releases the start key, which T1 and T2 need; released, the motion waits.
-    pub fn hold_start_key(&mut self, held: bool) {
-        self.safety.start_key = held;
-    }
-
-    /// Sets an input that the world leaves alone.
-    pub fn set_input(&mut self, number: u16, value: bool) {
-        self.inputs.insert(number, value);
     }
 }

@@ -115,7 +115,12 @@ impl RobotLink {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
         let link = run::Link::new(address, session, pace, taken, reports.clone());
         let thread = std::thread::Builder::new().name("robot link".to_owned());
-        let thread = thread.spawn(move || runtime.block_on(link.run()))?;
+        let thread = thread.spawn(move || {
+            if pace == Pace::Wall {
+                raise_priority();
+            }
+            runtime.block_on(link.run());
+        })?;
         Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread) })
     }
 
@@ -195,6 +200,17 @@ impl Drop for RobotLink {
             // Its panic was reported where it happened.
             let _ = thread.join();
         }
+    }
+}
+
+/// How far the link goes before everything else that the machine does.
+const NICE: i32 = -10;
+
+/// The calling thread, and no other. Where the system does not permit it (`LimitNICE` of the unit does) the link runs at the
+/// program's own priority: whoever computes has stepped back behind that.
+fn raise_priority() {
+    if let Err(error) = rustix::process::setpriority_process(None, NICE) {
+        tracing::info!("the robot link runs at the program's own priority: {error}");
     }
 }
 

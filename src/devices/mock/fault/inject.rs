@@ -1,9 +1,7 @@
 //! Makes faults happen to a controller, and ends them.
 
-use super::super::log::StopCause;
 use super::super::model::Controller;
-use super::super::setup::{Clock, Mode};
-use super::super::submit::REOPEN_MS;
+use super::super::setup::Mode;
 use super::super::wire::{Channel, Command, Refusal, SET_BASE, SET_TCP};
 use super::{Fault, Planned, Side, When};
 
@@ -172,6 +170,15 @@ impl Controller {
 
     /// What people, the safety controller and the mains do.
     fn press(&mut self, fault: Fault, begins: bool) -> Option<u64> {
+        let for_ms = self.press_one(fault, begins);
+        if !begins {
+            // Whoever mended it starts the program again.
+            self.start_program();
+        }
+        for_ms
+    }
+
+    fn press_one(&mut self, fault: Fault, begins: bool) -> Option<u64> {
         match fault {
             Fault::EStop { for_ms } => {
                 if begins {
@@ -226,39 +233,6 @@ impl Controller {
         }
     }
 
-    /// The robot program is deselected: the arm stands, and channels of its environment are closed.
-    pub fn deselect(&mut self) {
-        if std::mem::replace(&mut self.safety.selected, false) {
-            self.stop(StopCause::Deselected, String::new());
-        }
-        for channel in [Channel::Command, Channel::State] {
-            if self.lives_with_program(channel) {
-                self.disconnect(channel);
-                self.link(channel).listens_at_ms = u64::MAX;
-            }
-        }
-    }
-
-    /// The robot program is selected and started; nothing moves by it.
-    pub fn select(&mut self) {
-        self.safety.selected = true;
-        for channel in [Channel::Command, Channel::State] {
-            if self.lives_with_program(channel) {
-                self.link(channel).listens_at_ms = self.now_ms + REOPEN_MS;
-            }
-        }
-    }
-
-    /// The controller starts again: channels, epochs and counts are gone, the arm stands, outputs are off.
-    pub fn reboot(&mut self, down_ms: u64) {
-        self.stop(StopCause::Rebooted, String::new());
-        for channel in [Channel::Command, Channel::State] {
-            self.disconnect(channel);
-            let instant = self.setup.clock == Clock::LockStep;
-            self.link(channel).listens_at_ms = if instant { self.now_ms } else { self.now_ms + down_ms };
-        }
-        self.forget_all();
-    }
 }
 
 fn channels(side: Side) -> &'static [Channel] {

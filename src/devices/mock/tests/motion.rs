@@ -187,6 +187,33 @@ fn t1_is_slow_and_waits_for_the_key() {
     assert_eq!(rig.state("Mode"), 1);
 }
 
+/// An output on the path switches with the end of the point before it, and the arm does not stop for it; a second one
+/// at the same point waits until it stands there.
+#[test]
+fn an_output_on_the_path_stops_nothing() {
+    let run = |synchronous: &[f64]| {
+        let mut rig = Rig::ready(Clock::LockStep);
+        rig.line(20, 10, false);
+        for (&r1, output) in synchronous.iter().zip(3..) {
+            rig.command(6, [output, 1], [r1, 0.0], [0.0; 6]);
+        }
+        for point in 11..=20 {
+            rig.command(2, [20 - point, 0], [2.0, 0.0], [5.0 * f64::from(point), 0.0, 0.0, 0.0, 0.0, 0.0]);
+        }
+        rig.settle();
+        assert_eq!((rig.ids().len(), rig.state("Under"), rig.ack("Done")), (20, 0, rig.id));
+        let times: Vec<u64> = rig.controller.executed().iter().map(|step| step.time_ms).collect();
+        (times, rig.wires.changes())
+    };
+    let (blended, changes) = run(&[1.0]);
+    assert_eq!(changes, [(3, true, blended[9])]);
+    // By hand: to brake and start again at 100 mm/s and 1000 mm/s² costs 0.1 s.
+    for standing in [&[0.0][..], &[1.0, 1.0]] {
+        let (times, _) = run(standing);
+        assert!((84..=132).contains(&(times[19] - blended[19])), "{} {}", times[19], blended[19]);
+    }
+}
+
 /// The flange at these angles as the numbers of a move in the robot's own base with the bare flange.
 fn flange_numbers(angles_deg: [f64; 6]) -> [f64; 6] {
     let pose = crate::geometry::KukaPose::from_rigid(&Arm::kr6_r700_2().base_from_flange(&joints(angles_deg)));

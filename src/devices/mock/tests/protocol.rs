@@ -115,7 +115,7 @@ fn the_ring_refuses_when_it_is_full() {
 #[test]
 fn each_wrong_command_is_refused_with_its_number() {
     let home = START_DEG;
-    let cases: [(Refusal, i32, [i32; 2], [f64; 2], [f64; 6]); 14] = [
+    let cases: [(Refusal, i32, [i32; 2], [f64; 2], [f64; 6]); 16] = [
         (Refusal::UnknownOperation, 9, [0, 0], [0.0; 2], [0.0; 6]),
         (Refusal::ReadOnly, 7, [1, 1], [0.0; 2], [0.0; 6]),
         (Refusal::OutOfRange, 1, [0, 0], [0.0, 0.0], home),
@@ -125,6 +125,8 @@ fn each_wrong_command_is_refused_with_its_number() {
         (Refusal::OutOfRange, 5, [100, 100], [2.1, 1.0], [0.0; 6]),
         (Refusal::OutOfRange, 5, [0, 100], [0.1, 1.0], [0.0; 6]),
         (Refusal::OutOfRange, 6, [0, 1], [0.0; 2], [0.0; 6]),
+        (Refusal::OutOfRange, 6, [9, 1], [0.0; 2], [0.0; 6]), // nobody has listed it
+        (Refusal::OutOfRange, 6, [1, 1], [0.5, 0.0], [0.0; 6]),
         (Refusal::OutOfRange, 8, [1, 0], [0.0; 2], [0.0; 6]),
         (Refusal::Unreachable, 1, [0, 0], [10.0, 0.0], [0.0, 45.5, 0.0, 0.0, 0.0, 0.0]),
         (Refusal::Unreachable, 2, [0, 0], [0.0; 2], [0.0, 900.0, 0.0, 0.0, 0.0, 0.0]),
@@ -207,6 +209,19 @@ fn outputs_reach_the_world_and_inputs_come_back() {
     rig.beat();
     assert_eq!((rig.state("Out"), rig.state("In")), (1 << 4, 1 << 3 | 1));
     assert_eq!(rig.wires.changes(), [(5, true, 108)]);
+}
+
+/// Input 12 stands for flag 870, which the cell's own programs ask for; `In` stays what $IN is.
+#[test]
+fn a_mapped_input_sets_its_flag() {
+    let mut rig = Rig::ready(Clock::LockStep);
+    rig.controller.setup.mapped_inputs.insert(12, 870);
+    rig.command(7, [12, 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert_eq!((rig.controller.flags().get(&870), rig.state("In"), rig.ack("Done")), (Some(&true), 0, rig.id));
+    rig.command(7, [12, 2], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert_eq!(rig.ack("Err"), Refusal::OutOfRange as i32);
 }
 
 #[test]

@@ -177,7 +177,14 @@ fn the_e_stop_stops_at_once_and_its_release_continues_nothing() {
     rig.ask(11, 2);
     rig.beats(3);
     assert!(rig.tool_tip().distance_mm(at) < 1e-12, "nothing goes on, nothing retracts later");
+    // The program was reset: until it is started there is no motion, and the tip is not known.
+    assert!(!rig.flag(4) && rig.states.contains("<Tcp X=\"0.000000\" Y=\"0.000000\" Z=\"0.000000\""));
     (rig.epoch, rig.id) = (2, 0);
+    rig.open();
+    rig.command(1, [0, 0], [10.0, 0.0], START_DEG);
+    rig.beat();
+    assert_eq!(rig.ack("Err"), Refusal::NoMotion as i32);
+    rig.controller.start_program();
     rig.open();
     rig.prepare();
     rig.command(2, [0, 0], [0.0; 2], [50.0, 0.0, -30.0, 0.0, 0.0, 0.0]);
@@ -200,6 +207,74 @@ fn drives_guard_and_mode_end_the_epoch_at_once() {
         assert!(rig.tool_tip().distance_mm(at) < 1e-12 && !rig.tool_on() && rig.flag(7));
         assert_eq!((rig.causes(), rig.flag(4)), (vec![cause], false));
     }
+}
+
+/// In T1 the start key pauses; a stop that comes then resets the program: nothing retracts, and the key goes on with
+/// nothing.
+#[test]
+fn a_stop_while_the_program_is_paused_resets_it() {
+    let mut rig = Rig::new(Clock::LockStep);
+    rig.controller.select_mode(Mode::T1);
+    rig.controller.hold_start_key(true);
+    rig.open();
+    rig.prepare();
+    rig.line(200, 60, true);
+    rig.beats(5);
+    rig.controller.hold_start_key(false);
+    rig.beats(2);
+    let (at, executed) = (rig.tool_tip(), rig.ids().len());
+    rig.ask(11, rig.epoch + 1);
+    assert!(rig.flag(7) && !rig.flag(3) && !rig.flag(4));
+    rig.controller.hold_start_key(true);
+    rig.beats(10);
+    assert!(rig.tool_tip().distance_mm(at) < 1e-12 && rig.ids().len() == executed, "the key went on");
+    assert!(rig.flag(4), "and the program runs again");
+}
+
+/// Without a program that runs, a command waits for nobody: the epoch is over.
+#[test]
+fn without_a_program_nothing_is_kept() {
+    let mut rig = Rig::new(Clock::LockStep);
+    rig.controller.deselect();
+    rig.open();
+    rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert!(rig.flag(7) && rig.wires.changes().is_empty());
+    assert_eq!(rig.causes(), [StopCause::Deselected; 2]);
+}
+
+/// 400 ms without the submit interpreter: the robot program stops by itself, and leaves the panel.
+#[test]
+fn a_dead_submit_interpreter_stops_the_arm() {
+    let mut rig = sanding(Clock::Free);
+    let from_ms = rig.controller.time_ms();
+    rig.controller.inject(Fault::Stall { for_ms: Some(2_000) });
+    rig.controller.advance_ms(1_500);
+    let stop = rig.controller.stops()[0].clone();
+    assert_eq!((stop.cause, stop.contact), (StopCause::SubmitDead, true));
+    assert!(stop.time_ms <= from_ms + 412, "{stop:?}");
+    assert!((rig.tool_tip().mm.z - (BASE_MM[2] + 50.0)).abs() < 1e-6 && !rig.tool_on());
+}
+
+/// The tool runs in the air and nothing is queued: 400 ms of silence switch it off all the same. A client that sends
+/// commands and asks nothing keeps it for 3 s.
+#[test]
+fn a_running_tool_is_watched_like_a_motion() {
+    let mut rig = Rig::ready(Clock::Free);
+    rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
+    rig.beat();
+    assert!(rig.tool_on());
+    rig.controller.advance_ms(420);
+    assert_eq!((rig.causes(), rig.tool_on()), (vec![StopCause::Watchdog], false));
+    let mut rig = Rig::ready(Clock::Free);
+    rig.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0; 2], [0.0; 6]);
+    for _ in 0..28 {
+        rig.command(6, [1, 1], [0.0; 2], [0.0; 6]);
+        rig.controller.advance_ms(100);
+    }
+    assert_eq!(rig.causes(), []);
+    rig.controller.advance_ms(300);
+    assert_eq!(rig.causes(), [StopCause::LinkLost], "a client that asks nothing for 3 s is none");
 }
 
 /// What was executed is told once each, in order, up to the stop and in braking, and Done says the same.

@@ -61,8 +61,13 @@ fn what_cannot_be_executed_is_refused_where_it_is_queued() {
     let input = Command::SetDigin(Signal { number: 3, on: true });
     let read_only = QueueError::Command(CommandError::InputReadOnly { number: 3 });
     assert_eq!(cell.session.queue(input), Err(read_only));
-    // Nothing of the three was queued: the next id follows on base, tool and speed.
+    let mapped_inputs = MappedInputs::new([3]).expect("one");
+    cell.session.limits = LinkLimits { mapped_inputs, ..LinkLimits::default() };
+    let unmapped = Command::SetDigin(Signal { number: 4, on: true });
+    assert!(matches!(cell.session.queue(unmapped), Err(QueueError::Command(_))));
+    // Nothing of all that was queued: the next id follows on base, tool and speed.
     assert_eq!(cell.session.queue_path(&path(1, 2.0)), Ok(CommandId(4)));
+    assert_eq!(cell.session.queue(input), Ok(CommandId(5)));
     assert_eq!(cell.session.open_epoch(), Err(QueueError::NotStanding));
     let mut offline = Session::new(wire(), LinkLimits::default(), Pace::Wall);
     assert_eq!(offline.queue(speed(0.1)), Err(QueueError::NotConnected));

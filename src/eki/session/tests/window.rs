@@ -83,3 +83,23 @@ fn bytes_not_yet_received_are_bounded() {
     cell.session.push_state_bytes(&std::mem::take(&mut cell.controller.state_bytes), now);
     assert_eq!(first.len() + send(&mut cell.session).len(), 50);
 }
+
+/// 10 mm at 100 mm/s are 0.1 s: up to 0.7 s are borne, more is told. In the air once, in contact it ends the epoch.
+#[test]
+fn a_robot_far_behind_its_plan_is_told_and_not_left_in_contact() {
+    for (ms, contact, told) in [(650, true, 0), (800, true, 1), (800, false, 1)] {
+        let mut cell = Cell::ready();
+        cell.pass(200);
+        cell.controller.ms_per_command = ms;
+        let points = path(12, 10.0).into_iter().map(|point| MoveLin { contact, ..point });
+        cell.session.queue_path(&points.collect::<Vec<_>>()).expect("a good path");
+        cell.pass(6_000);
+        let slow: Vec<&Report> = cell.reports.iter().filter(|it| matches!(it, Report::Slow { .. })).collect();
+        assert_eq!(slow.len(), told, "{ms} ms, {slow:?}");
+        if let Some(Report::Slow { contact: found, waited, .. }) = slow.first() {
+            let waited_ms = waited.as_millis();
+            assert!(*found == contact && (701..=801).contains(&waited_ms), "{waited_ms} ms");
+        }
+        assert_eq!(cell.session.epoch().is_none(), contact && told == 1, "{ms} ms");
+    }
+}

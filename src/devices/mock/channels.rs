@@ -1,0 +1,207 @@
+//! The two channels: who is connected, what came, what is to go, which flags that sets.
+
+use super::channel_file::{ChannelFile, Environment};
+use super::error::EkiFault;
+use super::memory::{Memory, Raised};
+use super::model::Controller;
+use super::setup::Clock;
+use super::submit::REOPEN_MS;
+use super::wire::Channel;
+
+/// One channel: what came, what is to go.
+#[derive(Debug)]
+pub(super) struct Link {
+    pub(super) memory: Memory,
+    pub(super) out: Vec<u8>,
+    pub(super) connected: bool,
+    pub(super) fault: Option<EkiFault>,
+    /// The program opens the channel again at this time.
+    pub(super) listens_at_ms: u64,
+    pub(super) environment: Environment,
+    /// $FLAG and $OUT that are true while connected.
+    alive: (Option<u16>, Option<u16>),
+    /// Flags and outputs that its elements set.
+    raises: Vec<Raised>,
+}
+
+impl Link {
+    pub(super) fn new(memory: Memory, file: &ChannelFile) -> Self {
+        let flags = file.received.iter().filter_map(|element| element.set_flag.map(Raised::Flag));
+        let outputs = file.received.iter().filter_map(|element| element.set_out.map(Raised::Output));
+        Link {
+            memory,
+            out: Vec::new(),
+            connected: false,
+            fault: None,
+            listens_at_ms: 0,
+            environment: file.environment,
+            alive: file.alive,
+            raises: flags.chain(outputs).collect(),
+        }
+    }
+}
+
+impl Controller {
+    /// A client wants to connect: the channel is opened afresh. False where it has a client already, or does not listen.
+    pub fn connect(&mut self, channel: Channel) -> bool {
+        let (now_ms, unplugged) = (self.now_ms, self.troubles.unplugged());
+        let link = self.link(channel);
+        if link.connected || unplugged || now_ms < link.listens_at_ms {
+            return false;
+        }
+        link.memory.clear();
+        link.out.clear();
+        (link.connected, link.fault) = (true, None);
+        if channel == Channel::Command {
+            self.answers.forget_ack();
+        }
+        (self.last_frame_ms, self.last_request_ms) = (now_ms, now_ms);
+        self.awaits_commands = true;
+        self.show_alive(channel);
+        true
+    }
+
+    /// The client is gone, or the controller closed the channel. What is queued is not executed; the program clears and
+    /// opens the channel again.
+    pub fn disconnect(&mut self, channel: Channel) {
+        if self.troubles.unplugged() {
+            self.troubles.hung_up[channel as usize] = true;
+            return;
+        }
+        self.drop_client(channel, EkiFault::Disrupted);
+    }
+
+    /// The program closes the channel, whatever the cable does.
+    pub(super) fn drop_client(&mut self, channel: Channel, fault: EkiFault) {
+        let reopens_ms = if self.setup.clock == Clock::Free { self.now_ms + REOPEN_MS } else { self.now_ms };
+        let link = self.link(channel);
+        if !link.connected {
+            return;
+        }
+        (link.connected, link.listens_at_ms) = (false, reopens_ms);
+        link.fault = Some(fault);
+        link.out.clear();
+        self.show_alive(channel);
+        self.awaits_commands &= channel != Channel::Command;
+        self.link_lost();
+        self.serve_in_lock_step();
+    }
+
+    /// Bytes that arrived on the command channel.
+    pub fn command_bytes(&mut self, bytes: &[u8]) {
+        let Some(documents) = self.receive(Channel::Command, bytes) else { return };
+        if documents > 0 {
+            match self.command_places.newest_order(&self.commands.memory) {
+                Some(newest) => self.arrived = self.arrived.max(newest),
+                None => self.awaits_commands = false,
+            }
+            self.count_arrived(u64::from(documents));
+            self.serve_in_lock_step();
+        }
+    }
+
+    /// Bytes that arrived on the state channel.
+    pub fn state_bytes(&mut self, bytes: &[u8]) {
+        if self.receive(Channel::State, bytes).is_some_and(|documents| documents > 0) {
+            self.serve_in_lock_step();
+        }
+    }
+
+    /// How many documents these bytes completed; `None` where the channel is or was closed.
+    fn receive(&mut self, channel: Channel, bytes: &[u8]) -> Option<u32> {
+        if self.troubles.unplugged() {
+            self.troubles.behind_cable[channel as usize].extend_from_slice(bytes);
+            return None;
+        }
+        let link = self.link(channel);
+        if !link.connected {
+            return None;
+        }
+        let received = link.memory.receive(bytes);
+        let raised = link.memory.take_raised();
+        raised.iter().for_each(|&raised| self.raise(raised, true));
+        match received {
+            Ok(documents) => Some(documents),
+            Err(fault) => {
+                self.close(channel, fault);
+                None
+            }
+        }
+    }
+
+    fn raise(&mut self, raised: Raised, value: bool) {
+        match raised {
+            Raised::Flag(number) => drop(self.flags.insert(number, value)),
+            Raised::Output(number) => self.set_output(number, value),
+        }
+    }
+
+    /// Before the program drains a channel's memories, so that no edge is lost.
+    pub(super) fn reset_flags(&mut self, channel: Channel) {
+        for index in 0..self.link(channel).raises.len() {
+            let raised = self.link(channel).raises[index];
+            self.raise(raised, false);
+        }
+    }
+
+    fn show_alive(&mut self, channel: Channel) {
+        let Link { connected, alive: (flag, output), .. } = *self.link(channel);
+        flag.map(Raised::Flag).into_iter().for_each(|flag| self.raise(flag, connected));
+        output.map(Raised::Output).into_iter().for_each(|output| self.raise(output, connected));
+    }
+
+    /// The controller closes a channel: see [`Controller::fault`].
+    pub(super) fn close(&mut self, channel: Channel, fault: EkiFault) {
+        self.drop_client(channel, fault);
+    }
+
+    /// Why this channel was last closed; `None` while it is open, or never was.
+    pub fn fault(&self, channel: Channel) -> Option<EkiFault> {
+        match channel {
+            Channel::Command => self.commands.fault,
+            Channel::State => self.states.fault,
+        }
+    }
+
+    /// Whether a client is connected.
+    pub fn is_connected(&self, channel: Channel) -> bool {
+        match channel {
+            Channel::Command => self.commands.connected,
+            Channel::State => self.states.connected,
+        }
+    }
+
+    /// What is to be sent on this channel, taken away.
+    pub fn take_output(&mut self, channel: Channel) -> Vec<u8> {
+        if self.troubles.unplugged() {
+            return Vec::new();
+        }
+        std::mem::take(&mut self.link(channel).out)
+    }
+
+    pub(super) fn link(&mut self, channel: Channel) -> &mut Link {
+        match channel {
+            Channel::Command => &mut self.commands,
+            Channel::State => &mut self.states,
+        }
+    }
+
+    fn serve_in_lock_step(&mut self) {
+        // What arrives in a granted time waits for its end.
+        if self.setup.clock == Clock::LockStep && self.read_up_to.is_none() {
+            self.serve_requests();
+        }
+    }
+
+    pub(super) fn lives_with_program(&mut self, channel: Channel) -> bool {
+        self.link(channel).environment == Environment::Program
+    }
+
+    /// Bytes that are no document, on this channel.
+    pub(super) fn write_garbage(&mut self, channel: Channel) {
+        let link = self.link(channel);
+        if link.connected {
+            link.out.extend_from_slice(b"<St T=\"<!\"");
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! What can be seen of a controller from outside: by tests, cameras, servers.
+
+use super::log::{Executed, Sample, Stop};
+use super::model::Controller;
+use super::setup::Clock;
+use crate::geometry::{Base, Flange, Joints, Rigid};
+use std::collections::BTreeMap;
+
+impl Controller {
+    /// How late bytes arrive, whether they come in pieces, and the seed of both.
+    pub(super) fn wire_faults(&self) -> (Option<(u64, u64)>, bool, u64) {
+        let faults = &self.setup.faults;
+        (faults.delay_ms, faults.fragment, faults.seed)
+    }
+
+    /// What makes its time pass.
+    pub fn clock(&self) -> Clock {
+        self.setup.clock
+    }
+
+    /// ms since the start.
+    pub fn time_ms(&self) -> u64 {
+        self.now_ms
+    }
+
+    /// Where the axes stand.
+    pub fn joints(&self) -> Joints {
+        self.mover.joints()
+    }
+
+    /// Where the flange is.
+    pub fn flange_pose(&self) -> Rigid<Base, Flange> {
+        self.mover.base_from_flange()
+    }
+
+    /// Whether the arm moves, or has something planned.
+    pub fn is_moving(&self) -> bool {
+        !self.mover.stands() || self.contact.wants_retract()
+    }
+
+    /// Every `$OUT` that was ever set.
+    pub fn outputs(&self) -> &BTreeMap<u16, bool> {
+        &self.outputs
+    }
+
+    /// Whether mode, keys, drives, guard and program let the arm move.
+    pub fn can_move(&self) -> bool {
+        self.safety.motion_possible()
+    }
+
+    /// Every `$FLAG` that was ever set.
+    pub fn flags(&self) -> &BTreeMap<u16, bool> {
+        &self.flags
+    }
+
+    /// The last command received in the present epoch, and the last executed.
+    pub fn counts(&self) -> (i32, i32) {
+        (self.epoch.received, self.epoch.done)
+    }
+
+    /// The present epoch.
+    pub fn epoch(&self) -> i32 {
+        self.epoch.number
+    }
+
+    /// Whether the program has stopped the epoch.
+    pub fn is_stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// How often the next point was missing.
+    pub fn underruns(&self) -> i32 {
+        self.underruns
+    }
+
+    /// How many commands of ended epochs arrived and were dropped.
+    pub fn stale_commands(&self) -> u64 {
+        self.stale
+    }
+
+    /// Every motion that was executed, in order.
+    pub fn executed(&self) -> &[Executed] {
+        &self.executed
+    }
+
+    /// The tool at each tick of every contact.
+    pub fn trace(&self) -> &[Sample] {
+        &self.trace
+    }
+
+    /// Every stop by the program.
+    pub fn stops(&self) -> &[Stop] {
+        &self.stops
+    }
+}

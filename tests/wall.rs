@@ -1,0 +1,107 @@
+//! The service by the wall clock: `panelprep run` and `panelprep mock-robot` as two programs, with sockets between them.
+
+use super::service::{START, Service, taught};
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::{Arc, Mutex};
+
+/// Of the sixteen that a controller's firewall leaves open; no other test has them.
+const PORTS: [u16; 2] = [54_614, 54_615];
+
+/// A stand-alone controller and what it has told; killed when the test ends.
+struct Mock {
+    child: Child,
+    told: Arc<Mutex<Vec<String>>>,
+}
+
+impl Drop for Mock {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+impl Mock {
+    fn start(folder: &Path) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args("mock-robot --config . --cell cell/cell.toml".split_whitespace())
+            .current_dir(folder)
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("the program starts");
+        let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
+        assert!(lines.next().is_some_and(|first| first.contains(&PORTS[0].to_string())), "it listens");
+        let told = Arc::new(Mutex::new(Vec::new()));
+        let keeps = told.clone();
+        std::thread::spawn(move || lines.for_each(|line| keeps.lock().expect("whole").push(line)));
+        Mock { child, told }
+    }
+
+    /// How many lines have this word.
+    fn told(&self, word: &str) -> usize {
+        self.told.lock().expect("whole").iter().filter(|line| line.contains(word)).count()
+    }
+}
+
+/// A taught cell whose robot is at the other end of two sockets and whose cameras play a folder.
+fn over_sockets(folder: &Path) {
+    for (file, shipped) in [
+        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml")),
+        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml")),
+    ] {
+        let text = shipped.replace("<PORT>54600<", &format!("<PORT>{}<", PORTS[0]));
+        std::fs::write(folder.join(file), text.replace("<PORT>54601<", &format!("<PORT>{}<", PORTS[1])))
+            .expect("written");
+    }
+    let cell = folder.join("cell");
+    std::fs::create_dir(cell.join("corners")).expect("a folder");
+    for (from, to) in
+        [("scan.pcd", "clip/scan.pcd"), ("corner.png", "corners/1.png"), ("flange.json", "corners/1.json")]
+    {
+        std::fs::copy(cell.join(from), cell.join(to)).expect("copied");
+    }
+    let text = std::fs::read_to_string(cell.join("cell.toml")).expect("the cell");
+    let [command, state] = PORTS;
+    let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\ncommand_port = {command}\nstate_port = {state}\n");
+    let text = text
+        .replace("kind = \"mock\"\n", &robot)
+        .replace("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"recorded\"\nfolder = \"clip\"")
+        .replace("[flange_camera]\nkind = \"simulated\"", "[flange_camera]\nkind = \"recorded\"\nfolder = \"corners\"");
+    assert!(!text.contains("simulated\""), "{text}");
+    std::fs::write(cell.join("cell.toml"), text).expect("written");
+}
+
+/// A stop on the way, a controller that goes away on the way, and the way back from there; each ends where it must, and
+/// nothing moves that was not asked for.
+#[test]
+fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    over_sockets(folder);
+    let mock = Mock::start(folder);
+    let service = Service::start(folder);
+    service.reset();
+    service.done(START);
+    service.wait("the arm parks", |_| mock.told("executed") >= 2);
+    service.done("stop");
+    service.reach("stopped");
+    let executed = mock.told("executed");
+    std::thread::sleep(std::time::Duration::from_millis(1_500));
+    assert_eq!(mock.told("executed"), executed, "it stands: {:?}", mock.told.lock());
+
+    service.reset();
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    drop(mock);
+    service.reach("aborted");
+    let reasons = service.done("state")["reasons"].to_string();
+    assert!(reasons.contains("controller"), "{reasons}");
+
+    let mock = Mock::start(folder);
+    service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+    service.reach("stopped");
+    assert_eq!(mock.told("executed"), 0, "nothing moves because the link is back");
+    service.signal(rustix::process::Signal::TERM);
+    assert_eq!(service.ended().code(), Some(0));
+}
