@@ -1,14 +1,14 @@
 //! Whether the arm reaches the panel where it stands: a plan as a whole, and, before the panel is wetted, every grid.
 //!
 //! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most room;
-//! one that leaves enough is taken as it comes. A refusal names the grid, the waypoint, the axis and how far it is off, and a
+//! one that leaves enough is taken as it comes. Only the [`turned`] plan is the one that was followed. A refusal names the grid, the waypoint, the axis and how far it is off, and a
 //! shift of the panel that would help.
 
 use super::dwell::foot;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
 use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
-use crate::geometry::{Base, Degrees, Flange, Panel, Point, Rigid, Tool, Vector};
+use crate::geometry::{Base, Degrees, Flange, KukaPose, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
@@ -101,8 +101,7 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
 
 /// The plan as the arm would be told, its tool turned about its own axis.
 pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), Degrees(spin_deg).rad());
-    let spin: Rigid<Tool, Tool> = Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn));
+    let spin = about_own_axis(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let leg = |waypoint: &super::plan::Waypoint| Leg {
         base_from_tool: stand.base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>() * spin,
@@ -110,6 +109,20 @@ pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
         blend_mm: waypoint.blend_mm,
     };
     waypoints.map(leg).collect()
+}
+
+/// The plan with its tool turned about its own axis, as [`Reached::spin`] asks.
+pub fn turned(plan: &Plan, spin: Degrees) -> Plan {
+    let mut plan = plan.clone();
+    for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
+        waypoint.pose = KukaPose::from_rigid(&(waypoint.pose.to_rigid::<Panel, Tool>() * about_own_axis(spin)));
+    }
+    plan
+}
+
+fn about_own_axis(spin: Degrees) -> Rigid<Tool, Tool> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), spin.rad());
+    Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn))
 }
 
 /// One grid's reach.
