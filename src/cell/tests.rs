@@ -123,7 +123,11 @@ fn each_mistake_is_named() {
             "[io.feedbacks]\nflow = 1026",
             "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
         ),
-        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks"),
+        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs"),
+        (
+            "[io]\nfeedbacks = { flow = 4 }\nmapped_inputs = { start = 33, flow = 4 }",
+            "3: io.mapped_inputs.flow: found 4, which is a feedback's; a feedback is read and never set",
+        ),
         (
             "[limits]\nheartbeat_s = 0.1",
             "2: limits.heartbeat_s: unknown key; this time is in ms: write heartbeat_ms",

@@ -182,9 +182,13 @@ impl Node {
         // Writing to a string cannot fail.
         let _ = write!(text, "<{}", self.name);
         for (name, field) in &self.attributes {
+            let value = values[*field];
+            // The same digits, but exact decimals of a float take ten times as long.
+            let is_plain = value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
             let _ = match fields[*field].whole {
-                true => write!(text, " {name}=\"{:.0}\"", values[*field]),
-                false => write!(text, " {name}=\"{:.6}\"", values[*field]),
+                true => write!(text, " {name}=\"{}\"", value as i64),
+                false if is_plain => write!(text, " {name}=\"{}.000000\"", value as i64),
+                false => write!(text, " {name}=\"{value:.6}\""),
             };
         }
         text.push('>');

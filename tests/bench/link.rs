@@ -13,7 +13,7 @@ mod link {
 use cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
 use link::peer::Peer;
 use loopback::served;
-use panelprep::devices::mock::{self, Clock, FaultSpec, MockServer, Ports, Setup};
+use panelprep::devices::mock::Clock;
 use panelprep::devices::robot::{Address, BlockingLink};
 use panelprep::eki::{Command, LinkLimits, MoveLin, Pace, Report, Signal};
 use std::process::ExitCode;
@@ -60,7 +60,7 @@ fn virtual_rate() -> bool {
     let mut cell = Cell::new(setup(Clock::Free), LinkLimits::default(), 1);
     cell.delay_ms = (0, 0);
     cell.open(0.1);
-    let started = Instant::now();
+    let (started, began_s) = (Instant::now(), processor_s());
     for index in 0..COMMANDS {
         cell.session.queue(output(index)).expect("good");
         if index % 400 == 399 {
@@ -70,10 +70,23 @@ fn virtual_rate() -> bool {
     while cell.controller.counts().1 < COMMANDS as i32 + 3 {
         cell.run(12, &mut Blind);
     }
-    let rate = COMMANDS as f64 / started.elapsed().as_secs_f64();
+    let elapsed_s = started.elapsed().as_secs_f64();
+    // On a machine that others use, too, a core is what this thread had of it.
+    let core_s = processor_s().zip(began_s).map_or(elapsed_s, |(now_s, began_s)| now_s - began_s);
+    let rate = COMMANDS as f64 / core_s;
     let reached = rate >= VIRTUAL_COMMANDS_S;
-    println!("virtual time, one core: {rate:.0} commands/s (target {VIRTUAL_COMMANDS_S:.0}) {}", verdict(reached));
+    println!(
+        "virtual time: {rate:.0} commands/s and core (target {VIRTUAL_COMMANDS_S:.0}), in {core_s:.1} s of a core and {elapsed_s:.1} s \
+         by the clock {}",
+        verdict(reached)
+    );
     reached
+}
+
+/// What this thread has had of a processor, as Linux counts it, s.
+fn processor_s() -> Option<f64> {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    Some(text.split_whitespace().next()?.parse::<f64>().ok()? / 1e9)
 }
 
 fn wait(link: &mut BlockingLink, found: impl Fn(&Report) -> bool) {

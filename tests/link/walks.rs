@@ -230,7 +230,8 @@ impl Walk {
                 return Ok(());
             }
         }
-        Err(format!("not back {RECOVERY_MS} ms after everything was mended"))
+        let last = self.cell.controller.stops().last();
+        Err(format!("not back {RECOVERY_MS} ms after everything was mended: {last:?}"))
     }
 }
 

@@ -93,6 +93,8 @@ impl Reading<'_> {
         let frame =
             self.elements.iter().position(|element| element.kind == Some(Kind::Frame) && own(element, None));
         let mut numbers = [None; 6];
+        // A client writes its attributes in the file's order: the next one is looked for behind the last.
+        let mut next = 0;
         for attribute in node.attributes() {
             let attribute = attribute.map_err(|_| EkiFault::Malformed)?;
             let value = attribute.normalized_value(XmlVersion::Implicit1_0).map_err(|_| EkiFault::Malformed)?;
@@ -101,9 +103,11 @@ impl Reading<'_> {
             if let (Some(place), true) = (place, frame.is_some()) {
                 numbers[place] = Some(real(&value)?);
             }
-            for (index, element) in self.elements.iter().enumerate().filter(|(_, element)| own(element, Some(name)))
-            {
-                self.arrived.push(Arrival { element: index, value: scalar(element.kind, &value)? });
+            let (before, behind) = self.elements.split_at(next);
+            let found = behind.iter().chain(before).position(|element| own(element, Some(name)));
+            if let Some(found) = found.map(|found| (found + next) % self.elements.len()) {
+                self.arrived.push(Arrival { element: found, value: scalar(self.elements[found].kind, &value)? });
+                next = found + 1;
             }
         }
         if let Some(element) = frame {
@@ -237,11 +241,22 @@ fn write_value(out: &mut Vec<u8>, value: &Value) {
     // Writing into memory cannot fail.
     let _ = match value {
         Value::Int(number) => write!(out, "{number}"),
-        Value::Real(number) => write!(out, "{number:.6}"),
+        Value::Real(number) => write_real(out, *number),
         Value::Bool(value) => write!(out, "{}", i32::from(*value)),
         Value::Text(text) => escape(out, text),
         Value::Unset | Value::Frame(_) => Ok(()),
     };
+}
+
+/// `%f`. Below 10⁶ a 32-bit float times 10⁶ is exact in 64 bits, and its rounding to even is `%f`'s own.
+fn write_real(out: &mut Vec<u8>, number: f32) -> std::io::Result<()> {
+    if number.abs() < 1e6 {
+        let millionths = (f64::from(number) * 1e6).round_ties_even().abs() as u64;
+        let sign = if number.is_sign_negative() { "-" } else { "" };
+        write!(out, "{sign}{}.{:06}", millionths / 1_000_000, millionths % 1_000_000)
+    } else {
+        write!(out, "{number:.6}")
+    }
 }
 
 fn escape(out: &mut Vec<u8>, text: &str) -> std::io::Result<()> {
@@ -259,6 +274,7 @@ fn escape(out: &mut Vec<u8>, text: &str) -> std::io::Result<()> {
 mod tests {
     use super::super::channel_file::ChannelFile;
     use super::*;
+    use proptest::prelude::*;
 
     fn commands() -> ChannelFile {
         ChannelFile::parse(include_str!("../../../config/kuka/CELLCMD.xml")).expect("read")
@@ -332,6 +348,34 @@ mod tests {
             "<Cmd></Cme>",
         ] {
             assert_eq!(decode(&commands().received, wrong.as_bytes()), Err(EkiFault::Malformed), "{wrong}");
+        }
+    }
+
+    fn written(number: f32) -> String {
+        let mut out = Vec::new();
+        write_real(&mut out, number).expect("memory");
+        String::from_utf8(out).expect("text")
+    }
+
+    /// 1/128 is 0.0078125, a tie: `%f` goes to the even digit.
+    #[test]
+    fn numbers_are_percent_f() {
+        for (number, text) in [
+            (0.007_812_5, "0.007812"),
+            (-0.0, "-0.000000"),
+            (999_999.94, "999999.937500"),
+            (1e6, "1000000.000000"),
+            (f32::MAX, "340282346638528859811704183484516925440.000000"),
+        ] {
+            assert_eq!(written(number), text);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn they_are_the_exact_decimals(bits in any::<u32>()) {
+            let number = f32::from_bits(bits);
+            prop_assert_eq!(written(number), format!("{number:.6}"));
         }
     }
 

@@ -9,6 +9,8 @@ use super::error::EkiFault;
 #[derive(Debug)]
 pub(super) struct Framer {
     buffer: Vec<u8>,
+    /// Where the document at hand begins in `buffer`; what stands before was handed over.
+    start: usize,
     /// Bytes of `buffer` that were looked at.
     seen: usize,
     place: Place,
@@ -30,17 +32,38 @@ enum Place {
 
 impl Framer {
     pub(super) fn new(limit_bytes: usize) -> Self {
-        Framer { buffer: Vec::new(), seen: 0, place: Place::Between, depth: 0, tag_start: 0, limit_bytes }
+        let (start, seen, depth, tag_start) = (0, 0, 0, 0);
+        Framer { buffer: Vec::new(), start, seen, place: Place::Between, depth, tag_start, limit_bytes }
     }
 
     pub(super) fn push(&mut self, bytes: &[u8]) {
+        self.buffer.drain(..self.start);
+        self.seen -= self.start;
+        self.tag_start = self.tag_start.saturating_sub(self.start);
+        self.start = 0;
         self.buffer.extend_from_slice(bytes);
+    }
+
+    /// Passes over what means nothing where it stands.
+    fn skip(&mut self) {
+        let rest = &self.buffer[self.seen..];
+        let plain = match self.place {
+            Place::Text => rest.iter().position(|&byte| byte == b'<'),
+            Place::Quoted(quote) => rest.iter().position(|&byte| byte == quote),
+            Place::Tag if self.seen > self.tag_start => {
+                rest.iter().position(|byte| matches!(byte, b'"' | b'\'' | b'>'))
+            }
+            Place::Tag | Place::Between | Place::Prolog => Some(0),
+        };
+        self.seen += plain.unwrap_or(rest.len());
     }
 
     /// The next whole document, if there is one.
     pub(super) fn next(&mut self) -> Result<Option<Vec<u8>>, EkiFault> {
-        while let Some(&byte) = self.buffer.get(self.seen) {
+        loop {
+            self.skip();
             let at = self.seen;
+            let Some(&byte) = self.buffer.get(at) else { break };
             self.seen += 1;
             match self.place {
                 Place::Between => self.between(byte, at)?,
@@ -58,14 +81,13 @@ impl Framer {
                 Place::Text | Place::Tag | Place::Quoted(_) | Place::Prolog => {}
             }
         }
-        if self.buffer.len() > self.limit_bytes { Err(EkiFault::TooLong) } else { Ok(None) }
+        if self.buffer.len() - self.start > self.limit_bytes { Err(EkiFault::TooLong) } else { Ok(None) }
     }
 
     fn between(&mut self, byte: u8, at: usize) -> Result<(), EkiFault> {
         match byte {
             b'<' => {
-                self.buffer.drain(..at);
-                self.seen = 1;
+                self.start = at;
                 self.open_tag();
                 Ok(())
             }
@@ -97,9 +119,9 @@ impl Framer {
     }
 
     fn cut(&mut self) -> Vec<u8> {
-        let rest = self.buffer.split_off(self.seen);
-        self.seen = 0;
-        std::mem::replace(&mut self.buffer, rest)
+        let document = self.buffer[self.start..self.seen].to_vec();
+        self.start = self.seen;
+        document
     }
 }
 
