@@ -3,6 +3,7 @@
 use panelprep::check::{check_file, check_files};
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 /// Every file that ships is read without a problem, and as what it is.
 #[test]
@@ -32,5 +33,23 @@ fn the_channel_files_that_ship_are_right() {
     let texts = ["CELLCMD.xml", "CELLSTAT.xml"].map(|name| fs::read_to_string(folder.join(name)).expect("it"));
     for report in check_files(&[("CELLCMD.xml", &texts[0]), ("CELLSTAT.xml", &texts[1])]) {
         assert_eq!((report.kind, report.problems, report.warnings), (Some("EthernetKRL"), vec![], vec![]));
+    }
+}
+
+/// The unit lets through what the program itself calls beyond its groups (nice, for the link and for computing), and is
+/// hardened as far as it says: 2.0 at most where systemd is here to judge it.
+#[test]
+fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
+    let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/panelprep.service");
+    let text = fs::read_to_string(&unit).expect("it is there");
+    let at = |line: &str| text.lines().position(|found| found == line).unwrap_or_else(|| panic!("no {line}"));
+    assert!(at("SystemCallFilter=setpriority") > at("SystemCallFilter=~@privileged @resources"));
+    at("SystemCallErrorNumber=EPERM");
+    at("LimitNICE=-10");
+    let mut judge = Command::new("systemd-analyze");
+    judge.args(["security", "--offline=true", "--threshold=20", "--no-pager"]).arg(unit);
+    match judge.output() {
+        Ok(judged) => assert!(judged.status.success(), "{}", String::from_utf8_lossy(&judged.stdout)),
+        Err(error) => eprintln!("systemd-analyze is not here: {error}"),
     }
 }

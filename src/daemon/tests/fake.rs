@@ -194,7 +194,11 @@ impl Cell {
             robot: &mut FakeRobot(self.world.clone()),
             eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
             readable: Box::new(move || readable.clone()),
-            keep: Box::new(|_| Ok(String::new())),
+            keep: Box::new(|_| {
+                // Never on the loop, whose deadlines and watchdog would wait for it.
+                assert_eq!(std::thread::current().name(), Some("computing"));
+                Ok(String::new())
+            }),
             record: &mut record,
             requests: asks,
         };

@@ -80,6 +80,8 @@ pub struct ChannelFile {
     /// The port that the controller listens on.
     pub(super) port: u16,
     pub(super) environment: Environment,
+    /// How long an opened channel waits for a client; `None` for ever.
+    pub(super) listens_for_ms: Option<u64>,
     /// $FLAG and $OUT that are true while a client is connected.
     pub(super) alive: (Option<u16>, Option<u16>),
     pub(super) received: Vec<Element>,
@@ -104,6 +106,7 @@ impl ChannelFile {
             limit_bytes: 16_384,
             port: 54_600,
             environment: Environment::Program,
+            listens_for_ms: None,
             alive: (None, None),
             received: Vec::new(),
             sent: Vec::new(),
@@ -146,6 +149,7 @@ impl ChannelFile {
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFSIZE"] => {
                 self.limit_bytes = count(node, "Limit")?.unwrap_or(self.limit_bytes);
             }
+            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "TIMEOUT"] => self.listens_for_ms = count(node, "Connect")?,
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "ALIVE"] => {
                 self.alive = (count(node, "Set_Flag")?, count(node, "Set_Out")?);
             }

@@ -18,6 +18,7 @@ pub(super) struct Link {
     /// The program opens the channel again at this time.
     pub(super) listens_at_ms: u64,
     pub(super) environment: Environment,
+    listens_for_ms: Option<u64>,
     /// $FLAG and $OUT that are true while connected.
     alive: (Option<u16>, Option<u16>),
     /// Flags and outputs that its elements set.
@@ -35,6 +36,7 @@ impl Link {
             fault: None,
             listens_at_ms: 0,
             environment: file.environment,
+            listens_for_ms: file.listens_for_ms,
             alive: file.alive,
             raises: flags.chain(outputs).collect(),
         }
@@ -47,6 +49,10 @@ impl Controller {
         let (now_ms, unplugged) = (self.now_ms, self.troubles.unplugged());
         let link = self.link(channel);
         if link.connected || unplugged || now_ms < link.listens_at_ms {
+            return false;
+        }
+        if link.listens_for_ms.is_some_and(|ms| now_ms - link.listens_at_ms > ms) {
+            link.fault = Some(EkiFault::TimeLimit);
             return false;
         }
         link.memory.clear();

@@ -32,6 +32,9 @@ pub enum EkiFault {
     /// A text that no KRL string holds.
     #[error("1536: string too long")]
     TextTooLong,
+    /// Nobody came within TIMEOUT: the channel no longer listens, until the program opens it again.
+    #[error("2048: server time limit reached")]
+    TimeLimit,
     /// The program could not read what it needs, and closed the channel itself.
     #[error("the program closed the channel: {0}")]
     Unread(EkiError),

@@ -12,7 +12,7 @@
 //!   wrong, and when), `log` and `view` (what happened, what is), `server` (TCP) with `late` (slow ways)
 //!
 //! As the programs do it, a `move_j` stops exactly: approximated PTP is refused. Not modelled: RAW channels and UDP,
-//! which a cell's files may have and this link has not.
+//! which a cell's files may have and this link has not; error 23, since the programs open a channel in one place.
 
 mod answer;
 mod channel_file;

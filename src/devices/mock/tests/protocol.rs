@@ -211,6 +211,22 @@ fn outputs_reach_the_world_and_inputs_come_back() {
     assert_eq!(rig.wires.changes(), [(5, true, 108)]);
 }
 
+/// TIMEOUT in server mode: who comes later than that finds nobody, and nothing opens the channel again.
+#[test]
+fn a_channel_with_a_timeout_does_not_listen_for_ever() {
+    let with = include_str!("../../../../config/kuka/CELLSTAT.xml")
+        .replace("<ALIVE", "<TIMEOUT Connect=\"2000\"/><ALIVE");
+    let states = ChannelFile::parse(&with).expect("read");
+    let mut controller =
+        Controller::new(Setup { states, ..setup(Clock::Free) }, Box::new(Unwired)).expect("started");
+    controller.advance_ms(1_992);
+    assert!(controller.connect(Channel::State));
+    controller.disconnect(Channel::State);
+    controller.advance_ms(2_100);
+    assert!(!controller.connect(Channel::State));
+    assert_eq!(controller.fault(Channel::State), Some(EkiFault::TimeLimit));
+}
+
 /// Input 12 stands for flag 870, which the cell's own programs ask for; `In` stays what $IN is.
 #[test]
 fn a_mapped_input_sets_its_flag() {
