@@ -67,7 +67,10 @@ fn over_sockets(folder: &Path) {
     let text = text
         .replace("kind = \"mock\"\n", &robot)
         .replace("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"recorded\"\nfolder = \"clip\"")
-        .replace("[flange_camera]\nkind = \"simulated\"", "[flange_camera]\nkind = \"recorded\"\nfolder = \"corners\"");
+        .replace(
+            "[flange_camera]\nkind = \"simulated\"",
+            "[flange_camera]\nkind = \"recorded\"\nfolder = \"corners\"",
+        );
     assert!(!text.contains("simulated\""), "{text}");
     std::fs::write(cell.join("cell.toml"), text).expect("written");
 }

@@ -44,7 +44,8 @@ mod tests;
 pub use cameras::Cameras;
 pub use desk::{Desk, Letter};
 pub use ports::{
-    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Record, RecordError, Requests, Robot, SightError,
+    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Record, RecordError, Requests, Robot,
+    SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
 pub use recording::{StoreRecord, keeper};

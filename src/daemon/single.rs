@@ -10,8 +10,7 @@ use super::routes;
 use super::wiring::{RINSE, reads};
 use crate::cell::{Cell, Feedback, InputsOutputs, Limits, Output};
 use crate::eki::{
-    Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp,
-    Signal, State, Time,
+    Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
 use crate::path::judge_joints;

@@ -27,7 +27,9 @@ mod fixture;
 
 pub use ack::{Ack, Refusal};
 pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol, Unknown};
-pub use command::{Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind};
+pub use command::{
+    Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
+};
 pub use framer::{FrameError, Framer, MAX_DOCUMENT_BYTES};
 pub use report::{Channel, EchoMismatch, LinkLoss, Report, SequenceError, StopCause};
 pub use schema::{DecodeError, SchemaError};

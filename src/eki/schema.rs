@@ -184,7 +184,8 @@ impl Node {
         for (name, field) in &self.attributes {
             let value = values[*field];
             // The same digits, but exact decimals of a float take ten times as long.
-            let is_plain = value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
+            let is_plain =
+                value.fract() == 0.0 && value.abs() < 1e15 && !(value == 0.0 && value.is_sign_negative());
             let _ = match fields[*field].whole {
                 true => write!(text, " {name}=\"{}\"", value as i64),
                 false if is_plain => write!(text, " {name}=\"{}.000000\"", value as i64),

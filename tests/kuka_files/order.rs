@@ -116,7 +116,10 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     // A stop of a program that is paused, or that must stand at once, resets it.
     has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=TRUE"]);
     // Outputs that nobody listed are refused; inputs only where they are mapped.
-    has("CELL_JUDGE_VALUES", &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"]);
+    has(
+        "CELL_JUDGE_VALUES",
+        &["RIGHT=CELL_MAPPED(CMD.N1) AND ((CMD.N2==0) OR (CMD.N2==1)) AND ((CMD.R1==0.0) OR (CMD.R1==1.0))"],
+    );
     has("CELL_JUDGE_VALUES", &["IF CELL_VIRTUAL(CMD.N1)==0 THEN", "RETURN CELL_E_READ_ONLY"]);
     // A move_j stops exactly.
     has("CELL_JUDGE_VALUES", &["RIGHT=(CMD.R1>=1.0) AND (CMD.R1<=100.0) AND (CMD.R2==0.0)"]);

@@ -149,7 +149,9 @@ impl ChannelFile {
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "BUFFSIZE"] => {
                 self.limit_bytes = count(node, "Limit")?.unwrap_or(self.limit_bytes);
             }
-            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "TIMEOUT"] => self.listens_for_ms = count(node, "Connect")?,
+            ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "TIMEOUT"] => {
+                self.listens_for_ms = count(node, "Connect")?
+            }
             ["ETHERNETKRL", "CONFIGURATION", "INTERNAL", "ALIVE"] => {
                 self.alive = (count(node, "Set_Flag")?, count(node, "Set_Out")?);
             }

@@ -241,7 +241,8 @@ impl Controller {
         let contact = self.contact.touches(self.mover.front());
         let at_once = cause.is_at_once() || self.safety.paused();
         // A retract ends an epoch; it is never made up for later, and only a program that runs makes it.
-        let may_retract = self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
+        let may_retract =
+            self.epoch.open && self.safety.has_program() && self.setup.left_out != Some(Rule::Retract);
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(Stop { time_ms, epoch, cause, contact, detail });

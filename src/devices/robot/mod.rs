@@ -25,8 +25,7 @@ pub use blocking::BlockingLink;
 use crate::cell;
 use crate::eki::{
     CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, LinkLoss, MappedInputs,
-    MoveLin, Pace,
-    QueueError, Report, SchemaError, Session, Wire,
+    MoveLin, Pace, QueueError, Report, SchemaError, Session, Wire,
 };
 use order::Order;
 use queue::ReportQueue;

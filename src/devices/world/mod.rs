@@ -173,7 +173,10 @@ impl SimulatedWorld {
             outputs: numbers(cell.io().outputs()),
             tool_output: cell.io().output(Output::Tool),
             // Which flags does not matter here: nothing in this world asks for them.
-            mapped_inputs: (860..).zip(cell.io().mapped_inputs().values()).map(|(flag, input)| (*input, flag)).collect(),
+            mapped_inputs: (860..)
+                .zip(cell.io().mapped_inputs().values())
+                .map(|(flag, input)| (*input, flag))
+                .collect(),
             ..Setup::new(commands, states)
         }
     }

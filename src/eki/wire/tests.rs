@@ -248,10 +248,7 @@ fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
         (speed(0.1, 101), "set_acc_speed: axis speed (%) is 101, allowed is 1 to 100"),
         (Command::SetDigout(Signal { number: 4097, on: true }), "set_digout: output is 4097, allowed is 1 to 4096"),
         (Command::CallSubroutine { index: 1001 }, "call_subroutine: index is 1001, allowed is 0 to 1000"),
-        (
-            Command::SetDigin(Signal { number: 0, on: true }),
-            "set_digin: input is 0, allowed is 1 to 4096",
-        ),
+        (Command::SetDigin(Signal { number: 0, on: true }), "set_digin: input is 0, allowed is 1 to 4096"),
     ];
     for (command, verdict) in cases {
         let error = wire().encode_command(CommandId(1), Epoch(1), &command, 0).expect_err(verdict);

@@ -232,7 +232,6 @@ impl Controller {
             }
         }
     }
-
 }
 
 fn channels(side: Side) -> &'static [Channel] {

@@ -214,8 +214,8 @@ fn outputs_reach_the_world_and_inputs_come_back() {
 /// TIMEOUT in server mode: who comes later than that finds nobody, and nothing opens the channel again.
 #[test]
 fn a_channel_with_a_timeout_does_not_listen_for_ever() {
-    let with = include_str!("../../../../config/kuka/CELLSTAT.xml")
-        .replace("<ALIVE", "<TIMEOUT Connect=\"2000\"/><ALIVE");
+    let with =
+        include_str!("../../../../config/kuka/CELLSTAT.xml").replace("<ALIVE", "<TIMEOUT Connect=\"2000\"/><ALIVE");
     let states = ChannelFile::parse(&with).expect("read");
     let mut controller =
         Controller::new(Setup { states, ..setup(Clock::Free) }, Box::new(Unwired)).expect("started");
