@@ -56,6 +56,27 @@ fn a_slow_robot_is_waited_for() {
     assert!(cell.now_ms > 6_000);
 }
 
+/// At a fiftieth of its speed a point takes a second instead of 20 ms: in contact the epoch is ended and the pad leaves
+/// the panel, in the air that is told and waited for.
+#[test]
+fn a_robot_that_lingers_in_contact_is_taken_off() {
+    for in_contact in [true, false] {
+        let mut cell = Cell::ready(setup(Clock::Free), 0.15);
+        let last = cell.session.queue_path(&pass(60, 3.0, in_contact)).expect("a good path");
+        cell.run(900, &mut Blind);
+        cell.controller.inject(Fault::Slow { percent: 2, for_ms: Some(3_000) });
+        let lingers = |report: &Report| matches!(report, Report::Slow { contact, .. } if *contact == in_contact);
+        assert!(cell.until(1_500, lingers), "in contact: {in_contact}");
+        if in_contact {
+            assert!(cell.until(8_000, |report| matches!(report, Report::Standstill { .. })));
+            assert!(super::cell::height_mm(&cell.controller) > 40.0 && cell.executed().len() < 60);
+        } else {
+            assert!(cell.until(8_000, |report| *report == Report::PathDone { last }));
+            assert_eq!((cell.executed().len(), cell.controller.stops().len()), (60, 0));
+        }
+    }
+}
+
 /// The controller stops by itself where the client is too slow in contact, and away from the panel.
 #[test]
 fn a_client_that_stands_still_in_contact_is_not_waited_for() {

@@ -1,0 +1,80 @@
+//! Specifications as users write them, and what is said about wrong ones.
+
+use super::*;
+
+fn read(text: &str) -> Result<FaultSpec, FaultSpecError> {
+    text.parse()
+}
+
+#[test]
+fn every_kind_of_item_is_read() {
+    let spec = read("seed=7, delay=5ms..15ms,fragment,unplug/2s@10s,refuse=8@#40,cut@250ms,slow=20/1.5s@3s");
+    let planned = |when, fault| Planned { when, fault };
+    let expected = FaultSpec {
+        seed: 7,
+        delay_ms: Some((5, 15)),
+        fragment: true,
+        planned: vec![
+            planned(When::AtMs(10_000), Fault::Unplug { for_ms: Some(2_000) }),
+            planned(When::AtCommand(40), Fault::Refuse(8)),
+            planned(When::AtMs(250), Fault::Cut(Side::Both)),
+            planned(When::AtMs(3_000), Fault::Slow { percent: 20, for_ms: Some(1_500) }),
+        ],
+    };
+    assert_eq!(spec, Ok(expected));
+    for name in FAULTS {
+        let value = match name {
+            "refuse" => "=8",
+            "slow" => "=50",
+            "mode" => "=T1",
+            "cut" | "garbage" => "=state",
+            _ => "",
+        };
+        assert!(read(&format!("{name}{value}@1s")).is_ok(), "{name}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_said_with_what_is_allowed() {
+    let cases = [
+        ("", "an item is empty; items are separated by single commas"),
+        ("cut@1s,,cut@2s", "an item is empty; items are separated by single commas"),
+        ("cut", "\"cut\": when? Add @TIME (@3s, @250ms) or @#N, the arrival of the Nth command"),
+        ("cut=left@1s", "\"cut=left@1s\": the value is \"left\", allowed is command, state or both"),
+        ("refuse@1s", "\"refuse@1s\": the value is missing, allowed is an Err of 1 to 10"),
+        ("refuse=11@1s", "\"refuse=11@1s\": the value is \"11\", allowed is an Err of 1 to 10"),
+        ("slow=0@1s", "\"slow=0@1s\": the value is \"0\", allowed is 1 to 100 percent"),
+        ("mode=t1@1s", "\"mode=t1@1s\": the value is \"t1\", allowed is T1, T2, AUT or EXT"),
+        ("lose-base=1@1s", "\"lose-base=1@1s\": lose-base takes no value"),
+        ("lose-base/2s@1s", "\"lose-base/2s@1s\": lose-base takes no duration"),
+        ("seed=7@1s", "\"seed=7@1s\": seed takes no time"),
+        ("seed=x", "\"seed=x\": the value is \"x\", allowed is a whole number, as seed=7"),
+        (
+            "delay=25ms..5ms",
+            "\"delay=25ms..5ms\": the value is \"25ms..5ms\", allowed is a time or two, as 20ms or 2ms..25ms, at most 10s",
+        ),
+        ("unplug/2@1s", "\"unplug/2@1s\": \"2\" is no time; write 3s, 1.5s or 250ms, at most 1 day"),
+        (
+            "unplug@-1s",
+            "\"unplug@-1s\": \"-1s\" is no time; write 3s, 1.5s or 250ms, at most 1 day, or #40 for the arrival \
+             of the 40th command",
+        ),
+        ("random=0", "\"random=0\": the value is \"0\", allowed is a count of 1 to 1000, as random=5/60s"),
+    ];
+    for (text, message) in cases {
+        assert_eq!(read(text).expect_err(text).to_string(), message);
+    }
+    let unknown = read("unplugg@1s").expect_err("unknown").to_string();
+    let start = "\"unplugg@1s\": there is no unplugg (did you mean unplug?); known are seed, delay, fragment";
+    assert!(unknown.starts_with(start), "{unknown}");
+}
+
+/// Fifty random faults lie in their time, and one seed gives one row of them.
+#[test]
+fn random_faults_come_from_the_seed() {
+    let spec = read("random=50/20s,seed=3").expect("read");
+    assert_eq!(spec.planned.len(), 50);
+    assert!(spec.planned.iter().all(|planned| matches!(planned.when, When::AtMs(0..20_000))));
+    assert_eq!(read("seed=3,random=50/20s").expect("read"), spec);
+    assert_ne!(read("seed=4,random=50/20s").expect("read").planned, spec.planned);
+}
