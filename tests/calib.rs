@@ -1,6 +1,6 @@
 //! Calibration as issue 5 demands it, two seeds each; `make bench-calib` has the sweeps.
 
-use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, POSES, Side};
+use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, Lens, POSES, Side};
 use panelprep::calib::detect;
 use panelprep::cell::{FlangeCameraMount, Intrinsics, ScannerMount};
 use panelprep::files::{write_gray_png, write_pcd};
@@ -14,15 +14,15 @@ use std::process::Command;
 /// With full-size rendered pictures, the true lens and this program's own.
 fn mount_comes_back<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
-    let (camera, shots) = (A::camera(&cell), A::shots(&cell, POSES));
+    let shots = A::shots(&cell, POSES);
     let corners = boards::rendered::<A>(&cell, &shots);
-    let with_truth = boards::error(&cell, &boards::many_poses::<A>(&camera, &shots, &corners));
-    let own = boards::own_camera::<A>(&cell);
+    let with_truth = boards::error(&cell, &boards::many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
+    let own = boards::own_lens::<A>(&cell);
     let with_own = boards::error(&cell, &boards::many_poses::<A>(&own, &shots, &corners));
     let name = A::NAME;
     assert!(with_truth.mm < 0.06 && with_truth.deg < 0.015, "{name}, seed {seed}, true lens: {with_truth:?}");
-    // The aim is 0.10 mm (`make bench-calib` holds it to that): 25 pictures leave the principal point a third of a pixel off.
-    assert!(with_own.mm < 0.30, "{name}, seed {seed}, own lens: {with_own:?}");
+    assert!(with_own.mm < 0.10, "{name}, seed {seed}, own lens: {with_own:?}");
+    assert!(with_own.stated_mm > with_truth.stated_mm, "{name}: the lens's uncertainty counts: {with_own:?}");
     assert_eq!(with_truth.suspects + with_own.suspects, 0, "{name}, seed {seed}");
 }
 
@@ -38,17 +38,30 @@ fn a_robot_half_a_millimetre_off_is_told_honestly() {
         let cell = boards::cell(seed, BAD_ROBOT);
         let shots = FlangeCameraMount::shots(&cell, POSES);
         let corners = boards::synthetic::<FlangeCameraMount>(&cell, &shots);
-        let camera = cell.flange_camera();
-        let error = boards::error(&cell, &boards::many_poses::<FlangeCameraMount>(&camera, &shots, &corners));
+        let lens = Lens::truth::<FlangeCameraMount>(&cell);
+        let error = boards::error(&cell, &boards::many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
         assert!(error.mm < 0.6 && error.stated_mm > 0.1 && error.stated_mm < 0.8, "{error:?}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_found_and_named() {
+    for (fault, words) in boards::FAULTS.iter().enumerate() {
+        for seed in [1, 2] {
+            let fixed = boards::faulty::<ScannerMount>(seed, fault);
+            assert!(boards::is_named(&fixed, fault), "{words}: {fixed:?}");
+            let moving = boards::faulty::<FlangeCameraMount>(seed, fault);
+            assert!(boards::is_named(&moving, fault), "{words}: {moving:?}");
+        }
     }
 }
 
 #[test]
 fn three_touched_points_place_the_panel() {
     for seed in [1, 2] {
+        // Within the limits of 95 % of all seeds.
         let [centre_mm, corner_mm] = boards::three_point_errors(seed, 0.1, true);
-        assert!(centre_mm < 0.45 && corner_mm < 1.0, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
+        assert!(centre_mm < 0.30 && corner_mm < 0.70, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
     }
 }
 
@@ -242,15 +255,7 @@ fn real_pictures_give_opencv_s_own_camera() {
         eprintln!("skipped: Debian's opencv-doc is not there; `make bench-calib` fetches it");
         return;
     };
-    let numbers = (1..=14).filter(|number| *number != 10);
-    let views = numbers.map(|number| {
-        let name = format!("left{number:02}.jpg");
-        let picture =
-            panelprep::files::read_gray(&std::fs::read(folder.join(&name)).expect("there")).expect("a picture");
-        let corners = detect::detect(&name, &picture, &boards::board(), Some(11)).expect("a board").corners;
-        panelprep::calib::intrinsics::View { name, corners }
-    });
-    let views: Vec<_> = views.collect();
+    let views = opencv_views(&folder, Some(11));
     let found = panelprep::calib::intrinsics::calibrate((640, 480), &views, true).expect("a camera");
     let near =
         |value: f64, expected: f64, within: f64| assert!((value - expected).abs() < within, "{value}, {expected}");
@@ -261,6 +266,35 @@ fn real_pictures_give_opencv_s_own_camera() {
     near(c.cy_px, 235.54, 0.02);
     near(c.k1, -0.265, 0.001);
     near(found.rms_px, 0.409, 0.001);
+    println!(
+        "ok     opencv-doc, all pictures, windows of ±11 px: fx {:.3} fy {:.3} cx {:.3} cy {:.3} k1 {:.4}, {:.3} px rms",
+        c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, found.rms_px
+    );
+    let views = opencv_views(&folder, None);
+    let chosen = panelprep::calib::intrinsics::calibrate((640, 480), &views, false).expect("a camera");
+    assert!(chosen.rms_px < 0.3 && (chosen.camera.fx_px / c.fx_px - 1.0).abs() < 0.01, "{chosen:?}");
+    let aside = chosen.views.iter().filter(|view| view.set_aside.is_some()).count();
+    println!(
+        "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
+        chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px
+    );
+    // What this program states of all nine numbers is what OpenCV states of each.
+    for (index, deviation) in found.deviations.iter().enumerate() {
+        near(found.covariance[(index, index)].sqrt() / deviation, 1.0, 0.02);
+    }
+}
+
+/// The thirteen pictures with their corners, in windows of this size.
+fn opencv_views(folder: &Path, half_window_px: Option<usize>) -> Vec<panelprep::calib::intrinsics::View> {
+    let numbers = (1..=14).filter(|number| *number != 10);
+    let view = |number| {
+        let name = format!("left{number:02}.jpg");
+        let picture =
+            panelprep::files::read_gray(&std::fs::read(folder.join(&name)).expect("there")).expect("a picture");
+        let corners = detect::detect(&name, &picture, &boards::board(), half_window_px).expect("a board").corners;
+        panelprep::calib::intrinsics::View { name, corners }
+    };
+    numbers.map(view).collect()
 }
 
 fn opencv_doc() -> Option<std::path::PathBuf> {

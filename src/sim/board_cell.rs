@@ -40,6 +40,7 @@ pub struct BoardCell {
     print: BoardPrint,
     robot: RobotNoise,
     pixels: PixelNoise,
+    reduction: usize,
 }
 
 /// The board's middle on the flange and its turn: the flange does not hold it straight.
@@ -70,17 +71,22 @@ const MARGIN_PX: f64 = 12.0;
 impl BoardCell {
     /// A board of this print, with a robot that is this far off.
     pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
-        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)) }
+        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)), reduction: 1 }
+    }
+
+    /// The same with cameras of this many times fewer pixels each way.
+    pub fn with_reduction(self, reduction: usize) -> Self {
+        BoardCell { reduction, ..self }
     }
 
     /// The fixed camera.
     pub fn scanner(&self) -> PinholeCamera {
-        scene::scanner(1)
+        scene::scanner(self.reduction)
     }
 
     /// The camera on the flange.
     pub fn flange_camera(&self) -> PinholeCamera {
-        scene::flange_camera(1)
+        scene::flange_camera(self.reduction)
     }
 
     /// Where the fixed camera truly stands.
