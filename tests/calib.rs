@@ -4,8 +4,8 @@ use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, Lens, POSES, Side};
 use panelprep::calib::detect;
 use panelprep::cell::{FlangeCameraMount, Intrinsics, ScannerMount};
 use panelprep::files::{write_gray_png, write_pcd};
-use panelprep::geometry::{Flange, GrayPicture, KukaPose, Point};
-use panelprep::sim::BoardCell;
+use panelprep::geometry::{Camera, Flange, GrayPicture, KukaPose, PinholeCamera, Point};
+use panelprep::sim::{BoardCell, BoardPrint, BoardShot};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -221,6 +221,114 @@ fn three_points_from_files() {
         error_mm < 0.5 && found["distance_errors_mm"].as_array().map(Vec::len) == Some(3),
         "{error_mm}: {found}"
     );
+}
+
+/// A quarter of the size, and a board that is still well seen: what is tested with it is not accuracy.
+fn small_cell() -> BoardCell {
+    BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT).with_reduction(4)
+}
+
+/// Saves shots of the fixed camera and gives the text of their poses file.
+fn poses_of(cell: &BoardCell, count: usize, save: impl Fn(&str, &BoardShot<Camera>) -> String) -> String {
+    let entry = |shot: &BoardShot<Camera>| {
+        let name = save(&format!("{:02}", shot.index), shot);
+        let pose = pose_text(&KukaPose::from_rigid(&shot.base_from_flange));
+        format!("[[poses]]\nimage = \"{name}\"\nbase_from_flange = {pose}\n")
+    };
+    cell.fixed_shots(count).iter().map(entry).collect()
+}
+
+/// Where the 3D camera measured the board, its own points give a second mount; intrinsics that are not the camera's show
+/// in the distance between the two.
+#[test]
+fn the_3d_camera_s_own_points_give_a_second_mount() {
+    let cell = small_cell();
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let poses = poses_of(&cell, 8, |name, shot| {
+        let name = format!("{name}.pcd");
+        write(folder, &name, write_pcd(&cell.scan(shot, 0.03)));
+        name
+    });
+    write(folder, "poses.toml", poses);
+    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    let command =
+        "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --images . --poses poses.toml --out m.toml";
+    let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics lens.toml"));
+    assert!(exit <= 1 && found["verdict"] != "reject", "{found}");
+    let pose: KukaPose = serde_json::from_value(found["second"]["base_from_camera"].clone()).expect("a pose");
+    let error_mm = pose.to_rigid().distance_at_mm(cell.base_from_camera(), cell.panel_middle());
+    assert!(error_mm < 0.15, "{error_mm} mm: {found}");
+    assert!(found["second"]["apart_mm"].as_f64().is_some_and(|mm| mm < 0.3), "{found}");
+    assert!(!found["reasons"].to_string().contains("second_result"), "{found}");
+
+    let other = PinholeCamera {
+        fx_px: cell.scanner().fx_px * 1.004,
+        fy_px: cell.scanner().fy_px * 1.004,
+        ..cell.scanner()
+    };
+    write(folder, "other.toml", Intrinsics::of(other).to_toml());
+    let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
+    assert!(exit == 1 && found["reasons"].to_string().contains("second_result"), "{found}");
+}
+
+/// Each with what was found, what is needed, and no file.
+#[test]
+fn bad_input_is_told_and_writes_nothing() {
+    let cell = small_cell();
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let poses = poses_of(&cell, 6, |name, shot| {
+        let name = format!("{name}.png");
+        save(folder, &name, &cell.picture(&cell.scanner(), shot));
+        name
+    });
+    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    save(folder, "empty.png", &GrayPicture::filled(486, 300, 90));
+    save(folder, "large.png", &GrayPicture::filled(640, 480, 90));
+    write(folder, "poses.toml", &poses);
+    write(folder, "few.toml", poses.split("[[poses]]").take(4).collect::<Vec<_>>().join("[[poses]]"));
+    write(folder, "missing.toml", poses.replace("03.png", "33.png"));
+    let rad = |pose: &KukaPose| KukaPose {
+        a_deg: pose.a_deg.to_radians(),
+        b_deg: pose.b_deg.to_radians(),
+        c_deg: pose.c_deg.to_radians(),
+        ..*pose
+    };
+    let radians = cell.fixed_shots(6).iter().fold(String::new(), |mut text, shot| {
+        let pose = pose_text(&rad(&KukaPose::from_rigid(&shot.base_from_flange)));
+        let _ = write!(text, "[[poses]]\nimage = \"{:02}.png\"\nbase_from_flange = {pose}\n", shot.index);
+        text
+    });
+    write(folder, "radians.toml", radians);
+    let points = |third: &str| {
+        format!(
+            "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [160, 0, 0]\np2_corner = [4, 0]\np3_mm = {third}\np3_corner = [4, 3]\n"
+        )
+    };
+    write(folder, "line.toml", points("[320, 1, 0]"));
+    write(folder, "near.toml", points("[161, 1, 0]"));
+    let lens = "intrinsics --board 5x4 --square-mm 40 --out out.toml";
+    let all = "00.png 01.png 02.png 03.png 04.png";
+    let many = "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --intrinsics lens.toml --images . --out out.toml --poses";
+    let three = "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --intrinsics lens.toml --image 00.png --out out.toml --points";
+    for (command, words) in [
+        (format!("{lens} {all} large.png"), "large.png has 640 × 480 pixels"),
+        (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
+        (format!("{lens} {all}").replace("5x4", "9x6"), "shows no board with 9×6"),
+        (format!("{lens} 00.png 01.png 02.png"), "3 of 3 pictures can be used, 4 are needed"),
+        (format!("{lens} {all} lens.toml"), "lens.toml"),
+        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "allowed is 0.5 to 500"),
+        (format!("{many} few.toml"), "3 of 3 pictures can be used, 5 are needed"),
+        (format!("{many} missing.toml"), "33.png is not in the folder"),
+        (format!("{many} radians.toml"), "look like radians"),
+        (format!("{three} line.toml"), "on one line"),
+        (format!("{three} near.toml"), "apart; at least"),
+    ] {
+        let (exit, found, told) = panelprep(folder, &command);
+        assert!(exit == 2 && told.contains(words), "{command}: {exit} {found} {told}");
+        assert!(!folder.join("out.toml").exists(), "{command}: nothing is written");
+    }
 }
 
 /// The tool's point and axis from a poses file: by hand, the tip is 150 mm out along the flange's Z.

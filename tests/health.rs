@@ -101,7 +101,7 @@ fn a_look_without_its_target_is_refused() {
     for (arguments, words) in [
         (VERIFY[1].replace("--flange cell/target/flange.json", ""), "--flange is missing"),
         (VERIFY[0].replace("--target cell/target/scanner.toml", ""), "--target for a board"),
-        (VERIFY[0].replace("scanner.png", "flange_camera.png"), "px"),
+        (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration says"),
         (VERIFY[0].replace("--board 5x4", "--board 7x6"), "no board with 7×6"),
         (format!("{TOUCH} --points cell/target/flange.json"), "flange.json"),
         (

@@ -25,6 +25,8 @@ const MIN_CONTRAST: f64 = 6.0;
 /// What the model leaves, as a share of the half contrast.
 const MAX_LEFT: f64 = 0.25;
 const START_BLUR_PX: f64 = 0.8;
+/// A pixel averages over itself, 0.29 px rms: no edge is sharper.
+const SHARPEST_PX: f64 = 0.2;
 
 /// The corner near `start`, whose edges run along `edges`; `None` where the window leaves the picture or the model
 /// does not fit.
@@ -41,7 +43,11 @@ pub(super) fn refine(
     for _ in 0..MAX_STEPS {
         let mut damped = here.normal;
         (0..UNKNOWNS).for_each(|index| damped[(index, index)] *= 1.0 + damping);
-        let step = damped.cholesky()?.solve(&here.gradient);
+        let Some(factor) = damped.cholesky() else {
+            damping *= 10.0;
+            continue;
+        };
+        let step = factor.solve(&here.gradient);
         let next = model.moved(&step);
         let there = patch.sums(&next);
         let settled = step.fixed_rows::<2>(0).norm() < SETTLED_PX;
@@ -75,7 +81,7 @@ impl Model {
         Model {
             at: Pixel::at(self.at.u + step[0], self.at.v + step[1]),
             angles: [self.angles[0] + step[2], self.angles[1] + step[3]],
-            log_blur: self.log_blur + step[4],
+            log_blur: (self.log_blur + step[4]).max(SHARPEST_PX.ln()),
             mean: self.mean + step[5],
             contrast: self.contrast + step[6],
             light: self.light + Vector2::new(step[7], step[8]),
