@@ -50,7 +50,7 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     let (exit, told) = json(folder, VERIFY[0]);
     assert_eq!((exit, told["verdict"].as_str()), (0, Some("accept")), "{told}");
     let error_mm = told["error_mm"].as_f64().unwrap_or(f64::NAN);
-    assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.5, "the mount is 0.1 mm, 0.01° off: {told}");
+    assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.8, "the mount is 0.1 mm, 0.01° off: {told}");
     refused(folder, &["not_verified"]);
 
     // The taught corner, at the place where it was taught, verifies the flange camera as well.
@@ -77,11 +77,12 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     assert_eq!(json(folder, &format!("{TOUCH} --points cell/target/touched.toml")).0, 0);
 
     // A stricter limit, other files, and a verification of the day before yesterday.
-    let limit = format!("verify_limit_mm = {:?}\nbox_min_mm", (error_mm / 2.0).max(0.05));
-    replace(folder, "cell/cell.toml", "box_min_mm", &limit);
+    let (rendered, strict) =
+        ("verify_limit_mm = 0.8", format!("verify_limit_mm = {:?}", (error_mm / 2.0).max(0.05)));
+    replace(folder, "cell/cell.toml", rendered, &strict);
     let (_, told) = json(folder, CYCLE);
     assert!(codes(&told).contains(&"verification_limit"), "{told}");
-    replace(folder, "cell/cell.toml", &limit, "box_min_mm");
+    replace(folder, "cell/cell.toml", &strict, rendered);
     replace(folder, "cell/scanner.toml", "[camera]", "# calibrated again\n[camera]");
     refused(folder, &["verification_other"]);
     replace(folder, "cell/scanner.toml", "# calibrated again\n[camera]", "[camera]");

@@ -3,6 +3,7 @@
 use super::args::{Render, SceneName};
 use super::disk;
 use super::fault::Fault;
+use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::render_boards;
 use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
@@ -140,10 +141,16 @@ fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Faul
         ("base_from_camera.toml", base_from_camera.to_toml()),
         ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),
-        ("cell.toml", CELL.to_owned()),
+        ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
         ("recipe.toml", recipe(cell)),
     ];
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
+}
+
+/// The program's own limit at full size; a smaller picture places a board less well.
+fn verify_limit_mm(cell: &sim::Cell) -> f64 {
+    let smaller = FULL_WIDTH_PX as f64 / cell.scanner().width_px as f64;
+    0.5 + (smaller - 1.0).round() / 10.0
 }
 
 const CELL: &str = r#"# A simulated cell, as files. Written by `panelprep render`.

@@ -116,7 +116,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         true => Some(calibrated(&measured, Some(found.at))?),
         false => None,
     };
-    let judgement = gate::hand_eye(&found, second.as_ref());
+    let rough = cell.as_ref().and_then(A::rough);
+    let judgement = gate::hand_eye(&found, second.as_ref(), rough.as_ref());
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, &found, &aside);
     if let Some(second) = &second {
@@ -130,7 +131,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             pose_of(second)
         ));
     }
-    if let Some(rough) = cell.as_ref().and_then(A::rough) {
+    if let Some(rough) = rough {
         let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
         outcome.say(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
     }

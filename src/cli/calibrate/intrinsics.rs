@@ -168,9 +168,12 @@ fn told(
         json!({"file": picture.name, "used": reason.is_none(), "rms_px": rms_px, "reason": reason})
     };
     let images: Vec<Value> = all.iter().zip(detected).map(image).collect();
-    for image in images.iter().filter(|image| image["used"] == false) {
+    for image in &images {
         let text = |key: &str| image[key].as_str().unwrap_or("").to_owned();
-        outcome.say(format!("set aside: {}: {}", text("file"), text("reason")));
+        match image["rms_px"].as_f64().filter(|_| image["used"] == true) {
+            Some(rms_px) => outcome.say(format!("  {}: {rms_px:.3} px", text("file"))),
+            None => outcome.say(format!("set aside: {}: {}", text("file"), text("reason"))),
+        }
     }
     outcome.put("images", Value::Array(images));
     outcome
