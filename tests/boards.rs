@@ -5,8 +5,8 @@ use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::intrinsics::{self, View};
 use panelprep::calib::three_points::{Touched, three_points};
 use panelprep::calib::{Arrangement, Board, HandEye, Seen, Station, detect};
-use panelprep::cell::{FlangeCameraMount, ScannerMount};
-use panelprep::geometry::{Base, PinholeCamera, Point, Rigid, Vector};
+use panelprep::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
+use panelprep::geometry::{Base, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 use rayon::prelude::*;
 
@@ -14,8 +14,21 @@ pub const GOOD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 
 /// 0.5 mm of absolute error, and the turn that comes with it.
 pub const BAD_ROBOT: RobotNoise = RobotNoise { shift_mm: 0.288_675, turn_deg: 0.03 };
 pub const POSES: usize = 15;
-/// Noise of synthetic corners, px: what detection leaves on rendered pictures.
-pub const CORNER_PX: f64 = 0.05;
+/// Noise of synthetic corners, px: twice what detection leaves on rendered pictures.
+pub const CORNER_PX: f64 = 0.02;
+
+/// A lens and how well it is known.
+#[derive(Debug, Clone, Copy)]
+pub struct Lens {
+    pub camera: PinholeCamera,
+    pub covariance: Option<LensCovariance>,
+}
+
+impl Lens {
+    pub fn truth<A: Side>(cell: &BoardCell) -> Self {
+        Lens { camera: A::camera(cell), covariance: None }
+    }
+}
 
 pub fn board() -> Board {
     Board::parse("9x6", 25.0).expect("a board")
@@ -92,20 +105,27 @@ pub fn stations<A: Side>(shots: &[BoardShot<A::From>], corners: &[detect::Corner
 const LENS_PICTURES: usize = 25;
 
 /// The camera that this program calibrates, from rendered pictures in which the board fills the picture.
-pub fn own_camera<A: Side>(cell: &BoardCell) -> PinholeCamera {
+pub fn own_lens<A: Side>(cell: &BoardCell) -> Lens {
     let camera = A::camera(cell);
     let shots = cell.lens_shots::<A::From>(&camera, LENS_PICTURES);
     let corners = rendered::<A>(cell, &shots);
     lens_of(&camera, &corners)
 }
 
+/// The same from synthetic corners of fewer pictures, for statistics.
+pub fn synthetic_lens<A: Side>(cell: &BoardCell) -> Lens {
+    let camera = A::camera(cell);
+    lens_of(&camera, &synthetic::<A>(cell, &cell.lens_shots::<A::From>(&camera, POSES)))
+}
+
 /// The lens from these corners.
-pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> PinholeCamera {
+pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
     let views: Vec<View> = corners.iter().enumerate().map(view).collect();
     let size = (camera.width_px, camera.height_px);
-    intrinsics::calibrate(size, &views, false).expect("a camera").camera
+    let found = intrinsics::calibrate(size, &views, false).expect("a camera");
+    Lens { camera: found.camera, covariance: Some(found.covariance) }
 }
 
 /// How far a calibration is from the truth.
@@ -132,12 +152,59 @@ pub fn error<A: Side>(cell: &BoardCell, found: &HandEye<A>) -> Error {
 }
 
 /// Many poses on corners, with these intrinsics.
-pub fn many_poses<A: Side>(
-    camera: &PinholeCamera,
-    shots: &[BoardShot<A::From>],
-    corners: &[detect::Corners],
-) -> HandEye<A> {
-    hand_eye(camera, &board(), &stations::<A>(shots, corners), None).expect("calibrated")
+pub fn many_poses<A: Side>(lens: &Lens, shots: &[BoardShot<A::From>], corners: &[detect::Corners]) -> HandEye<A> {
+    calibrated(lens, &stations::<A>(shots, corners))
+}
+
+pub fn calibrated<A: Side>(lens: &Lens, stations: &[Station<A::From>]) -> HandEye<A> {
+    let found = hand_eye(&lens.camera, &board(), stations, None).expect("calibrated");
+    match &lens.covariance {
+        Some(covariance) => found.with_lens(&lens.camera, stations, covariance).expect("in front of the camera"),
+        None => found,
+    }
+}
+
+/// What goes wrong in one calibration, and how its messages name it.
+pub const FAULTS: [&str; 3] = ["upside down", "exchange them", "the picture says"];
+
+/// Calibrates with a flipped board, two swapped pictures or a mistyped number in station `seed`; the messages of what was
+/// found, and the names that they should begin with.
+pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
+    let cell = cell(seed, GOOD_ROBOT);
+    let shots = A::shots(&cell, POSES);
+    let mut stations = stations::<A>(&shots, &synthetic::<A>(&cell, &shots));
+    let (at, other) = (seed as usize % POSES, (seed as usize + 4) % POSES);
+    let mut wrong = vec![stations[at].name.clone()];
+    match fault {
+        0 => {
+            let Seen::Pixels(corners) = &mut stations[at].seen else { unreachable!("pictures") };
+            let pixels: Vec<_> = corners.iter().rev().map(|(_, pixel)| *pixel).collect();
+            corners.iter_mut().zip(pixels).for_each(|(corner, pixel)| corner.1 = pixel);
+        }
+        1 => {
+            let seen = stations[at].seen.clone();
+            stations[at].seen = std::mem::replace(&mut stations[other].seen, seen);
+            wrong.push(stations[other].name.clone());
+        }
+        _ => {
+            let mut pose = KukaPose::from_rigid(&stations[at].base_from_flange);
+            if seed % 2 == 0 {
+                pose.y_mm += 3.0
+            } else {
+                pose.b_deg += 0.9
+            }
+            stations[at].base_from_flange = pose.to_rigid();
+        }
+    }
+    let found = calibrated::<A>(&Lens::truth::<A>(&cell), &stations);
+    wrong.sort();
+    (found.suspects.iter().map(ToString::to_string).collect(), wrong)
+}
+
+/// Is every fault found, and named for what it is, and nothing else?
+pub fn is_named((told, wrong): &(Vec<String>, Vec<String>), fault: usize) -> bool {
+    let mut named = told.iter().zip(wrong);
+    told.len() == wrong.len() && named.all(|(told, name)| told.starts_with(&**name) && told.contains(FAULTS[fault]))
 }
 
 /// A three-point calibration of the fixed camera with the board at the panel's place: error at the panel's centre and

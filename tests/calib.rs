@@ -1,11 +1,11 @@
 //! Calibration as issue 5 demands it, two seeds each; `make bench-calib` has the sweeps.
 
-use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, POSES, Side};
+use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, Lens, POSES, Side};
 use panelprep::calib::detect;
 use panelprep::cell::{FlangeCameraMount, Intrinsics, ScannerMount};
 use panelprep::files::{write_gray_png, write_pcd};
-use panelprep::geometry::{Flange, GrayPicture, KukaPose, Point};
-use panelprep::sim::BoardCell;
+use panelprep::geometry::{Camera, Flange, GrayPicture, KukaPose, PinholeCamera, Point};
+use panelprep::sim::{BoardCell, BoardPrint, BoardShot};
 use serde_json::Value;
 use std::fmt::Write;
 use std::path::Path;
@@ -14,15 +14,15 @@ use std::process::Command;
 /// With full-size rendered pictures, the true lens and this program's own.
 fn mount_comes_back<A: Side>(seed: u64) {
     let cell = boards::cell(seed, GOOD_ROBOT);
-    let (camera, shots) = (A::camera(&cell), A::shots(&cell, POSES));
+    let shots = A::shots(&cell, POSES);
     let corners = boards::rendered::<A>(&cell, &shots);
-    let with_truth = boards::error(&cell, &boards::many_poses::<A>(&camera, &shots, &corners));
-    let own = boards::own_camera::<A>(&cell);
+    let with_truth = boards::error(&cell, &boards::many_poses::<A>(&Lens::truth::<A>(&cell), &shots, &corners));
+    let own = boards::own_lens::<A>(&cell);
     let with_own = boards::error(&cell, &boards::many_poses::<A>(&own, &shots, &corners));
     let name = A::NAME;
     assert!(with_truth.mm < 0.06 && with_truth.deg < 0.015, "{name}, seed {seed}, true lens: {with_truth:?}");
-    // The aim is 0.10 mm (`make bench-calib` holds it to that): 25 pictures leave the principal point a third of a pixel off.
-    assert!(with_own.mm < 0.30, "{name}, seed {seed}, own lens: {with_own:?}");
+    assert!(with_own.mm < 0.10, "{name}, seed {seed}, own lens: {with_own:?}");
+    assert!(with_own.stated_mm > with_truth.stated_mm, "{name}: the lens's uncertainty counts: {with_own:?}");
     assert_eq!(with_truth.suspects + with_own.suspects, 0, "{name}, seed {seed}");
 }
 
@@ -38,17 +38,30 @@ fn a_robot_half_a_millimetre_off_is_told_honestly() {
         let cell = boards::cell(seed, BAD_ROBOT);
         let shots = FlangeCameraMount::shots(&cell, POSES);
         let corners = boards::synthetic::<FlangeCameraMount>(&cell, &shots);
-        let camera = cell.flange_camera();
-        let error = boards::error(&cell, &boards::many_poses::<FlangeCameraMount>(&camera, &shots, &corners));
+        let lens = Lens::truth::<FlangeCameraMount>(&cell);
+        let error = boards::error(&cell, &boards::many_poses::<FlangeCameraMount>(&lens, &shots, &corners));
         assert!(error.mm < 0.6 && error.stated_mm > 0.1 && error.stated_mm < 0.8, "{error:?}");
+    }
+}
+
+#[test]
+fn what_does_not_fit_is_found_and_named() {
+    for (fault, words) in boards::FAULTS.iter().enumerate() {
+        for seed in [1, 2] {
+            let fixed = boards::faulty::<ScannerMount>(seed, fault);
+            assert!(boards::is_named(&fixed, fault), "{words}: {fixed:?}");
+            let moving = boards::faulty::<FlangeCameraMount>(seed, fault);
+            assert!(boards::is_named(&moving, fault), "{words}: {moving:?}");
+        }
     }
 }
 
 #[test]
 fn three_touched_points_place_the_panel() {
     for seed in [1, 2] {
+        // Within the limits of 95 % of all seeds.
         let [centre_mm, corner_mm] = boards::three_point_errors(seed, 0.1, true);
-        assert!(centre_mm < 0.45 && corner_mm < 1.0, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
+        assert!(centre_mm < 0.30 && corner_mm < 0.70, "seed {seed}: {centre_mm} mm, {corner_mm} mm");
     }
 }
 
@@ -210,6 +223,114 @@ fn three_points_from_files() {
     );
 }
 
+/// A quarter of the size, and a board that is still well seen: what is tested with it is not accuracy.
+fn small_cell() -> BoardCell {
+    BoardCell::new(5, BoardPrint::chessboard(5, 4, 40.0), GOOD_ROBOT).with_reduction(4)
+}
+
+/// Saves shots of the fixed camera and gives the text of their poses file.
+fn poses_of(cell: &BoardCell, count: usize, save: impl Fn(&str, &BoardShot<Camera>) -> String) -> String {
+    let entry = |shot: &BoardShot<Camera>| {
+        let name = save(&format!("{:02}", shot.index), shot);
+        let pose = pose_text(&KukaPose::from_rigid(&shot.base_from_flange));
+        format!("[[poses]]\nimage = \"{name}\"\nbase_from_flange = {pose}\n")
+    };
+    cell.fixed_shots(count).iter().map(entry).collect()
+}
+
+/// Where the 3D camera measured the board, its own points give a second mount; intrinsics that are not the camera's show
+/// in the distance between the two.
+#[test]
+fn the_3d_camera_s_own_points_give_a_second_mount() {
+    let cell = small_cell();
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let poses = poses_of(&cell, 8, |name, shot| {
+        let name = format!("{name}.pcd");
+        write(folder, &name, write_pcd(&cell.scan(shot, 0.03)));
+        name
+    });
+    write(folder, "poses.toml", poses);
+    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    let command =
+        "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --images . --poses poses.toml --out m.toml";
+    let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics lens.toml"));
+    assert!(exit <= 1 && found["verdict"] != "reject", "{found}");
+    let pose: KukaPose = serde_json::from_value(found["second"]["base_from_camera"].clone()).expect("a pose");
+    let error_mm = pose.to_rigid().distance_at_mm(cell.base_from_camera(), cell.panel_middle());
+    assert!(error_mm < 0.15, "{error_mm} mm: {found}");
+    assert!(found["second"]["apart_mm"].as_f64().is_some_and(|mm| mm < 0.3), "{found}");
+    assert!(!found["reasons"].to_string().contains("second_result"), "{found}");
+
+    let other = PinholeCamera {
+        fx_px: cell.scanner().fx_px * 1.004,
+        fy_px: cell.scanner().fy_px * 1.004,
+        ..cell.scanner()
+    };
+    write(folder, "other.toml", Intrinsics::of(other).to_toml());
+    let (exit, found, _) = panelprep(folder, &format!("{command} --intrinsics other.toml"));
+    assert!(exit == 1 && found["reasons"].to_string().contains("second_result"), "{found}");
+}
+
+/// Each with what was found, what is needed, and no file.
+#[test]
+fn bad_input_is_told_and_writes_nothing() {
+    let cell = small_cell();
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let poses = poses_of(&cell, 6, |name, shot| {
+        let name = format!("{name}.png");
+        save(folder, &name, &cell.picture(&cell.scanner(), shot));
+        name
+    });
+    write(folder, "lens.toml", Intrinsics::of(cell.scanner()).to_toml());
+    save(folder, "empty.png", &GrayPicture::filled(486, 300, 90));
+    save(folder, "large.png", &GrayPicture::filled(640, 480, 90));
+    write(folder, "poses.toml", &poses);
+    write(folder, "few.toml", poses.split("[[poses]]").take(4).collect::<Vec<_>>().join("[[poses]]"));
+    write(folder, "missing.toml", poses.replace("03.png", "33.png"));
+    let rad = |pose: &KukaPose| KukaPose {
+        a_deg: pose.a_deg.to_radians(),
+        b_deg: pose.b_deg.to_radians(),
+        c_deg: pose.c_deg.to_radians(),
+        ..*pose
+    };
+    let radians = cell.fixed_shots(6).iter().fold(String::new(), |mut text, shot| {
+        let pose = pose_text(&rad(&KukaPose::from_rigid(&shot.base_from_flange)));
+        let _ = write!(text, "[[poses]]\nimage = \"{:02}.png\"\nbase_from_flange = {pose}\n", shot.index);
+        text
+    });
+    write(folder, "radians.toml", radians);
+    let points = |third: &str| {
+        format!(
+            "p1_mm = [0, 0, 0]\np1_corner = [0, 0]\np2_mm = [160, 0, 0]\np2_corner = [4, 0]\np3_mm = {third}\np3_corner = [4, 3]\n"
+        )
+    };
+    write(folder, "line.toml", points("[320, 1, 0]"));
+    write(folder, "near.toml", points("[161, 1, 0]"));
+    let lens = "intrinsics --board 5x4 --square-mm 40 --out out.toml";
+    let all = "00.png 01.png 02.png 03.png 04.png";
+    let many = "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --intrinsics lens.toml --images . --out out.toml --poses";
+    let three = "hand-eye --mount eye-to-hand --board 5x4 --square-mm 40 --intrinsics lens.toml --image 00.png --out out.toml --points";
+    for (command, words) in [
+        (format!("{lens} {all} large.png"), "large.png has 640 × 480 pixels"),
+        (format!("{lens} empty.png empty.png empty.png empty.png"), "empty.png shows no board with 5×4"),
+        (format!("{lens} {all}").replace("5x4", "9x6"), "shows no board with 9×6"),
+        (format!("{lens} 00.png 01.png 02.png"), "3 of 3 pictures can be used, 4 are needed"),
+        (format!("{lens} {all} lens.toml"), "lens.toml"),
+        (format!("{lens} {all}").replace("--square-mm 40", "--square-mm 0"), "allowed is 0.5 to 500"),
+        (format!("{many} few.toml"), "3 of 3 pictures can be used, 5 are needed"),
+        (format!("{many} missing.toml"), "33.png is not in the folder"),
+        (format!("{many} radians.toml"), "look like radians"),
+        (format!("{three} line.toml"), "on one line"),
+        (format!("{three} near.toml"), "apart; at least"),
+    ] {
+        let (exit, found, told) = panelprep(folder, &command);
+        assert!(exit == 2 && told.contains(words), "{command}: {exit} {found} {told}");
+        assert!(!folder.join("out.toml").exists(), "{command}: nothing is written");
+    }
+}
+
 /// The tool's point and axis from a poses file: by hand, the tip is 150 mm out along the flange's Z.
 #[test]
 fn a_tool_from_files() {
@@ -242,15 +363,7 @@ fn real_pictures_give_opencv_s_own_camera() {
         eprintln!("skipped: Debian's opencv-doc is not there; `make bench-calib` fetches it");
         return;
     };
-    let numbers = (1..=14).filter(|number| *number != 10);
-    let views = numbers.map(|number| {
-        let name = format!("left{number:02}.jpg");
-        let picture =
-            panelprep::files::read_gray(&std::fs::read(folder.join(&name)).expect("there")).expect("a picture");
-        let corners = detect::detect(&name, &picture, &boards::board(), Some(11)).expect("a board").corners;
-        panelprep::calib::intrinsics::View { name, corners }
-    });
-    let views: Vec<_> = views.collect();
+    let views = opencv_views(&folder, Some(11));
     let found = panelprep::calib::intrinsics::calibrate((640, 480), &views, true).expect("a camera");
     let near =
         |value: f64, expected: f64, within: f64| assert!((value - expected).abs() < within, "{value}, {expected}");
@@ -261,6 +374,35 @@ fn real_pictures_give_opencv_s_own_camera() {
     near(c.cy_px, 235.54, 0.02);
     near(c.k1, -0.265, 0.001);
     near(found.rms_px, 0.409, 0.001);
+    println!(
+        "ok     opencv-doc, all pictures, windows of ±11 px: fx {:.3} fy {:.3} cx {:.3} cy {:.3} k1 {:.4}, {:.3} px rms",
+        c.fx_px, c.fy_px, c.cx_px, c.cy_px, c.k1, found.rms_px
+    );
+    let views = opencv_views(&folder, None);
+    let chosen = panelprep::calib::intrinsics::calibrate((640, 480), &views, false).expect("a camera");
+    assert!(chosen.rms_px < 0.3 && (chosen.camera.fx_px / c.fx_px - 1.0).abs() < 0.01, "{chosen:?}");
+    let aside = chosen.views.iter().filter(|view| view.set_aside.is_some()).count();
+    println!(
+        "ok     opencv-doc, own corners: fx {:.3} ± {:.3}, cx {:.3} ± {:.3}, {:.3} px rms, {aside} pictures set aside",
+        chosen.camera.fx_px, chosen.deviations[0], chosen.camera.cx_px, chosen.deviations[2], chosen.rms_px
+    );
+    // What this program states of all nine numbers is what OpenCV states of each.
+    for (index, deviation) in found.deviations.iter().enumerate() {
+        near(found.covariance[(index, index)].sqrt() / deviation, 1.0, 0.02);
+    }
+}
+
+/// The thirteen pictures with their corners, in windows of this size.
+fn opencv_views(folder: &Path, half_window_px: Option<usize>) -> Vec<panelprep::calib::intrinsics::View> {
+    let numbers = (1..=14).filter(|number| *number != 10);
+    let view = |number| {
+        let name = format!("left{number:02}.jpg");
+        let picture =
+            panelprep::files::read_gray(&std::fs::read(folder.join(&name)).expect("there")).expect("a picture");
+        let corners = detect::detect(&name, &picture, &boards::board(), half_window_px).expect("a board").corners;
+        panelprep::calib::intrinsics::View { name, corners }
+    };
+    numbers.map(view).collect()
 }
 
 fn opencv_doc() -> Option<std::path::PathBuf> {

@@ -1,7 +1,7 @@
 //! The service as its users meet it: `panelprep run` on a simulated cell, `panelprep ctl` beside it, signals, and the
 //! end that no program can catch.
 
-use super::commands::{TEACH, json, rendered};
+use super::commands::{TEACH, VERIFY, json, rendered, taught_and_verified};
 use panelprep::cycle::Path::Corner;
 use panelprep::cycle::{At, Event, Report, Request, State};
 use panelprep::store::Store;
@@ -115,10 +115,10 @@ impl Service {
 
 pub const START: &str = "start --recipe cell/recipe.toml";
 
-/// A taught cell in a folder of its own.
+/// A taught cell with verified cameras in a folder of its own.
 pub fn taught(scene: &str) -> TempDir {
     let folder = rendered(scene);
-    assert_eq!(json(folder.path(), TEACH).0, 0);
+    taught_and_verified(folder.path());
     folder
 }
 
@@ -130,17 +130,21 @@ fn socket(folder: &Path) -> PathBuf {
     folder.join("cell/store/panelprep.sock")
 }
 
-/// Two cycles on one service; the second is left by a hold and a stop, and the service by SIGTERM.
+/// Two cycles on one service; the second is left by a hold and a stop, and the service by SIGTERM. The cameras are
+/// verified while it runs.
 #[test]
 fn cycles_run_one_after_the_other_and_each_request_is_answered() {
-    let folder = taught("good");
+    let folder = rendered("good");
     let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
     let (exit, nobody) = json(folder, "ctl state --cell cell/cell.toml");
     let words = nobody["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && words.contains("panelprep run"), "{nobody}");
 
     let service = Service::start(folder);
     assert_eq!(service.done("state")["state"], "stopped");
+    service.refused(START, 2, "scanner was never verified; run `panelprep calibrate verify --camera scanner`");
+    assert_eq!(VERIFY.map(|look| json(folder, look).0), [0, 0], "the service keeps nobody from looking");
     service.refused(START, 2, "start is not possible in state stopped");
     service.refused("hold", 2, "possible now");
     service.refused("start --recipe cell/cell.toml", 2, "cell/cell.toml");

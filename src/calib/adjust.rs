@@ -9,34 +9,14 @@
 //! corners of a picture would count as independent and the stated uncertainty would be many times too small.
 //!
 //! σ, σω and σv are estimated, each as Σ v² / redundancy (Förstner's variance components); none is assumed. Where the
-//! 3D camera measured the corners, its points stand in place of pixels and σ is in mm. The intrinsics are taken as true:
-//! their own error is not in the covariance. A principal point that is 1 px off turns the mount with it; `gate` asks how
-//! well the lens is known.
+//! 3D camera measured the corners, its points stand in place of pixels and σ is in mm. The intrinsics are taken as
+//! they are; what their own error does to the mount is told by `influence`.
 
 use super::arrangement::{Arrangement, Twist, exp, log};
+use super::chain::{Both, Chain, Gram, Station};
 use super::error::CalibError;
-use crate::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
-use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
-
-/// What a camera sees of the board.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Seen<C: Frame> {
-    /// Corners in a picture.
-    Pixels(Vec<(Point<Board>, Pixel)>),
-    /// Corners that a 3D camera measured.
-    Points(Vec<(Point<Board>, Point<C>)>),
-}
-
-/// One picture of the board with the robot's word on where the flange was.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Station<C: Frame> {
-    /// The picture's name in messages.
-    pub name: String,
-    /// Where the robot says that the flange was.
-    pub base_from_flange: Rigid<Base, Flange>,
-    /// What the picture shows.
-    pub seen: Seen<C>,
-}
+use crate::geometry::{Board, Frame, PinholeCamera, Point, Rigid};
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector};
 
 /// Standard deviations, estimated from the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,124 +34,6 @@ const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
 /// The steps end when camera and board move by less than this, mm and mrad.
 const SETTLED: f64 = 1e-7;
-
-pub(super) type Both = SMatrix<f64, 12, 12>;
-type Normal = SMatrix<f64, 18, 18>;
-
-/// One station's part of the normal equations: of X, Y and e, in this order.
-pub(super) struct Gram {
-    normal: Normal,
-    gradient: SVector<f64, 18>,
-    square: f64,
-    rows: usize,
-}
-
-impl Gram {
-    fn empty() -> Self {
-        Gram { normal: Normal::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
-    }
-
-    fn add<const R: usize>(&mut self, slope: &SMatrix<f64, R, 3>, at: &Corner, residual: &SVector<f64, R>) {
-        let mut jacobian = SMatrix::<f64, R, 18>::zeros();
-        for (index, (turn, shift)) in [at.camera, at.board, at.flange].into_iter().enumerate() {
-            jacobian.fixed_columns_mut::<3>(6 * index).copy_from(&(slope * turn));
-            jacobian.fixed_columns_mut::<3>(6 * index + 3).copy_from(&(slope * shift));
-        }
-        self.normal += jacobian.transpose() * jacobian;
-        self.gradient += jacobian.transpose() * residual;
-        self.square += residual.norm_squared();
-        self.rows += R;
-    }
-
-    fn flange(&self) -> Matrix6<f64> {
-        self.normal.fixed_view::<6, 6>(12, 12).into_owned()
-    }
-
-    fn cross(&self) -> SMatrix<f64, 12, 6> {
-        self.normal.fixed_view::<12, 6>(0, 12).into_owned()
-    }
-
-    fn both(&self) -> Both {
-        self.normal.fixed_view::<12, 12>(0, 0).into_owned()
-    }
-}
-
-/// How a corner in the camera's frame moves with small turns and shifts of camera, board and flange.
-struct Corner {
-    camera: (Matrix3<f64>, Matrix3<f64>),
-    board: (Matrix3<f64>, Matrix3<f64>),
-    flange: (Matrix3<f64>, Matrix3<f64>),
-}
-
-/// The transforms of (1) for one station.
-pub(super) struct Chain {
-    camera_from_to: Isometry3<f64>,
-    flange_from_base: Isometry3<f64>,
-    holder_from_board: Isometry3<f64>,
-    eye_in_hand: bool,
-}
-
-impl Chain {
-    fn new<A: Arrangement>(
-        mount: &Isometry3<f64>,
-        board: &Isometry3<f64>,
-        base_from_flange: &Rigid<Base, Flange>,
-        deviation: &Isometry3<f64>,
-    ) -> Self {
-        Chain {
-            camera_from_to: mount.inverse(),
-            flange_from_base: (base_from_flange.isometry() * deviation).inverse(),
-            holder_from_board: *board,
-            eye_in_hand: A::EYE_IN_HAND,
-        }
-    }
-
-    fn camera_from_holder(&self) -> Isometry3<f64> {
-        let base_from_flange = self.flange_from_base.inverse();
-        self.camera_from_to * if self.eye_in_hand { self.flange_from_base } else { base_from_flange }
-    }
-
-    fn corner(&self, camera_from_holder: &Isometry3<f64>, q: &Point<Board>) -> (Vector3<f64>, Corner) {
-        let camera_from_board = camera_from_holder * self.holder_from_board;
-        let seen = (camera_from_board * q.mm).coords;
-        let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
-        let in_holder = self.holder_from_board * q.mm;
-        // exp(e) stands right before the point in the flange's frame; for a camera on the flange its inverse does.
-        let (in_flange, flange_turn) = if self.eye_in_hand {
-            let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
-            ((self.flange_from_base * in_holder).coords, turn)
-        } else {
-            (in_holder.coords, camera_from_holder.rotation.to_rotation_matrix().into_inner())
-        };
-        let corner = Corner {
-            camera: (seen.cross_matrix(), -Matrix3::identity()),
-            board: (-board_turn * q.mm.coords.cross_matrix(), board_turn),
-            flange: (-flange_turn * in_flange.cross_matrix(), flange_turn),
-        };
-        (seen, corner)
-    }
-
-    /// `None` where a corner would stand behind the camera.
-    fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<Gram> {
-        let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
-        match seen {
-            Seen::Pixels(corners) => {
-                for (q, found) in corners {
-                    let (p, corner) = self.corner(&camera_from_holder, q);
-                    let (pixel, slope) = camera.project_with_slope(Point::<C>::new(p.into()))?;
-                    gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
-                }
-            }
-            Seen::Points(corners) => {
-                for (q, found) in corners {
-                    let (p, corner) = self.corner(&camera_from_holder, q);
-                    gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
-                }
-            }
-        }
-        Some(gram)
-    }
-}
 
 /// A camera mount and a board's place with the evidence for them.
 #[derive(Debug, Clone)]
@@ -225,7 +87,7 @@ struct State {
 }
 
 /// 1/σω² and 1/σv² in units of the corners' weight.
-fn prior(noise: &Noise) -> Matrix6<f64> {
+pub(super) fn prior(noise: &Noise) -> Matrix6<f64> {
     let [turn, shift] = [noise.turn_rad, noise.shift_mm].map(|sigma| (noise.corner / sigma).powi(2));
     Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift))
 }
@@ -373,65 +235,9 @@ impl Step {
 }
 
 /// Inverse of a normal matrix whose unknowns have unlike units, scaled to ones on its diagonal first.
-fn scaled_inverse(normal: &Both) -> Option<Both> {
+pub(super) fn scaled_inverse<const N: usize>(normal: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
     let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
-    let scaled = Both::from_fn(|row, column| normal[(row, column)] * scale[row] * scale[column]);
+    let scaled = SMatrix::<f64, N, N>::from_fn(|row, column| normal[(row, column)] * scale[row] * scale[column]);
     let inverse = scaled.cholesky()?.inverse();
-    Some(Both::from_fn(|row, column| inverse[(row, column)] * scale[row] * scale[column]))
-}
-
-/// The inverse covariance that a station adds, and its pull on mount and board, in rad and mm: for leaving one out, and
-/// for choosing the next.
-pub(super) fn information<A: Arrangement>(
-    camera: &PinholeCamera,
-    adjusted: &Adjusted<A>,
-    station: &Station<A::From>,
-) -> Option<(Both, SVector<f64, 12>)> {
-    let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
-    let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &Isometry3::identity());
-    let gram = chain.gram(camera, &station.seen)?;
-    let inverse = (gram.flange() + prior(&adjusted.noise)).cholesky()?.inverse();
-    let reduced = gram.both() - gram.cross() * inverse * gram.cross().transpose();
-    let pull = gram.gradient.fixed_rows::<12>(0) - gram.cross() * inverse * gram.gradient.fixed_rows::<6>(12);
-    let weight = adjusted.noise.corner.powi(-2);
-    Some((reduced * weight, pull * weight))
-}
-
-pub(super) fn inverse(normal: &Both) -> Option<Both> {
-    scaled_inverse(normal)
-}
-
-/// How unlikely a station is, given an adjustment without it: the squared length of the twist by which the flange would
-/// have to be elsewhere, in standard deviations; 6 is usual.
-pub(super) fn surprise<A: Arrangement>(
-    camera: &PinholeCamera,
-    adjusted: &Adjusted<A>,
-    station: &Station<A::From>,
-    camera_from_board: &Rigid<A::From, Board>,
-) -> f64 {
-    let (mount, board) = (adjusted.to_from_camera.isometry(), adjusted.holder_from_board.isometry());
-    let needed = needed_flange(adjusted, camera_from_board);
-    let deviation = (station.base_from_flange.inverse() * needed).isometry().to_owned();
-    let chain = Chain::new::<A>(mount, board, &station.base_from_flange, &deviation);
-    let found = chain.gram(camera, &station.seen).and_then(|gram| {
-        let inverse = gram.flange().cholesky()?.inverse();
-        let through = inverse * gram.cross().transpose();
-        let noise = &adjusted.noise;
-        let [turn, shift] = [noise.turn_rad.powi(2), noise.shift_mm.powi(2)];
-        let robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
-        let spread = inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
-        let twist = log(&deviation);
-        Some(twist.dot(&(spread.cholesky()?.inverse() * twist)))
-    });
-    found.unwrap_or(f64::INFINITY)
-}
-
-/// Where the flange must have been for a picture to show the board where it does.
-pub(super) fn needed_flange<A: Arrangement>(
-    adjusted: &Adjusted<A>,
-    camera_from_board: &Rigid<A::From, Board>,
-) -> Rigid<Base, Flange> {
-    let to_from_holder = adjusted.to_from_camera * *camera_from_board * adjusted.holder_from_board.inverse();
-    let bare = *to_from_holder.isometry();
-    Rigid::claim(if A::EYE_IN_HAND { bare.inverse() } else { bare })
+    Some(SMatrix::from_fn(|row, column| inverse[(row, column)] * scale[row] * scale[column]))
 }

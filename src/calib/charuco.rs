@@ -1,11 +1,11 @@
 //! ChArUco: markers say which corners are seen, also where a part of the board is covered.
 //!
 //! The markers are found by OpenCV's aruco. Each inner corner lies between two of them; the homography through their
-//! eight corners foretells it, and `cornerSubPix` refines it with a window that ends before the markers do. The layout
+//! eight corners foretells it, and `cornerSubPix` and `saddle` refine it with a window that ends before the markers do. The layout
 //! is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
-use super::detect::Detected;
+use super::detect::{Detected, modelled};
 use super::error::CalibError;
 use super::foreign;
 use crate::geometry::{GrayPicture, Pixel};
@@ -46,10 +46,12 @@ pub(super) fn detect(
         return Err(CalibError::NoBoard { picture: name.to_owned(), columns: board.columns(), rows: board.rows() });
     }
     let reach_px = corners.iter().map(|(_, (_, reach_px))| *reach_px).fold(f64::INFINITY, f64::min);
-    let half_window_px = half_window_px.unwrap_or(reach_px.clamp(3.0, 11.0) as usize);
+    let chosen_px = half_window_px.unwrap_or(reach_px.clamp(3.0, 11.0) as usize);
     let rough: Vec<Pixel> = corners.iter().map(|(_, (pixel, _))| *pixel).collect();
-    let refined = foreign::refine_corners(picture, &rough, half_window_px)?;
-    Ok(Detected { corners: corners.iter().map(|(q, _)| *q).zip(refined).collect(), half_window_px })
+    let refined = foreign::refine_corners(picture, &rough, chosen_px)?;
+    let corners = corners.iter().map(|(q, _)| *q).zip(refined).collect();
+    let found = Detected { corners, half_window_px: chosen_px, modelled: 0 };
+    Ok(if half_window_px.is_none() { modelled(picture, board, found) } else { found })
 }
 
 type Near = ((usize, usize), [Pixel; 4]);

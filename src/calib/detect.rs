@@ -1,16 +1,19 @@
 //! Where a picture shows the board's corners, to sub-pixel.
 //!
 //! `findChessboardCorners` finds them to about a pixel, `cornerSubPix` moves each to where grey gradients around it
-//! meet. The window of ± N px must hold one corner alone and enough edge: by default N is 0.35 of the shortest distance
-//! between neighbours, 3 to 11. A board with a unique first corner is turned so that the outer square there is black;
+//! meet, and `saddle` fits a model of the grey levels, which is several times as exact. The window of ± N px must hold one
+//! corner alone and enough edge: by default N is 0.35 of the shortest distance between neighbours, 3 to 11. Where N is
+//! given, the corners are those of `cornerSubPix`, as OpenCV's users know them. A board with a unique first corner is turned so that the outer square there is black;
 //! of others the picture's own order stays, upper left first.
 
-use super::adjust::Seen;
+use super::chain::Seen;
 use super::board::Board;
 use super::charuco;
 use super::error::CalibError;
 use super::foreign;
+use super::saddle;
 use crate::geometry::{Board as BoardFrame, Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
+use nalgebra::{Vector2, Vector3};
 
 /// Corners of the board with their pixels.
 pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
@@ -22,6 +25,8 @@ pub struct Detected {
     pub corners: Corners,
     /// Half the window's side, px.
     pub half_window_px: usize,
+    /// How many corners the model of the grey levels placed; the others are `cornerSubPix`'s.
+    pub modelled: usize,
 }
 
 const WINDOW_SHARE: f64 = 0.35;
@@ -55,9 +60,35 @@ fn chessboard(
     if turned_wrong(&rough, picture, board) {
         rough.reverse();
     }
-    let half_window_px = half_window_px.unwrap_or_else(|| window(&rough, columns));
-    let pixels = foreign::refine_corners(picture, &rough, half_window_px)?;
-    Ok(Detected { corners: board.corners().into_iter().zip(pixels).collect(), half_window_px })
+    let chosen_px = half_window_px.unwrap_or_else(|| window(&rough, columns));
+    let pixels = foreign::refine_corners(picture, &rough, chosen_px)?;
+    let found = Detected {
+        corners: board.corners().into_iter().zip(pixels).collect(),
+        half_window_px: chosen_px,
+        modelled: 0,
+    };
+    Ok(if half_window_px.is_none() { modelled(picture, board, found) } else { found })
+}
+
+/// With every corner placed by the model of the grey levels that has neighbours and fits it.
+pub(super) fn modelled(picture: &GrayPicture, board: &Board, found: Detected) -> Detected {
+    let near = |place: Point<BoardFrame>| {
+        let at = |(q, _): &&(Point<BoardFrame>, Pixel)| q.distance_mm(place) < 0.1 * board.square_mm();
+        found.corners.iter().find(at).map(|(_, pixel)| Vector2::new(pixel.u, pixel.v))
+    };
+    let edge = |q: Point<BoardFrame>, pixel: Pixel, step: Vector3<f64>| {
+        let (here, step) = (Vector2::new(pixel.u, pixel.v), step * board.square_mm());
+        let (ahead, behind) = (near(Point::new(q.mm + step)), near(Point::new(q.mm - step)));
+        (ahead.is_some() || behind.is_some()).then(|| ahead.unwrap_or(here) - behind.unwrap_or(here))
+    };
+    let place = |&(q, pixel): &(Point<BoardFrame>, Pixel)| {
+        let edges = [edge(q, pixel, Vector3::x())?, edge(q, pixel, Vector3::y())?];
+        saddle::refine(picture, pixel, edges, found.half_window_px)
+    };
+    let placed: Vec<Option<Pixel>> = found.corners.iter().map(place).collect();
+    let modelled = placed.iter().flatten().count();
+    let corners = found.corners.iter().zip(placed).map(|(&(q, pixel), placed)| (q, placed.unwrap_or(pixel)));
+    Detected { corners: corners.collect(), modelled, ..found }
 }
 
 fn window(corners: &[Pixel], columns: usize) -> usize {

@@ -54,6 +54,25 @@ impl Reasons {
         }
     }
 
+    /// A mount that is far from where it was measured by hand is another one.
+    fn rough<A: Arrangement>(
+        &mut self,
+        rough: Option<&Rigid<A::To, A::From>>,
+        found: &Rigid<A::To, A::From>,
+        question: &str,
+    ) {
+        let Some(rough) = rough else { return };
+        let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
+        let deg = (rough.inverse() * *found).turn().0;
+        if mm > ROUGH_MM || deg > ROUGH_DEG {
+            let message = format!(
+                "the camera comes out {mm:.0} mm and {deg:.0}° from its rough place in the cell's file, allowed are \
+                 {ROUGH_MM:.0} mm and {ROUGH_DEG:.0}°; {question}"
+            );
+            self.reject.push(Reason::new("rough_mount", message));
+        }
+    }
+
     fn judgement(self) -> Judgement {
         Judgement::of(self.reject, self.review)
     }
@@ -101,9 +120,16 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
 }
 
 /// Is the mount from many poses good enough? Any picture that does not fit rejects it: what is wrong is to be mended,
-/// not voted down. `second` is the result from the 3D camera's own points.
-pub fn hand_eye<A: Arrangement>(found: &HandEye<A>, second: Option<&HandEye<A>>) -> Judgement {
+/// not voted down. `second` is the result from the 3D camera's own points; `rough` is where the cell's file says that the
+/// camera is, by hand.
+pub fn hand_eye<A: Arrangement>(
+    found: &HandEye<A>,
+    second: Option<&HandEye<A>>,
+    rough: Option<&Rigid<A::To, A::From>>,
+) -> Judgement {
     let mut reasons = Reasons::default();
+    let question = "is --mount right, and are these poses base_from_flange without a tool?";
+    reasons.rough::<A>(rough, &found.adjusted.to_from_camera, question);
     for suspect in &found.suspects {
         reasons.reject.push(Reason::new("does_not_fit", suspect.to_string()));
     }
@@ -165,19 +191,7 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
                 .to_owned()
         }),
     }
-    if let Some(rough) = rough {
-        let (mm, deg) = (
-            rough.distance_at_mm(found.to_from_camera, Point::at(0.0, 0.0, 0.0)),
-            (rough.inverse() * found.to_from_camera).turn().0,
-        );
-        if mm > ROUGH_MM || deg > ROUGH_DEG {
-            let message = format!(
-                "the camera comes out {mm:.0} mm and {deg:.0}° from its rough place in the cell's file, allowed are \
-                 {ROUGH_MM:.0} mm and {ROUGH_DEG:.0}°; were the corners touched that the picture numbers?"
-            );
-            reasons.reject.push(Reason::new("rough_mount", message));
-        }
-    }
+    reasons.rough::<A>(rough, &found.to_from_camera, "were the corners touched that the picture numbers?");
     reasons.judgement()
 }
 

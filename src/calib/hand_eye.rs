@@ -5,7 +5,9 @@
 //! The result says how far off it may be, in mm at a point of the panel, from the noise that the residuals show.
 //! Whether that is good enough is `gate`'s to judge.
 
-use super::adjust::{self, Adjusted, Station};
+use super::adjust::{self, Adjusted};
+use super::chain::Station;
+use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
 use super::consensus::{self, MIN_SPREAD_DEG};
@@ -13,6 +15,7 @@ use super::error::CalibError;
 use super::pose::{BoardPose, board_pose};
 use super::quantile::{f_quantile, radius_95};
 use super::suspects::{self, Suspect};
+use crate::cell::LensCovariance;
 use crate::geometry::{Board as BoardFrame, Degrees, Frame, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use nalgebra::Matrix3;
 
@@ -54,6 +57,8 @@ pub struct HandEye<A: Arrangement> {
     pub at: Point<A::From>,
     /// Radius that holds the error at that point with 95 %, mm.
     pub uncertainty_mm: f64,
+    /// The lens's part of the stated point's covariance, mm²; zero where the lens is taken as true.
+    pub lens_mm2: Matrix3<f64>,
     /// How far the point moves when the worst single picture is left out, mm, and its name.
     pub leave_one_out: (f64, String),
     /// Spread of the turns about the second axis, degrees.
@@ -65,7 +70,33 @@ pub struct HandEye<A: Arrangement> {
 impl<A: Arrangement> HandEye<A> {
     /// Covariance of the stated point, mm².
     pub fn covariance_mm2(&self) -> Matrix3<f64> {
-        self.adjusted.covariance_at(self.at)
+        self.adjusted.covariance_at(self.at) + self.lens_mm2
+    }
+
+    /// The same with a lens that is known to this covariance only: what it adds to the stated uncertainty. The pose is
+    /// the same; it goes with this lens. Points of a 3D camera hardly ask the lens, and gain nothing.
+    ///
+    /// # Errors
+    /// Where a corner would stand behind the camera.
+    pub fn with_lens(
+        self,
+        camera: &PinholeCamera,
+        stations: &[Station<A::From>],
+        lens: &LensCovariance,
+    ) -> Result<Self, CalibError> {
+        let used = stations.iter().zip(&self.residuals).filter(|(_, residual)| residual.used);
+        let used: Vec<&Station<A::From>> = used.map(|(station, _)| station).collect();
+        let unsettled = CalibError::NotSettled { what: "the lens's part of the uncertainty" };
+        let added = influence::of_lens(camera, &self.adjusted, &used, lens).ok_or(unsettled)?;
+        let lens_mm2 = adjust::covariance_at(&self.adjusted.to_from_camera, &added, self.at);
+        let uncertainty_mm =
+            radius_95(&(self.adjusted.covariance_at(self.at) + lens_mm2), self.adjusted.redundancy);
+        Ok(HandEye { lens_mm2, uncertainty_mm, ..self })
+    }
+
+    /// The lens's part of the uncertainty, mm, 95 %; 0 where it is taken as true.
+    pub fn lens_uncertainty_mm(&self) -> f64 {
+        radius_95(&self.lens_mm2, f64::INFINITY)
     }
 
     /// Does the stated 95 % region, an ellipsoid about the stated point, hold an error of this size and direction?
@@ -122,6 +153,7 @@ pub fn hand_eye<A: Arrangement>(
         residuals,
         at: middle,
         uncertainty_mm,
+        lens_mm2: Matrix3::zeros(),
         leave_one_out,
         suspects,
     })
@@ -222,14 +254,14 @@ impl<C: Frame> All<'_, C> {
     fn surprise<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize, used: bool) -> f64 {
         let (station, seen) = (&self.stations[index], &self.poses[index].camera_from_board);
         let without = if used { self.without(adjusted, index) } else { Some(adjusted.clone()) };
-        without.map_or(0.0, |without| adjust::surprise(self.camera, &without, station, seen))
+        without.map_or(0.0, |without| influence::surprise(self.camera, &without, station, seen))
     }
 
     /// The adjustment with one used station taken out, to first order. `None` where the rest determines nothing.
     fn without<A: Arrangement<From = C>>(&self, adjusted: &Adjusted<A>, index: usize) -> Option<Adjusted<A>> {
-        let all = adjust::inverse(&adjusted.covariance)?;
-        let (gone, pull) = adjust::information(self.camera, adjusted, &self.stations[index])?;
-        let covariance = adjust::inverse(&(all - gone))?;
+        let all = influence::inverse(&adjusted.covariance)?;
+        let (gone, pull) = influence::information(self.camera, adjusted, &self.stations[index])?;
+        let covariance = influence::inverse(&(all - gone))?;
         Some(adjusted.moved(&-(covariance * pull), covariance))
     }
 

@@ -44,6 +44,22 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
+/// Was a look, or a touch, farther off than the cell's file allows today? A NaN is beyond every limit.
+pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
+    let (subject, found, allowed) = (&last.subject, last.error_mm, demands.limit_mm);
+    (found.is_nan() || found > allowed).then(|| {
+        let message = format!(
+            "the last verification of {subject} was {found:.3} mm off, allowed are {allowed} mm; look whether something \
+             was bumped, calibrate {subject} again, and verify it"
+        );
+        Reason::new("verification_limit", message)
+    })
+}
+
+fn advice(subject: &str) -> String {
+    format!("run `panelprep calibrate verify --camera {}`", subject.replace('_', "-"))
+}
+
 /// May a cycle start? `last` is the newest verification of this subject; `calibration_hash` is of the files in use now.
 ///
 /// Rejects where it is missing, older than allowed, from the future, beyond the limit, or of other calibration files.
@@ -55,7 +71,7 @@ pub fn health(
     demands: Demands,
 ) -> Judgement {
     let Some(last) = last else {
-        let message = format!("{subject} was never verified; run panelprep calibrate verify");
+        let message = format!("{subject} was never verified; {}", advice(subject));
         return Judgement::of(vec![Reason::new("not_verified", message)], vec![]);
     };
     let mut reject = Vec::new();
@@ -67,19 +83,14 @@ pub fn health(
     }
     if age_h > demands.max_age_h {
         let allowed = demands.max_age_h;
-        let message = format!("{subject} was verified {age_h:.1} h ago, allowed are {allowed} h; verify it again");
+        let message =
+            format!("{subject} was verified {age_h:.1} h ago, allowed are {allowed} h; {}", advice(subject));
         reject.push(Reason::new("verification_old", message));
     }
-    // A NaN is beyond every limit.
-    if last.error_mm.is_nan() || last.error_mm > demands.limit_mm {
-        let (found, allowed) = (last.error_mm, demands.limit_mm);
-        let message = format!(
-            "the last verification of {subject} was {found:.3} mm off, allowed are {allowed} mm; calibrate it again"
-        );
-        reject.push(Reason::new("verification_limit", message));
-    }
+    reject.extend(beyond(last, demands));
     if last.calibration_hash != calibration_hash {
-        let message = format!("{subject} was verified with other calibration files than today's; verify it again");
+        let message =
+            format!("{subject} was verified with other calibration files than today's; {}", advice(subject));
         reject.push(Reason::new("verification_other", message));
     }
     Judgement::of(reject, vec![])
@@ -114,6 +125,9 @@ mod tests {
             let judged = judge(last, hash);
             assert_eq!(judged.verdict, Verdict::Reject);
             assert!(judged.reasons.iter().any(|reason| reason.code == code), "{code}: {judged:?}");
+            assert!(
+                judged.reasons.iter().all(|reason| reason.message.contains("verify") || code.ends_with("ahead"))
+            );
         }
     }
 

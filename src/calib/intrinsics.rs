@@ -8,6 +8,8 @@
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
+use super::lens_covariance::lens_covariance;
+use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid};
 use nalgebra::Vector3;
 
@@ -51,6 +53,8 @@ pub struct Calibrated {
     pub rms_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, as OpenCV states them.
     pub deviations: [f64; 9],
+    /// Their covariance.
+    pub covariance: LensCovariance,
     /// The pictures, in the order given.
     pub views: Vec<ViewResult>,
     /// Share of the picture's 8 × 6 fields that hold a corner.
@@ -116,8 +120,11 @@ pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result
                 set_aside: None,
             },
         });
+        let seen: Vec<_> = used.iter().map(|view| &view.corners).zip(poses.iter().copied()).collect();
+        let covariance = lens_covariance(&found.camera, &seen).ok_or(CalibError::NotSettled { what: "the lens" })?;
         return Ok(Calibrated {
             camera: found.camera,
+            covariance,
             rms_px: found.rms_px,
             deviations: found.deviations,
             views: views.collect(),

@@ -3,10 +3,10 @@
 //! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`, `charuco`: what is looked at, and where its corners are in a picture
-//! - `intrinsics`: the lens (thesis 3.6) · `pose`: where one picture puts the board
+//! - `board`, `detect`, `charuco`, `saddle`: what is looked at, and where its corners are in a picture
+//! - `intrinsics`, `lens_covariance`: the lens (thesis 3.6) · `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
-//! - `hand_eye`, `consensus`, `adjust`, `suspects`, `suggest`: the same from many poses
+//! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
 //! - `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
 //! - `gate`: turns evidence into a verdict
 
@@ -14,6 +14,7 @@ mod adjust;
 mod arrangement;
 mod board;
 pub mod budget;
+mod chain;
 mod charuco;
 mod consensus;
 pub mod detect;
@@ -22,9 +23,12 @@ mod foreign;
 pub mod gate;
 pub mod hand_eye;
 pub mod health;
+mod influence;
 pub mod intrinsics;
+mod lens_covariance;
 mod pose;
 mod quantile;
+mod saddle;
 mod suggest;
 mod suspects;
 pub mod three_points;
@@ -33,9 +37,10 @@ pub mod tool;
 #[cfg(test)]
 mod tests;
 
-pub use adjust::{Adjusted, Noise, Seen, Station};
+pub use adjust::{Adjusted, Noise};
 pub use arrangement::Arrangement;
 pub use board::{Board, Charuco};
+pub use chain::{Seen, Station};
 pub use charuco::marker_cells;
 pub use error::CalibError;
 pub use hand_eye::{HandEye, Residual};

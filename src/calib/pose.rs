@@ -1,6 +1,6 @@
 //! Where one picture, or one 3D shot, puts the board: perspective-n-point (thesis 3.7) and Kabsch.
 
-use super::adjust::Seen;
+use super::chain::Seen;
 use super::error::CalibError;
 use super::foreign;
 use crate::geometry::{Board, Frame, PinholeCamera, Pixel, Point, Rigid};

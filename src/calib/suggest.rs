@@ -4,7 +4,9 @@
 //! the whole board in the picture, the best is the one after which the uncertainty at the panel is least, as the
 //! information of (2) in `adjust` foretells it.
 
-use super::adjust::{self, Seen, Station, covariance_at};
+use super::adjust::covariance_at;
+use super::chain::{Seen, Station};
+use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
 use super::hand_eye::HandEye;
@@ -33,7 +35,7 @@ pub fn next_pose<A: Arrangement>(
     stations: &[Station<A::From>],
     found: &HandEye<A>,
 ) -> Option<Suggestion> {
-    let known = adjust::inverse(&found.adjusted.covariance)?;
+    let known = influence::inverse(&found.adjusted.covariance)?;
     let used = stations.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
     let mut best: Option<Suggestion> = None;
     for (station, _) in used {
@@ -42,12 +44,12 @@ pub fn next_pose<A: Arrangement>(
             let seen: Rigid<A::From, crate::geometry::Board> =
                 found.adjusted.to_from_camera.inverse() * moved * found.adjusted.holder_from_board;
             let camera_from_board = turned(&seen, board, &change);
-            let base_from_flange = adjust::needed_flange(&found.adjusted, &camera_from_board);
+            let base_from_flange = influence::needed_flange(&found.adjusted, &camera_from_board);
             let Some(candidate) = sighted::<A>(camera, board, base_from_flange, &camera_from_board) else {
                 continue;
             };
-            let Some((gain, _)) = adjust::information(camera, &found.adjusted, &candidate) else { continue };
-            let Some(covariance) = adjust::inverse(&(known + gain)) else { continue };
+            let Some((gain, _)) = influence::information(camera, &found.adjusted, &candidate) else { continue };
+            let Some(covariance) = influence::inverse(&(known + gain)) else { continue };
             let spread = covariance_at(&found.adjusted.to_from_camera, &covariance, found.at);
             let uncertainty_mm = radius_95(&spread, found.adjusted.redundancy);
             if best.is_none_or(|best| uncertainty_mm < best.uncertainty_mm) {

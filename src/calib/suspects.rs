@@ -3,7 +3,9 @@
 //! A picture says where the flange must have been. Held against what the file says, that tells a board seen upside
 //! down, two pictures that changed places, a number that was mistyped, and poses that are wrong altogether.
 
-use super::adjust::{self, Adjusted, Seen, Station};
+use super::adjust::Adjusted;
+use super::chain::{Seen, Station};
+use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
 use super::pose::{BoardPose, board_pose};
@@ -129,7 +131,7 @@ impl<A: Arrangement> Trial<'_, A> {
     }
 
     fn fits_as(&self, station: &Station<A::From>, pose: &BoardPose<A::From>) -> bool {
-        adjust::surprise(self.camera, self.adjusted, station, &pose.camera_from_board) <= self.limit
+        influence::surprise(self.camera, self.adjusted, station, &pose.camera_from_board) <= self.limit
     }
 
     fn fault(&self, index: usize, wrong: &[usize]) -> Fault {
@@ -160,7 +162,7 @@ impl<A: Arrangement> Trial<'_, A> {
     fn mistyped(&self, index: usize) -> Fault {
         let written = KukaPose::from_rigid(&self.stations[index].base_from_flange);
         let needed =
-            KukaPose::from_rigid(&adjust::needed_flange(self.adjusted, &self.poses[index].camera_from_board));
+            KukaPose::from_rigid(&influence::needed_flange(self.adjusted, &self.poses[index].camera_from_board));
         let fits = |pose: KukaPose| self.fits(index, pose.to_rigid());
         for (key, field) in KEYS {
             let mut pose = written;

@@ -8,6 +8,7 @@ use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
     self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
 };
+use nalgebra::SMatrix;
 use std::fmt::Write;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
@@ -74,11 +75,40 @@ impl Setting for Numbers {
 /// A picture that was set aside may be far off.
 const RESIDUALS: RangeInclusive<f64> = 0.0..=100_000.0;
 
+/// Covariance of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, in this order: how well a lens is known.
+pub type LensCovariance = SMatrix<f64, 9, 9>;
+
+/// A lens's covariance as its file holds it: the upper triangle, row by row.
+struct Covariance(LensCovariance);
+
+impl Setting for Covariance {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        const FINITE: RangeInclusive<f64> = -1e12..=1e12;
+        let numbers = value.as_array().map(|list| list.iter().map(|item| f64::parse(item.get_ref(), &FINITE)));
+        let numbers: Vec<f64> = numbers.map(Iterator::collect::<Result<_, _>>).transpose()?.unwrap_or_default();
+        let allowed = || "allowed are the 45 numbers of a covariance's upper triangle, row by row".to_owned();
+        let mut next = numbers.iter();
+        let mut covariance = LensCovariance::zeros();
+        for row in 0..9 {
+            for column in row..9 {
+                let number = *next.next().ok_or_else(allowed)?;
+                (covariance[(row, column)], covariance[(column, row)]) = (number, number);
+            }
+        }
+        let is_covariance = (0..9).all(|row| covariance[(row, row)] > 0.0) && next.next().is_none();
+        if is_covariance { Ok(Covariance(covariance)) } else { Err(allowed()) }
+    }
+}
+
 /// A camera's intrinsics as their file, `[camera]`, holds them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Intrinsics {
     /// The camera.
     pub camera: PinholeCamera,
+    /// How well it is known; without it, it is taken as true.
+    pub covariance: Option<LensCovariance>,
     /// Serial number of the camera that was calibrated.
     pub serial: Option<String>,
     /// When.
@@ -98,7 +128,14 @@ const RESIDUAL: RangeInclusive<f64> = 0.0..=100.0;
 impl Intrinsics {
     /// A camera of which nothing else is known.
     pub fn of(camera: PinholeCamera) -> Self {
-        Intrinsics { camera, serial: None, date: None, rms_px: None, provenance: Provenance::default() }
+        Intrinsics {
+            camera,
+            covariance: None,
+            serial: None,
+            date: None,
+            rms_px: None,
+            provenance: Provenance::default(),
+        }
     }
 
     /// Checks the text of an intrinsics file.
@@ -120,6 +157,7 @@ impl Intrinsics {
         let [fx_px, fy_px] = ["fx_px", "fy_px"].map(|key| number(key, FOCAL_PX));
         let [cx_px, cy_px] = ["cx_px", "cy_px"].map(|key| number(key, CENTRE_PX));
         let [k1, k2, p1, p2, k3] = ["k1", "k2", "p1", "p2", "k3"].map(|key| number(key, COEFFICIENT));
+        let covariance = section.take::<Option<Covariance>>("covariance", (), Some(None));
         let serial = section.take("serial", (), Some(None));
         let date = section.take("date", (), Some(None));
         let rms_px = section.take("rms_px", RESIDUAL, Some(None));
@@ -144,7 +182,9 @@ impl Intrinsics {
                 .problem("k1", format!("k1, k2, p1, p2, k3 give pixel ({u}, {v}) no ray; are they this camera's?"));
             return None;
         }
-        Some(Intrinsics { camera, serial: serial?, date: date?, rms_px: rms_px?, provenance: provenance? })
+        let covariance = covariance?.map(|covariance| covariance.0);
+        let (serial, date, rms_px, provenance) = (serial?, date?, rms_px?, provenance?);
+        Some(Intrinsics { camera, covariance, serial, date, rms_px, provenance })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -157,6 +197,11 @@ impl Intrinsics {
             .iter()
             .chain(&distortion)
             .for_each(|(key, number)| line(&mut text, key, Some(format!("{number:?}"))));
+        let upper = |covariance: &LensCovariance| {
+            let numbers = (0..9).flat_map(|row| (row..9).map(move |column| covariance[(row, column)]));
+            format!("{:?}", numbers.collect::<Vec<_>>())
+        };
+        line(&mut text, "covariance", self.covariance.as_ref().map(upper));
         line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
         line(&mut text, "date", self.date.as_ref());
         line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));

@@ -283,7 +283,8 @@ proptest! {
             pictures: vec!["ab".to_owned(), "cd".to_owned()],
             residuals: rms_px.into_iter().collect(),
         };
-        let lens = Intrinsics { camera, serial, date, rms_px, provenance };
+        let covariance = rms_px.map(|_| LensCovariance::from_fn(|i, j| 0.1 / (1.0 + i.abs_diff(j) as f64)));
+        let lens = Intrinsics { camera, covariance, serial, date, rms_px, provenance };
         prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
     }
 

@@ -37,15 +37,20 @@ pub enum Command {
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
-    #[command(after_help = "Example:\n  panelprep render --seed 1 --out target/cell")]
+    #[command(after_help = "Example, with the pictures for `panelprep calibrate`:\n  \
+        panelprep render --seed 1 --boards --out target/cell")]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
+    #[command(
+        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        panelprep cycle --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
+    )]
     Cycle(Cycle),
     /// Fly the planned path over all grids in the air: no water, the tool off, nothing touched.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1")]
+    #[command(
+        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        panelprep air-run --cell target/cell/cell.toml --recipe target/cell/recipe.toml --seed 1"
+    )]
     AirRun(Cycle),
     /// One function of the robot at a time, through every gate: for commissioning.
     #[command(
@@ -147,6 +152,9 @@ pub struct Render {
     /// What stands in the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
+    #[arg(long)]
+    pub boards: bool,
     /// The folder to write; it must be empty, new, or one that `render` wrote.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,

@@ -3,6 +3,7 @@
 use super::args::{Common, Cycle, Simulation};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
+use super::health;
 use super::live::{Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -50,6 +51,10 @@ fn once(
     let files = CellFiles::read(common)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
+    let health = health::judge(&files)?;
+    if health.verdict == Verdict::Reject {
+        return Ok(unhealthy(&health));
+    }
     let ran = one(&files, (&assignment, &calibrated), (args.simulation, request), progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(&page, vec![])?;
@@ -59,7 +64,16 @@ fn once(
     Ok(outcome)
 }
 
-/// Runs one cycle.
+/// What is told of a cycle that did not start.
+pub fn unhealthy(health: &Judgement) -> Outcome {
+    let mut outcome = Outcome::of(health);
+    outcome.say("the cycle did not start; nothing moved");
+    outcome.put("cycle_id", json!(null));
+    outcome.put("report", json!(null));
+    outcome
+}
+
+/// Runs one cycle, on calibrations that were found healthy.
 ///
 /// # Errors
 /// As [`run`].

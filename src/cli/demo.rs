@@ -1,15 +1,17 @@
 //! `panelprep demo`: a whole live cycle on the simulated cell, its page, and how far from the truth it was.
 //!
-//! The cell is rendered as files and taught by them; then the cycle runs as `panelprep cycle` would run it. The truth
+//! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs as `panelprep cycle` would run it. The truth
 //! is read for the score alone, when the cycle is over.
 
-use super::args::{Common, Demo, Simulation, Teach};
+use super::args::{Demo, Simulation, Teach};
 use super::assignment::{Assignment, Calibrated};
+use super::calibrate::args::CameraName;
+use super::calibrate::verify;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{cycle, render, teach};
+use super::{cycle, health, render, teach};
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -27,7 +29,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         let cell = sim::Cell::new(args.seed, scene, args.reduction as usize);
         render::write_taught(&cell, &args.out.join("cell"), &progress)?
     };
-    let common = Common { cell: rendered.file("cell.toml"), store: None, json: false };
+    let common = rendered.common();
     progress("teaching the panel at its nominal place");
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),
@@ -39,8 +41,17 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     teach::run(&teaching, &common)?;
     let files = CellFiles::read(&common)?;
     let assignment = Assignment::read(&files, &teaching.recipe)?;
-    let calibrated = Calibrated::read(&files, &common)?;
     let simulation = Simulation { seed: args.seed, scene: args.scene };
+    progress("verifying both cameras and the tool on their boards");
+    for camera in [CameraName::Scanner, CameraName::FlangeCamera] {
+        verify::run(&rendered.verification(camera), &common)?;
+    }
+    verify::touch(&rendered.touch(), &common)?;
+    let health = health::judge(&files)?;
+    if health.verdict == Verdict::Reject {
+        return Ok(cycle::unhealthy(&health));
+    }
+    let calibrated = Calibrated::read(&files, &common)?;
     let ran = cycle::one(&files, (&assignment, &calibrated), (simulation, Assignment::request), &progress)?;
 
     progress("writing the page");

@@ -40,7 +40,7 @@ pub struct Simulated {
 }
 
 /// Width of the simulated scanner's picture at full size, px.
-const FULL_WIDTH_PX: usize = 1944;
+pub const FULL_WIDTH_PX: usize = 1944;
 /// The renderer's smallest pictures are this many times smaller.
 const SMALLEST: usize = 8;
 

@@ -3,7 +3,9 @@
 use super::args::{Render, SceneName};
 use super::disk;
 use super::fault::Fault;
+use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
+use super::render_boards;
 use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};
@@ -20,6 +22,14 @@ const MARK: &str = ".rendered-by-panelprep";
 /// Length of the wet film, s, and its pictures a second (the recipe's own defaults).
 const OBSERVATION_S: f64 = 60.0;
 const FRAMES_PER_SECOND: f64 = 5.0;
+
+/// What the rendered calibrations state of themselves, mm: 0.1 mm and 0.01° at 0.79 m and at 0.45 m, and a tool's tip.
+const SCANNER_MM: f64 = 0.24;
+const FLANGE_MM: f64 = 0.18;
+const TOOL_MM: f64 = 0.05;
+
+/// The pad of the simulated tool is so far before the flange, its axis the flange's.
+pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// The folder's files by their role.
 #[derive(Debug, Clone)]
@@ -52,7 +62,12 @@ impl From<SceneName> for Scene {
 /// Where the folder holds other things or the disk refuses.
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
-    let rendered = write(&cell, &args.out, &|line| eprintln!("{line}"))?;
+    let progress = |line: &str| eprintln!("{line}");
+    let rendered = write(&cell, &args.out, &progress)?;
+    if args.boards {
+        progress("rendering boards for calibration");
+        render_boards::write(args.seed, args.reduction as usize, &rendered)?;
+    }
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     let mut names: Vec<String> = fs::read_dir(&rendered.folder)
         .and_then(Iterator::collect::<Result<Vec<_>, _>>)
@@ -90,6 +105,7 @@ pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) ->
     claim(folder)?;
     let rendered = Rendered { folder: folder.to_owned() };
     write_configuration(cell, &rendered)?;
+    render_boards::write_targets(cell, &rendered)?;
     progress("rendering the scan and the corner picture that the panel is taught by");
     disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&cell.taught_scan()))?;
     write_corner(cell, &rendered, Place::Nominal)?;
@@ -111,22 +127,30 @@ fn claim(folder: &Path) -> Result<(), Fault> {
 }
 
 fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
-    let base_from_camera = KukaPose::from_rigid(&cell.calibrated_base_from_camera());
-    let flange_from_camera = KukaPose::from_rigid(&cell.calibrated_flange_from_camera());
-    // The pad of the simulated tool: 120 mm before the flange, its axis the flange's.
-    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+    let mut base_from_camera =
+        MountedPose::<ScannerMount>::of(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
+    let mut flange_from_camera =
+        MountedPose::<FlangeCameraMount>::of(KukaPose::from_rigid(&cell.calibrated_flange_from_camera()));
+    (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) = (Some(SCANNER_MM), Some(FLANGE_MM));
+    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
     let mut tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
-    tool.axis_measured = Some(true);
+    (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_MM));
     let texts = [
         ("scanner.toml", Intrinsics::of(*cell.scanner()).to_toml()),
         ("flange_camera.toml", Intrinsics::of(*cell.flange_camera()).to_toml()),
-        ("base_from_camera.toml", MountedPose::<ScannerMount>::of(base_from_camera).to_toml()),
-        ("flange_from_camera.toml", MountedPose::<FlangeCameraMount>::of(flange_from_camera).to_toml()),
+        ("base_from_camera.toml", base_from_camera.to_toml()),
+        ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),
-        ("cell.toml", CELL.to_owned()),
+        ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
         ("recipe.toml", recipe(cell)),
     ];
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
+}
+
+/// The program's own limit at full size; a smaller picture places a board less well.
+fn verify_limit_mm(cell: &sim::Cell) -> f64 {
+    let smaller = FULL_WIDTH_PX as f64 / cell.scanner().width_px as f64;
+    0.5 + (smaller - 1.0).round() / 10.0
 }
 
 const CELL: &str = r#"# A simulated cell, as files. Written by `panelprep render`.

@@ -3,6 +3,7 @@
 use super::args::{Common, Run};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
+use super::health;
 use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -101,6 +102,10 @@ fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHa
 /// Reads all that a cycle works by, anew for each one.
 fn loader(files: Arc<CellFiles>, common: Common, world: Option<SimulatedWorld>) -> Arc<Loader> {
     Arc::new(move |name: &str, text: &str| {
+        let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
+        if health.verdict == Verdict::Reject {
+            return Err(health.reasons);
+        }
         let load = || -> Result<_, Fault> {
             let calibrated = Calibrated::read(&files, &common)?;
             let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;

@@ -10,7 +10,7 @@
 use super::frames::Frame;
 use super::rigid::{Point, Vector};
 use super::units::Pixel;
-use nalgebra::{Matrix2, Matrix2x3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
 
 /// Intrinsic parameters of a camera: what a calibration finds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -60,6 +60,22 @@ impl PinholeCamera {
         let flat = Matrix2x3::new(1.0, 0.0, -x, 0.0, 1.0, -y) / p.z; // of Eq. 3.10
         let focal = Matrix2::new(self.fx_px, 0.0, 0.0, self.fy_px);
         Some((pixel, focal * self.distortion_jacobian(Vector2::new(x, y)) * flat))
+    }
+
+    /// How the pixel that sees this point moves with fx, fy, cx, cy, k1, k2, p1, p2, k3, in this order; `None` behind the
+    /// camera.
+    pub fn lens_slope<F: Frame>(&self, point: Point<F>) -> Option<SMatrix<f64, 2, 9>> {
+        let p = point.mm;
+        (p.z > 1e-6).then(|| {
+            let (x, y) = (p.x / p.z, p.y / p.z);
+            let (distorted, r2) = (self.distort(Vector2::new(x, y)), x * x + y * y);
+            let (fx, fy, across) = (self.fx_px, self.fy_px, 2.0 * x * y);
+            let u = [distorted.x, 0.0, 1.0, 0.0, fx * x * r2, fx * x * r2 * r2];
+            let v = [0.0, distorted.y, 0.0, 1.0, fy * y * r2, fy * y * r2 * r2];
+            let u = u.into_iter().chain([fx * across, fx * (r2 + 2.0 * x * x), fx * x * r2.powi(3)]);
+            let v = v.into_iter().chain([fy * (r2 + 2.0 * y * y), fy * across, fy * y * r2.powi(3)]);
+            SMatrix::from_row_iterator(u.chain(v))
+        })
     }
 
     /// The pixel that sees this point, or `None` where it lies outside the picture or behind the camera.
@@ -133,6 +149,35 @@ mod tests {
         p2: -0.0004,
         k3: -0.02,
     };
+
+    /// Against differences: each parameter moved a little moves the pixel as the slope says.
+    #[test]
+    fn the_lens_slope_is_the_lens_s_own() {
+        let point = Point::<Camera>::at(-170.0, 95.0, 700.0);
+        let slope = LENS.lens_slope(point).expect("in front");
+        let parameters: [fn(&mut PinholeCamera) -> &mut f64; 9] = [
+            |lens| &mut lens.fx_px,
+            |lens| &mut lens.fy_px,
+            |lens| &mut lens.cx_px,
+            |lens| &mut lens.cy_px,
+            |lens| &mut lens.k1,
+            |lens| &mut lens.k2,
+            |lens| &mut lens.p1,
+            |lens| &mut lens.p2,
+            |lens| &mut lens.k3,
+        ];
+        for (column, parameter) in parameters.iter().enumerate() {
+            let moved = |by: f64| {
+                let mut lens = LENS;
+                *parameter(&mut lens) += by;
+                lens.project(point).expect("in front")
+            };
+            let (low, high) = (moved(-1e-4), moved(1e-4));
+            let [du, dv] = [high.u - low.u, high.v - low.v].map(|difference| difference / 2e-4);
+            let (u, v) = (slope[(0, column)], slope[(1, column)]);
+            assert!((u - du).abs() < 1e-6 && (v - dv).abs() < 1e-6, "{column}: {u} {du}, {v} {dv}");
+        }
+    }
 
     /// By hand: x = 0.2, y = 0.1, r² = 0.05; with k1 = −0.1, p1 = 0.01 alone ρ = 0.995,
     /// x' = 0.199 + 2·0.01·0.02 = 0.1994, y' = 0.0995 + 0.01·(0.05 + 0.02) = 0.1002; u = 1000·x' + 500.

@@ -27,12 +27,40 @@ pub fn residual_field((width, height): (usize, usize), found: &Calibrated) -> Re
         let end = Pixel::at(residual.at.u + times * residual.du_px, residual.at.v + times * residual.dv_px);
         canvas.polyline(&[residual.at, end], false, pen)?;
     }
+    let mean_times = 4.0 * times;
+    for (at, [du_px, dv_px]) in field_means((width, height), found) {
+        let end = Pixel::at(at.u + mean_times * du_px, at.v + mean_times * dv_px);
+        canvas.polyline(&[at, end], false, Pen { ink: Ink::BLUE, width_px: 3 * pen.width_px })?;
+        canvas.cross(at, width as f64 / 200.0, Pen { ink: Ink::BLUE, width_px: pen.width_px })?;
+    }
     let [low, high] = found.tilt_deg;
-    let legend = format!(
-        "residuals, {times:.0} times larger; {:.3} px rms, longest {longest:.2} px; tilts {low:.0} to {high:.0} degrees",
-        found.rms_px
-    );
-    canvas.with_legend(&[(Ink::ORANGE, &legend)])?.finish()
+    let each = format!("residuals {times:.0} times larger; longest {longest:.3} px, rms {:.3} px", found.rms_px);
+    let mean = format!("their mean in each field {mean_times:.0} times larger: the lens's own part");
+    let seen = format!("covered {:.0} %, tilts of {low:.0} to {high:.0} degrees", found.coverage * 100.0);
+    canvas.with_legend(&[(Ink::ORANGE, &each), (Ink::BLUE, &mean), (Ink::WHITE, &seen)])?.finish()
+}
+
+/// Columns and rows of fields for the mean.
+const FIELDS: (usize, usize) = (8, 6);
+/// Fewer residuals have no mean worth drawing.
+const MIN_IN_FIELD: usize = 6;
+
+/// The mean residual of each field of the picture, px, at the field's middle.
+fn field_means((width, height): (usize, usize), found: &Calibrated) -> Vec<(Pixel, [f64; 2])> {
+    let mut sums = vec![([0.0, 0.0], 0); FIELDS.0 * FIELDS.1];
+    for residual in &found.residuals {
+        if let Some((column, row)) = residual.at.whole(width, height) {
+            let (sum, count) = &mut sums[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width];
+            *sum = [sum[0] + residual.du_px, sum[1] + residual.dv_px];
+            *count += 1;
+        }
+    }
+    let middle = |index: usize, count: usize, size: usize| (index as f64 + 0.5) * size as f64 / count as f64;
+    let mean = |(index, (sum, count)): (usize, &([f64; 2], usize))| {
+        let at = Pixel::at(middle(index % FIELDS.0, FIELDS.0, width), middle(index / FIELDS.0, FIELDS.1, height));
+        (*count >= MIN_IN_FIELD).then(|| (at, sum.map(|sum| sum / *count as f64)))
+    };
+    sums.iter().enumerate().filter_map(mean).collect()
 }
 
 /// The board's corners in its picture with the ones to touch numbered from 1.

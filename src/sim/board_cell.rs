@@ -1,8 +1,8 @@
 //! Pictures of a board for calibration, with known truth: where the flange truly was, what the robot says, what a
 //! camera sees.
 //!
-//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places and tilts are
-//! drawn so that the whole board is in the picture.
+//! The fixed camera looks at a board on the flange, the flange camera at a board in the cell. Places, tilts and turns are
+//! drawn as a careful operator takes them: wide, with the whole board in the picture.
 
 use super::board::BoardPrint;
 use super::noise::{Normal, PixelNoise, Purpose, Seed};
@@ -40,6 +40,7 @@ pub struct BoardCell {
     print: BoardPrint,
     robot: RobotNoise,
     pixels: PixelNoise,
+    reduction: usize,
 }
 
 /// The board's middle on the flange and its turn: the flange does not hold it straight.
@@ -70,17 +71,22 @@ const MARGIN_PX: f64 = 12.0;
 impl BoardCell {
     /// A board of this print, with a robot that is this far off.
     pub fn new(seed: u64, print: BoardPrint, robot: RobotNoise) -> Self {
-        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)) }
+        BoardCell { seed: Seed(seed), print, robot, pixels: PixelNoise::new(Seed(seed)), reduction: 1 }
+    }
+
+    /// The same with cameras of this many times fewer pixels each way.
+    pub fn with_reduction(self, reduction: usize) -> Self {
+        BoardCell { reduction, ..self }
     }
 
     /// The fixed camera.
     pub fn scanner(&self) -> PinholeCamera {
-        scene::scanner(1)
+        scene::scanner(self.reduction)
     }
 
     /// The camera on the flange.
     pub fn flange_camera(&self) -> PinholeCamera {
-        scene::flange_camera(1)
+        scene::flange_camera(self.reduction)
     }
 
     /// Where the fixed camera truly stands.
@@ -161,7 +167,7 @@ impl BoardCell {
             let depth = distance_mm * (1.0 + spread(0.15));
             let middle = Vector3::new(spread(0.22) * depth, spread(0.14) * depth, depth);
             let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.6), spread(0.6), 0.0))
-                * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(0.6));
+                * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
             let camera_from_board: Rigid<C, Board> = held(middle, turn, &self.print);
             let inside = |pixel: Pixel| {
                 let within = |at: f64, size: usize| at > MARGIN_PX && at < size as f64 - MARGIN_PX;

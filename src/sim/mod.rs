@@ -6,7 +6,7 @@
 //! - `shape`, `outline`: the panel as a height field cut along an outline
 //! - `scene`, `fixture`: where everything stands
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
-//! - `board`, `board_cell`: calibration boards before both cameras
+//! - `board`, `board_cell`, `target`: calibration boards before both cameras
 //! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
 //!
 //! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
@@ -25,6 +25,7 @@ mod scanner;
 mod scene;
 mod shape;
 mod spots;
+mod target;
 mod truth;
 
 pub use board::{BoardPrint, Marker};
@@ -33,6 +34,7 @@ pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::Spot;
+pub use target::Target;
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
 
 use crate::geometry::{

@@ -1,10 +1,11 @@
 //! Verifications of calibrations: each is kept, none is changed.
 
-use super::Store;
 use super::error::StoreError;
+use super::{DATABASE, Store};
 use crate::calib::health::Verification;
 use crate::files::content_hash;
-use rusqlite::params;
+use rusqlite::{Connection, OpenFlags, params};
+use std::path::Path;
 
 pub(super) const TABLES: &str = "
     CREATE TABLE verifications (
@@ -26,12 +27,41 @@ pub fn calibration_hash(texts: &[&str]) -> String {
 }
 
 impl Store {
+    /// Keeps a verification in the store in this folder, also while a service writes to it: one row in a transaction of
+    /// its own, for which SQLite makes either wait for the other. A store that is missing or of an earlier program is
+    /// made, as its only writer.
+    ///
+    /// # Errors
+    /// Where the store cannot be opened or written, or a number is not finite.
+    pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<Self, StoreError> {
+        let mut store = match Store::create(folder) {
+            Err(StoreError::Leased { .. }) => Store::beside_the_writer(folder)?,
+            opened => opened?,
+        };
+        store.insert_verification(verification)?;
+        Ok(store)
+    }
+
+    fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
+        let mut store = Store::open(folder)?;
+        let path = folder.join(DATABASE);
+        let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
+        store.connection = Connection::open_with_flags(&path, flags).map_err(failed)?;
+        store.connection.pragma_update(None, "synchronous", "FULL").map_err(failed)?;
+        Ok(store)
+    }
+
     /// Keeps a verification.
     ///
     /// # Errors
     /// Where the store is open for reading or cannot be written, or a number is not finite.
     pub fn keep_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
         self.writable()?;
+        self.insert_verification(verification)
+    }
+
+    fn insert_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
         if !(verification.error_mm.is_finite() && verification.limit_mm.is_finite()) {
             return Err(StoreError::NotFinite { name: "verification".to_owned() });
         }

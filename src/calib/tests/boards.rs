@@ -42,12 +42,12 @@ fn corner_error<C: Frame>(
 }
 
 #[test]
-fn chessboard_corners_are_right_to_a_twentieth_of_a_pixel() {
+fn chessboard_corners_are_right_to_a_hundredth_of_a_pixel() {
     let board = Board::parse("9x6", 25.0).expect("a board");
     let cell = BoardCell::new(1, print_of(&board), STILL);
     for shot in &cell.fixed_shots(2) {
         let (rms, largest, count) = corner_error(&cell, &cell.scanner(), shot, &board);
-        assert!(rms < 0.06 && largest < 0.25 && count == 54, "{rms} px rms, {largest} px, {count}");
+        assert!(rms < 0.02 && largest < 0.06 && count == 54, "{rms} px rms, {largest} px, {count}");
     }
 }
 
@@ -60,7 +60,7 @@ fn charuco_of_both_patterns_is_read() {
         let cell = BoardCell::new(2, print_of(board), STILL);
         let shot = cell.flange_shots(1)[0];
         let (rms, largest, count) = corner_error(&cell, &cell.flange_camera(), &shot, board);
-        assert!(rms < 0.06 && largest < 0.25 && count == 35, "{rms} px rms, {largest} px, {count}");
+        assert!(rms < 0.02 && largest < 0.06 && count == 35, "{rms} px rms, {largest} px, {count}");
     }
     let cell = BoardCell::new(2, print_of(&boards[0]), STILL);
     let picture = cell.picture(&cell.flange_camera(), &cell.flange_shots(1)[0]);

@@ -1,7 +1,7 @@
 //! Many poses, both mounts, on synthetic corners.
 
 use crate::calib::{Arrangement, Board, Fault, HandEye, Seen, Station, hand_eye::hand_eye};
-use crate::cell::{FlangeCameraMount, ScannerMount};
+use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use crate::geometry::{Camera, FlangeCamera, KukaPose, PinholeCamera, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};
 
@@ -107,6 +107,25 @@ fn the_stated_region_holds_the_truth() {
     });
     let held = held.count();
     assert!((34..=40).contains(&held), "{held} of 40");
+}
+
+/// By differences: a lens whose principal point is 0.2 px off moves the mount by what a covariance of this one error says.
+#[test]
+fn a_lens_that_is_off_moves_the_mount_as_foretold() {
+    let cell = cell(4, GOOD_ROBOT);
+    let (camera, stations) = (cell.scanner(), fixed(&cell, 15));
+    let off = PinholeCamera { cx_px: camera.cx_px + 0.2, ..camera };
+    let at = Some(cell.panel_middle());
+    let [found, moved] =
+        [camera, off].map(|lens| hand_eye::<ScannerMount>(&lens, &board(), &stations, at).expect("calibrated"));
+    let moved_mm = moved.adjusted.to_from_camera.distance_at_mm(found.adjusted.to_from_camera, cell.panel_middle());
+    let mut covariance = LensCovariance::zeros();
+    covariance[(2, 2)] = 0.04;
+    let stated_mm = found.uncertainty_mm;
+    let told = found.with_lens(&camera, &stations, &covariance).expect("in front of the camera");
+    let foretold_mm = told.lens_mm2.trace().sqrt();
+    assert!(moved_mm > 0.05 && (moved_mm / foretold_mm - 1.0).abs() < 0.1, "{moved_mm} mm, {foretold_mm} mm");
+    assert!(told.uncertainty_mm > stated_mm.hypot(moved_mm) && told.lens_uncertainty_mm() > 1.9 * moved_mm);
 }
 
 fn only_fault(found: &HandEye<ScannerMount>) -> (&str, &Fault) {

@@ -15,29 +15,42 @@ pub struct Calibrate {
 #[derive(Debug, Clone, Subcommand)]
 pub enum What {
     /// The lens, from pictures of a board (thesis 3.6).
-    #[command(after_help = "Example, with pictures of a board of 9 × 6 inner corners in the folder board:\n  \
-        panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out flange_camera.toml board/*.png")]
+    #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
+        panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
+        --pictures target/cell/pictures target/cell/boards/lens/*.png")]
     Intrinsics(Intrinsics),
     /// Where a camera is mounted: from three touched points (thesis 3.7), or from many poses.
     #[command(
-        after_help = "Example, three points; without --points it writes the picture with the corners to touch:\n  \
-        panelprep calibrate hand-eye --mount eye-to-hand --board 9x6 --square-mm 25 --intrinsics scanner.toml \
-        --image board.png --points touched.toml --out base_from_camera.toml\n\
+        after_help = "Example, three points, after `panelprep render --boards --out target/cell`; without --points it \
+        writes the picture with the corners to touch:\n  \
+        panelprep calibrate hand-eye --mount eye-to-hand --board 9x6 --square-mm 25 \
+        --intrinsics target/cell/scanner.toml --image target/cell/boards/touched.png \
+        --points target/cell/boards/touched.toml --out target/cell/found/base_from_camera.toml\n\
         Example, many poses:\n  \
-        panelprep calibrate hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 --intrinsics flange_camera.toml \
-        --poses poses.toml --images board --out flange_from_camera.toml"
+        panelprep calibrate hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 \
+        --intrinsics target/cell/flange_camera.toml --poses target/cell/boards/flange/poses.toml \
+        --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
-    #[command(after_help = "Example:\n  panelprep calibrate tcp --poses tip.toml --out flange_from_tool.toml")]
+    #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
+        panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml")]
     Tcp(Tcp),
     /// Look at a board that stands still and compare with where it is known to be; kept in the store.
-    #[command(after_help = "Example, once with --learn, then every day:\n  \
-        panelprep calibrate verify --camera scanner --board 9x6 --square-mm 25 --image today.png --target target.toml")]
+    #[command(after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  \
+        panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --board 5x4 --square-mm 40 \
+        --target target/cell/target/scanner.toml --image target/cell/target/scanner.png\n  \
+        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera --board 5x4 --square-mm 40 \
+        --target target/cell/target/flange_camera.toml --image target/cell/target/flange_camera.png \
+        --flange target/cell/target/flange.json --pictures target/cell/pictures\n\
+        By a taught corner, after the one of `panelprep teach --help`:\n  \
+        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
+        --recipe target/cell/recipe.toml --image target/cell/taught_corner.png --flange target/cell/taught_flange.json")]
     Verify(Verify),
     /// Touch known corners of that board with the calibrated tool and compare; kept in the store.
-    #[command(after_help = "Example:\n  \
-        panelprep calibrate touch --board 9x6 --square-mm 25 --target target.toml --points touched.toml")]
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
+        panelprep calibrate touch --cell target/cell/cell.toml --board 5x4 --square-mm 40 \
+        --target target/cell/target/scanner.toml --points target/cell/target/touched.toml")]
     Touch(Touch),
 }
 
@@ -159,8 +172,11 @@ pub struct Verify {
     pub camera: CameraName,
     /// The board that stands still.
     #[command(flatten)]
-    pub board: BoardArgs,
-    /// A picture of it, or the 3D camera's shot.
+    pub board: Option<BoardArgs>,
+    /// In place of a board: the recipe of a panel that stands at its nominal place, with its first taught corner.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
+    pub recipe: Option<PathBuf>,
+    /// A picture of the target, or the 3D camera's shot.
     #[arg(long, value_name = "FILE")]
     pub image: PathBuf,
     /// The flange's pose at that picture, for the camera on the flange.
@@ -168,7 +184,7 @@ pub struct Verify {
     pub flange: Option<PathBuf>,
     /// Where the board is known to be.
     #[arg(long, value_name = "FILE")]
-    pub target: PathBuf,
+    pub target: Option<PathBuf>,
     /// Write the target from this picture, right after calibrating.
     #[arg(long)]
     pub learn: bool,

@@ -66,8 +66,8 @@ pub fn cell(common: &Common) -> Result<Option<Cell>, Fault> {
 }
 
 /// The intrinsics that `--intrinsics` names.
-pub fn intrinsics(file: &Path) -> Result<PinholeCamera, Fault> {
-    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?.camera)
+pub fn intrinsics(file: &Path) -> Result<Intrinsics, Fault> {
+    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?)
 }
 
 /// Calibrates and writes the file.
@@ -90,7 +90,8 @@ struct Look {
 
 fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = super::board(&args.board)?;
-    let camera = intrinsics(&args.intrinsics)?;
+    let lens = intrinsics(&args.intrinsics)?;
+    let camera = lens.camera;
     let cell = cell(common)?;
     let (looks, aside) = looks(args, &board, &camera, progress)?;
     let stations: Vec<Station<A::From>> =
@@ -106,13 +107,17 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         };
         found = calibrated(&stations, Some(at))?;
     }
+    if let Some(covariance) = &lens.covariance {
+        found = found.with_lens(&camera, &stations, covariance).map_err(Fault::stage)?;
+    }
     let measured: Vec<Station<A::From>> =
         looks.iter().filter_map(|look| Some(station(look, points_of::<A>(look, &camera)?))).collect();
     let second = match measured.len() >= MIN_STATIONS {
         true => Some(calibrated(&measured, Some(found.at))?),
         false => None,
     };
-    let judgement = gate::hand_eye(&found, second.as_ref());
+    let rough = cell.as_ref().and_then(A::rough);
+    let judgement = gate::hand_eye(&found, second.as_ref(), rough.as_ref());
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, &found, &aside);
     if let Some(second) = &second {
@@ -126,7 +131,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
             pose_of(second)
         ));
     }
-    if let Some(rough) = cell.as_ref().and_then(A::rough) {
+    if let Some(rough) = rough {
         let apart_mm = rough.distance_at_mm(found.adjusted.to_from_camera, Point::at(0.0, 0.0, 0.0));
         outcome.say(format!("{apart_mm:.0} mm from the rough mount in the cell's file"));
     }
@@ -225,12 +230,18 @@ fn tell<A: Arrangement>(outcome: &mut Outcome, found: &HandEye<A>, aside: &[(Str
     outcome.put("rms_mm", json!(found.rms_mm));
     outcome.put("rms_deg", json!(found.rms_deg));
     outcome.put("uncertainty_mm", json!(found.uncertainty_mm));
+    let lens_mm = found.lens_uncertainty_mm();
+    outcome.put("lens_uncertainty_mm", json!(lens_mm));
     let (left_out_mm, left_out) = &found.leave_one_out;
     outcome.put("leave_one_out_mm", json!(left_out_mm));
     outcome.put("second_axis_deg", json!(found.second_axis_deg));
     outcome.put("noise", json!({"corner_px": noise.corner, "robot_mm": noise.shift_mm, "robot_deg": turn_deg}));
     outcome.say(format!("{} {}", A::TABLE, pose_of(found)));
-    outcome.say(format!("± {:.3} mm at the panel (95 %)", found.uncertainty_mm));
+    let lens = match lens_mm > 0.0 {
+        true => format!("of it the lens ± {lens_mm:.3} mm"),
+        false => "the intrinsics' file states no covariance: the lens is taken as true".to_owned(),
+    };
+    outcome.say(format!("± {:.3} mm at the panel (95 %); {lens}", found.uncertainty_mm));
     outcome.say(format!(
         "picture and robot disagree by {:.3} mm and {:.4}° rms; found noise: corners {:.3} px, robot {:.3} mm and {turn_deg:.4}°",
         found.rms_mm, found.rms_deg, noise.corner, noise.shift_mm

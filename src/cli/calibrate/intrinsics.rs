@@ -61,6 +61,7 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
     let (hashes, residuals) = used.filter_map(|view| Some((hash(&view.name)?, view.rms_px))).unzip();
     let intrinsics = Intrinsics {
         camera: found.camera,
+        covariance: Some(found.covariance),
         serial: args.serial.clone(),
         date: date::today(),
         rms_px: Some(found.rms_px),
@@ -136,11 +137,20 @@ fn told(
     outcome.put("standard_deviations", Value::Object(deviations));
     let windows: Vec<usize> = detected.iter().flatten().map(|detected| detected.half_window_px).collect();
     let (least, most) = (windows.iter().min().copied(), windows.iter().max().copied());
+    let (modelled, corners) = detected
+        .iter()
+        .flatten()
+        .fold((0, 0), |(modelled, all), found| (modelled + found.modelled, all + found.corners.len()));
+    let placed = match modelled {
+        0 => "corners by cornerSubPix".to_owned(),
+        modelled => format!("{modelled} of {corners} corners by a model of their grey levels"),
+    };
     outcome.put("half_window_px", json!([least, most]));
+    outcome.put("corners", json!({"found": corners, "modelled": modelled}));
     outcome.put("coverage", json!(found.coverage));
     outcome.put("tilt_deg", json!(found.tilt_deg));
     outcome.say(format!(
-        "{:.3} px rms; windows of ±{} to ±{} px; corners cover {:.0} % of the picture; tilts of {:.0}° to {:.0}°",
+        "{:.3} px rms; windows of ±{} to ±{} px, {placed}; corners cover {:.0} % of the picture; tilts of {:.0}° to {:.0}°",
         found.rms_px,
         least.unwrap_or(0),
         most.unwrap_or(0),
@@ -158,9 +168,12 @@ fn told(
         json!({"file": picture.name, "used": reason.is_none(), "rms_px": rms_px, "reason": reason})
     };
     let images: Vec<Value> = all.iter().zip(detected).map(image).collect();
-    for image in images.iter().filter(|image| image["used"] == false) {
+    for image in &images {
         let text = |key: &str| image[key].as_str().unwrap_or("").to_owned();
-        outcome.say(format!("set aside: {}: {}", text("file"), text("reason")));
+        match image["rms_px"].as_f64().filter(|_| image["used"] == true) {
+            Some(rms_px) => outcome.say(format!("  {}: {rms_px:.3} px", text("file"))),
+            None => outcome.say(format!("set aside: {}: {}", text("file"), text("reason"))),
+        }
     }
     outcome.put("images", Value::Array(images));
     outcome

@@ -8,9 +8,12 @@ mod files;
 mod hand_eye;
 mod intrinsics;
 mod sight;
+mod taught_corner;
 mod tcp;
 mod three_points;
-mod verify;
+pub mod verify;
+
+pub use date::now_unix_s;
 
 use super::args::Common;
 use super::disk;

@@ -31,7 +31,7 @@ pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
 
 fn stage<A: Mounted>(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let board = super::board(&args.board)?;
-    let camera = intrinsics(&args.intrinsics)?;
+    let camera = intrinsics(&args.intrinsics)?.camera;
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
     };

@@ -7,15 +7,15 @@ use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Touch, Verify};
 use super::sight::Sight;
-use super::{date, files, provenance};
-use crate::calib::health::{self, Verification};
+use super::{date, files, provenance, taught_corner};
+use crate::calib::health::{self, Demands, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
 use crate::cell::{MountedPose, TargetMount};
 use crate::files::read_flange;
 use crate::geometry::{Base, Board as BoardFrame, Camera, Flange, FlangeCamera, KukaPose, Rigid};
 use crate::report;
-use crate::store::calibration_hash;
-use crate::verdict::{Judgement, Reason};
+use crate::store::{Store, calibration_hash};
+use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
 
@@ -27,13 +27,13 @@ struct Looked {
     calibration_hash: String,
 }
 
-fn look(args: &Verify, files: &CellFiles, board: &Board) -> Result<Looked, Fault> {
+fn look(args: &Verify, files: &CellFiles, (board, window): (&Board, Option<usize>)) -> Result<Looked, Fault> {
     let (camera, mount_text) = match args.camera {
         CameraName::Scanner => (files.scanner()?, files.base_from_camera()?.text),
         CameraName::FlangeCamera => (files.flange_camera()?, files.flange_from_camera()?.text),
     };
     let sight = Sight::read(&args.image, &camera.value)?;
-    let detected = sight.detect(board, super::window(&args.board)).map_err(Fault::stage)?;
+    let detected = sight.detect(board, window).map_err(Fault::stage)?;
     let (base_from_board, pnp_rms_px) = match args.camera {
         CameraName::Scanner => {
             let pose =
@@ -56,47 +56,63 @@ fn look(args: &Verify, files: &CellFiles, board: &Board) -> Result<Looked, Fault
     Ok(Looked { base_from_board, pnp_rms_px, picture_hash: sight.hash, calibration_hash })
 }
 
-/// Looks at the target and compares; with `--learn`, writes the target.
+/// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
 ///
 /// # Errors
-/// Where a file is not what it must be, the picture shows no board, or the store does not write.
+/// Where a file is not what it must be, the picture shows no target, or the store does not write.
 pub fn run(args: &Verify, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let board = super::board(&args.board)?;
-    let seen = look(args, &files, &board)?;
+    let (board, target_file) = match (&args.recipe, &args.board, &args.target) {
+        (Some(recipe), None, None) => return taught_corner::run(args, &files, recipe),
+        (None, Some(board), Some(target)) => (super::board(board)?, target),
+        _ => {
+            let message = "name --board, --square-mm and --target for a board, or --recipe for a taught corner";
+            return Err(Fault::stage(CalibError::Points(message.to_owned())));
+        }
+    };
+    let window = args.board.as_ref().and_then(super::window);
+    let seen = look(args, &files, (&board, window))?;
     if args.learn {
-        return learn(args, &seen);
+        return learn(target_file, &seen);
     }
-    let known = target(&args.target)?;
+    let known = target(target_file)?;
     let error_mm = health::distance_mm(&known, &seen.base_from_board, &board.corners());
-    let subject = match args.camera {
-        CameraName::Scanner => "scanner",
-        CameraName::FlangeCamera => "flange_camera",
-    };
-    let verification = Verification {
-        subject: subject.to_owned(),
-        error_mm,
-        limit_mm: files.cell.limits().verify_limit_mm(),
-        calibration_hash: seen.calibration_hash,
-        at_unix_s: date::now_unix_s(),
-    };
+    let verification = verification(&files, subject(args.camera), error_mm, seen.calibration_hash);
     let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
     outcome.put("pnp_rms_px", json!(seen.pnp_rms_px));
     outcome.put("base_from_board", json!(KukaPose::from_rigid(&seen.base_from_board)));
     Ok(outcome)
 }
 
-fn learn(args: &Verify, seen: &Looked) -> Result<Outcome, Fault> {
+fn subject(camera: CameraName) -> &'static str {
+    match camera {
+        CameraName::Scanner => "scanner",
+        CameraName::FlangeCamera => "flange_camera",
+    }
+}
+
+/// A verification of now.
+pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration_hash: String) -> Verification {
+    Verification {
+        subject: subject.to_owned(),
+        error_mm,
+        limit_mm: files.cell.limits().verify_limit_mm(),
+        calibration_hash,
+        at_unix_s: date::now_unix_s(),
+    }
+}
+
+fn learn(target: &Path, seen: &Looked) -> Result<Outcome, Fault> {
     let pose = KukaPose::from_rigid(&seen.base_from_board);
     let mut mounted = MountedPose::<TargetMount>::of(pose);
     mounted.date = date::today();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
-    disk::write(&args.target, mounted.to_toml())?;
+    disk::write(target, mounted.to_toml())?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     outcome.put("base_from_board", json!(pose));
     outcome.put("pnp_rms_px", json!(seen.pnp_rms_px));
     outcome.say(format!("base_from_board {pose}"));
-    outcome.say(format!("{}: written; leave the board where it is", args.target.display()));
+    outcome.say(format!("{}: written; leave the board where it is", target.display()));
     Ok(outcome)
 }
 
@@ -123,13 +139,8 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         };
         errors_mm.push((known * corner).distance_mm(touched.place));
     }
-    let verification = Verification {
-        subject: "tool".to_owned(),
-        error_mm: errors_mm.iter().copied().fold(0.0, f64::max),
-        limit_mm: files.cell.limits().verify_limit_mm(),
-        calibration_hash: calibration_hash(&[&tool_text(&files)?]),
-        at_unix_s: date::now_unix_s(),
-    };
+    let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
+    let verification = verification(&files, "tool", error_mm, calibration_hash(&[&tool_text(&files)?]));
     let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;
@@ -148,17 +159,11 @@ fn tool_text(files: &CellFiles) -> Result<String, Fault> {
 }
 
 /// Keeps a verification in the store, judges it, and draws the trend.
-fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
-    let mut store = files.store_for_writing()?;
-    store.keep_verification(verification).map_err(Fault::stage)?;
+pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
+    let store = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error_mm, verification.limit_mm);
-    let mut reject = Vec::new();
-    if error_mm.is_nan() || error_mm > limit_mm {
-        let subject = &verification.subject;
-        let message = format!("{subject}: {error_mm:.3} mm off, allowed are {limit_mm} mm; calibrate it again");
-        reject.push(Reason::new("verification_limit", message));
-    }
-    let mut outcome = Outcome::of(&Judgement::of(reject, vec![]));
+    let reject = health::beyond(verification, Demands::of(files.cell.limits()));
+    let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
     outcome.say(format!("{}: {error_mm:.3} mm off, allowed are {limit_mm} mm", verification.subject));

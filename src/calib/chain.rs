@@ -1,0 +1,167 @@
+//! How a corner of the board moves in a station's view with camera mount, board, flange and lens: equation (1) of
+//! `adjust` and its slopes, gathered for each station as a part of the normal equations.
+
+use super::arrangement::Arrangement;
+use crate::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
+use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
+
+/// What a camera sees of the board.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Seen<C: Frame> {
+    /// Corners in a picture.
+    Pixels(Vec<(Point<Board>, Pixel)>),
+    /// Corners that a 3D camera measured.
+    Points(Vec<(Point<Board>, Point<C>)>),
+}
+
+/// One picture of the board with the robot's word on where the flange was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Station<C: Frame> {
+    /// The picture's name in messages.
+    pub name: String,
+    /// Where the robot says that the flange was.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// What the picture shows.
+    pub seen: Seen<C>,
+}
+
+/// Of mount and board, in this order, each (ω, v).
+pub(super) type Both = SMatrix<f64, 12, 12>;
+type Normal = SMatrix<f64, 18, 18>;
+
+/// One station's part of the normal equations: of X, Y and e, in this order.
+pub(super) struct Gram {
+    pub normal: Normal,
+    pub gradient: SVector<f64, 18>,
+    /// Sum of the squared residuals.
+    pub square: f64,
+    pub rows: usize,
+}
+
+impl Gram {
+    fn empty() -> Self {
+        Gram { normal: Normal::zeros(), gradient: SVector::zeros(), square: 0.0, rows: 0 }
+    }
+
+    fn add<const R: usize>(&mut self, slope: &SMatrix<f64, R, 3>, at: &Corner, residual: &SVector<f64, R>) {
+        let jacobian = at.jacobian(slope);
+        self.normal += jacobian.transpose() * jacobian;
+        self.gradient += jacobian.transpose() * residual;
+        self.square += residual.norm_squared();
+        self.rows += R;
+    }
+
+    pub fn flange(&self) -> Matrix6<f64> {
+        self.normal.fixed_view::<6, 6>(12, 12).into_owned()
+    }
+
+    pub fn cross(&self) -> SMatrix<f64, 12, 6> {
+        self.normal.fixed_view::<12, 6>(0, 12).into_owned()
+    }
+
+    pub fn both(&self) -> Both {
+        self.normal.fixed_view::<12, 12>(0, 0).into_owned()
+    }
+}
+
+/// How a corner in the camera's frame moves with small turns and shifts of camera, board and flange.
+struct Corner {
+    camera: (Matrix3<f64>, Matrix3<f64>),
+    board: (Matrix3<f64>, Matrix3<f64>),
+    flange: (Matrix3<f64>, Matrix3<f64>),
+}
+
+impl Corner {
+    fn jacobian<const R: usize>(&self, slope: &SMatrix<f64, R, 3>) -> SMatrix<f64, R, 18> {
+        let mut jacobian = SMatrix::<f64, R, 18>::zeros();
+        for (index, (turn, shift)) in [self.camera, self.board, self.flange].into_iter().enumerate() {
+            jacobian.fixed_columns_mut::<3>(6 * index).copy_from(&(slope * turn));
+            jacobian.fixed_columns_mut::<3>(6 * index + 3).copy_from(&(slope * shift));
+        }
+        jacobian
+    }
+}
+
+/// The transforms of (1) for one station.
+pub(super) struct Chain {
+    camera_from_to: Isometry3<f64>,
+    flange_from_base: Isometry3<f64>,
+    holder_from_board: Isometry3<f64>,
+    eye_in_hand: bool,
+}
+
+impl Chain {
+    pub fn new<A: Arrangement>(
+        mount: &Isometry3<f64>,
+        board: &Isometry3<f64>,
+        base_from_flange: &Rigid<Base, Flange>,
+        deviation: &Isometry3<f64>,
+    ) -> Self {
+        Chain {
+            camera_from_to: mount.inverse(),
+            flange_from_base: (base_from_flange.isometry() * deviation).inverse(),
+            holder_from_board: *board,
+            eye_in_hand: A::EYE_IN_HAND,
+        }
+    }
+
+    fn camera_from_holder(&self) -> Isometry3<f64> {
+        let base_from_flange = self.flange_from_base.inverse();
+        self.camera_from_to * if self.eye_in_hand { self.flange_from_base } else { base_from_flange }
+    }
+
+    fn corner(&self, camera_from_holder: &Isometry3<f64>, q: &Point<Board>) -> (Vector3<f64>, Corner) {
+        let camera_from_board = camera_from_holder * self.holder_from_board;
+        let seen = (camera_from_board * q.mm).coords;
+        let board_turn = camera_from_board.rotation.to_rotation_matrix().into_inner();
+        let in_holder = self.holder_from_board * q.mm;
+        // exp(e) stands right before the point in the flange's frame; for a camera on the flange its inverse does.
+        let (in_flange, flange_turn) = if self.eye_in_hand {
+            let turn = -self.camera_from_to.rotation.to_rotation_matrix().into_inner();
+            ((self.flange_from_base * in_holder).coords, turn)
+        } else {
+            (in_holder.coords, camera_from_holder.rotation.to_rotation_matrix().into_inner())
+        };
+        let corner = Corner {
+            camera: (seen.cross_matrix(), -Matrix3::identity()),
+            board: (-board_turn * q.mm.coords.cross_matrix(), board_turn),
+            flange: (-flange_turn * in_flange.cross_matrix(), flange_turn),
+        };
+        (seen, corner)
+    }
+
+    /// `None` where a corner would stand behind the camera.
+    pub fn gram<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<Gram> {
+        let (mut gram, camera_from_holder) = (Gram::empty(), self.camera_from_holder());
+        match seen {
+            Seen::Pixels(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    let (pixel, slope) = camera.project_with_slope(Point::<C>::new(p.into()))?;
+                    gram.add(&slope, &corner, &nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v));
+                }
+            }
+            Seen::Points(corners) => {
+                for (q, found) in corners {
+                    let (p, corner) = self.corner(&camera_from_holder, q);
+                    gram.add(&Matrix3::identity(), &corner, &(found.mm.coords - p));
+                }
+            }
+        }
+        Some(gram)
+    }
+
+    /// The lens's part of the normal equations beside that of mount, board and flange: how much a lens that is a little
+    /// off pulls at them. Points of a 3D camera have none.
+    pub fn lens_cross<C: Frame>(&self, camera: &PinholeCamera, seen: &Seen<C>) -> Option<SMatrix<f64, 18, 9>> {
+        let (mut cross, camera_from_holder) = (SMatrix::zeros(), self.camera_from_holder());
+        let Seen::Pixels(corners) = seen else { return Some(cross) };
+        for (q, _) in corners {
+            let (p, corner) = self.corner(&camera_from_holder, q);
+            let point = Point::<C>::new(p.into());
+            let (_, slope) = camera.project_with_slope(point)?;
+            cross += corner.jacobian(&slope).transpose() * camera.lens_slope(point)?;
+        }
+        Some(cross)
+    }
+}

@@ -1,0 +1,224 @@
+//! A corner to a hundredth of a pixel: a model of the grey levels around it, fitted to them.
+//!
+//! Where two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey
+//! level
+//!     g(x) = (m + a · E(d₁ / s) · E(d₂ / s)) · (1 + l · (x − c)),   E(t) = erf(t / √2),                          (1)
+//! with mean m, half contrast a (its sign says which squares are black), blur s and light that falls off by l. Least
+//! squares over the window by Levenberg–Marquardt finds c, both directions and the rest. The pattern is the same seen
+//! from the other side of c, and so a wrong profile of the blur moves c by nothing; every pixel of both edges counts,
+//! where `cornerSubPix`, whose result this starts from, follows noise in the gradients.
+//!
+//! Does not find corners, and gives none where the model does not fit.
+
+use crate::geometry::{GrayPicture, Pixel};
+use nalgebra::{SMatrix, SVector, Vector2};
+use statrs::function::erf::erf;
+
+const UNKNOWNS: usize = 9;
+const MAX_STEPS: usize = 30;
+/// The steps end when the corner moves by less, px.
+const SETTLED_PX: f64 = 1e-4;
+/// A corner that moves farther from its start is another one, px.
+const MAX_MOVE_PX: f64 = 1.5;
+/// Half contrasts below this are no corner, grey levels.
+const MIN_CONTRAST: f64 = 6.0;
+/// What the model leaves, as a share of the half contrast.
+const MAX_LEFT: f64 = 0.25;
+const START_BLUR_PX: f64 = 0.8;
+/// A pixel averages over itself, 0.29 px rms: no edge is sharper.
+const SHARPEST_PX: f64 = 0.2;
+
+/// The corner near `start`, whose edges run along `edges`; `None` where the window leaves the picture or the model
+/// does not fit.
+pub(super) fn refine(
+    picture: &GrayPicture,
+    start: Pixel,
+    edges: [Vector2<f64>; 2],
+    half_window_px: usize,
+) -> Option<Pixel> {
+    let patch = Patch::around(picture, start, half_window_px)?;
+    let mut model = patch.begin(start, edges);
+    let mut here = patch.sums(&model);
+    let mut damping = 1e-3;
+    for _ in 0..MAX_STEPS {
+        let mut damped = here.normal;
+        (0..UNKNOWNS).for_each(|index| damped[(index, index)] *= 1.0 + damping);
+        let Some(factor) = damped.cholesky() else {
+            damping *= 10.0;
+            continue;
+        };
+        let step = factor.solve(&here.gradient);
+        let next = model.moved(&step);
+        let there = patch.sums(&next);
+        let settled = step.fixed_rows::<2>(0).norm() < SETTLED_PX;
+        if there.square <= here.square {
+            (model, here) = (next, there);
+            damping *= 0.1;
+        } else {
+            damping *= 10.0;
+        }
+        if settled {
+            return model.is_sound(start, here.square / patch.pixels.len() as f64).then_some(model.at);
+        }
+    }
+    None
+}
+
+/// The unknowns of (1).
+#[derive(Clone, Copy)]
+struct Model {
+    at: Pixel,
+    /// Directions of the edges, rad.
+    angles: [f64; 2],
+    log_blur: f64,
+    mean: f64,
+    contrast: f64,
+    light: Vector2<f64>,
+}
+
+impl Model {
+    fn moved(&self, step: &SVector<f64, UNKNOWNS>) -> Self {
+        Model {
+            at: Pixel::at(self.at.u + step[0], self.at.v + step[1]),
+            angles: [self.angles[0] + step[2], self.angles[1] + step[3]],
+            log_blur: (self.log_blur + step[4]).max(SHARPEST_PX.ln()),
+            mean: self.mean + step[5],
+            contrast: self.contrast + step[6],
+            light: self.light + Vector2::new(step[7], step[8]),
+        }
+    }
+
+    /// The grey level and its slope.
+    fn gray(&self, u: f64, v: f64) -> (f64, SVector<f64, UNKNOWNS>) {
+        let offset = Vector2::new(u - self.at.u, v - self.at.v);
+        let blur = self.log_blur.exp();
+        let edge = |angle: f64| {
+            let along = Vector2::new(angle.cos(), angle.sin());
+            let distance = along.perp(&offset);
+            let scaled = distance / blur;
+            let slope = (2.0 / std::f64::consts::PI).sqrt() / blur * (-0.5 * scaled * scaled).exp();
+            (erf(scaled / std::f64::consts::SQRT_2), slope, distance, along)
+        };
+        let [(one, one_slope, one_far, one_along), (two, two_slope, two_far, two_along)] = self.angles.map(edge);
+        let (flat, light) = (self.mean + self.contrast * one * two, 1.0 + self.light.dot(&offset));
+        let by_one = self.contrast * two * one_slope * light;
+        let by_two = self.contrast * one * two_slope * light;
+        // perp(along, offset) = along.x · offset.y − along.y · offset.x
+        let du = by_one * one_along.y + by_two * two_along.y - flat * self.light.x;
+        let dv = -by_one * one_along.x - by_two * two_along.x - flat * self.light.y;
+        let turned = [-by_one * one_along.dot(&offset), -by_two * two_along.dot(&offset)];
+        let slope = SVector::from([
+            du,
+            dv,
+            turned[0],
+            turned[1],
+            -by_one * one_far - by_two * two_far,
+            light,
+            one * two * light,
+            flat * offset.x,
+            flat * offset.y,
+        ]);
+        (flat * light, slope)
+    }
+
+    fn is_sound(&self, start: Pixel, mean_square: f64) -> bool {
+        self.at.distance_px(start) < MAX_MOVE_PX
+            && self.contrast.abs() > MIN_CONTRAST
+            && mean_square.sqrt() < MAX_LEFT * self.contrast.abs()
+    }
+}
+
+struct Patch {
+    /// u, v and grey level.
+    pixels: Vec<[f64; 3]>,
+    half_window_px: f64,
+}
+
+struct Sums {
+    normal: SMatrix<f64, UNKNOWNS, UNKNOWNS>,
+    gradient: SVector<f64, UNKNOWNS>,
+    square: f64,
+}
+
+impl Patch {
+    fn around(picture: &GrayPicture, start: Pixel, half_window_px: usize) -> Option<Self> {
+        let (column, row) = start.whole(picture.width, picture.height)?;
+        let inside = |at: usize, size: usize| at >= half_window_px && at + half_window_px < size;
+        if !inside(column, picture.width) || !inside(row, picture.height) {
+            return None;
+        }
+        let rows = row - half_window_px..=row + half_window_px;
+        let columns = column - half_window_px..=column + half_window_px;
+        let pixel = |row: usize, column: usize| {
+            [column as f64, row as f64, f64::from(picture.gray[row * picture.width + column])]
+        };
+        let pixels = rows.flat_map(|row| columns.clone().map(move |column| pixel(row, column))).collect();
+        Some(Patch { pixels, half_window_px: half_window_px as f64 })
+    }
+
+    /// Directions as given; mean and contrast by least squares.
+    fn begin(&self, at: Pixel, edges: [Vector2<f64>; 2]) -> Model {
+        let angles = edges.map(|edge| edge.y.atan2(edge.x));
+        let log_blur = START_BLUR_PX.min(self.half_window_px / 3.0).ln();
+        let mean = self.pixels.iter().map(|[.., gray]| gray).sum::<f64>() / self.pixels.len() as f64;
+        let model = Model { at, angles, log_blur, mean, contrast: 1.0, light: Vector2::zeros() };
+        let (mut product, mut square) = (0.0, 1e-9);
+        for [u, v, gray] in &self.pixels {
+            let pattern = model.gray(*u, *v).1[6];
+            product += pattern * (gray - mean);
+            square += pattern * pattern;
+        }
+        Model { contrast: product / square, ..model }
+    }
+
+    fn sums(&self, model: &Model) -> Sums {
+        let mut sums = Sums { normal: SMatrix::zeros(), gradient: SVector::zeros(), square: 0.0 };
+        for [u, v, gray] in &self.pixels {
+            let (expected, slope) = model.gray(*u, *v);
+            let residual = gray - expected;
+            sums.normal.ger(1.0, &slope, &slope, 1.0);
+            sums.gradient += slope * residual;
+            sums.square += residual * residual;
+        }
+        sums
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A corner at (20.3, 19.6) with edges along 20° and 100°, drawn by sixteen rays a side of each pixel.
+    fn drawn() -> GrayPicture {
+        let mut picture = GrayPicture::filled(41, 41, 0);
+        let [one, two] = [20.0_f64, 100.0].map(|deg| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin()));
+        for (index, gray) in picture.gray.iter_mut().enumerate() {
+            let ray = |ray: usize| {
+                let part = |index: usize| (index as f64 + 0.5) / 16.0 - 0.5;
+                let offset = Vector2::new(
+                    (index % 41) as f64 + part(ray % 16) - 20.3,
+                    (index / 41) as f64 + part(ray / 16) - 19.6,
+                );
+                if (one.perp(&offset) > 0.0) == (two.perp(&offset) > 0.0) { 40.0 } else { 200.0 }
+            };
+            *gray = ((0..256).map(ray).sum::<f64>() / 256.0).round() as u8;
+        }
+        picture
+    }
+
+    #[test]
+    fn a_drawn_corner_is_found_to_a_few_thousandths() {
+        let (picture, edges) = (drawn(), [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)]);
+        let found = refine(&picture, Pixel::at(20.8, 19.1), edges, 8).expect("a corner");
+        assert!(found.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
+    }
+
+    #[test]
+    fn what_is_no_corner_gives_none() {
+        let edges = [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)];
+        let flat = GrayPicture::filled(41, 41, 120);
+        assert_eq!(refine(&flat, Pixel::at(20.0, 20.0), edges, 8), None, "nothing is there");
+        assert_eq!(refine(&drawn(), Pixel::at(3.0, 20.0), edges, 8), None, "the window leaves the picture");
+        assert_eq!(refine(&drawn(), Pixel::at(24.0, 20.0), edges, 6), None, "the corner is elsewhere");
+    }
+}

@@ -1,0 +1,54 @@
+//! `panelprep calibrate verify --recipe`: a taught corner at its nominal place as the target of the flange camera.
+//!
+//! What the picture shows beside where the corner must appear, in mm across the view: it tells mount, lens and arm
+//! together, and nothing along the view.
+
+use super::super::fault::Fault;
+use super::super::load::{self, CellFiles};
+use super::super::outcome::Outcome;
+use super::super::refine::find_corner;
+use super::args::{CameraName, Verify};
+use super::verify;
+use crate::calib::CalibError;
+use crate::geometry::{Base, Flange, Rigid};
+use crate::panel::panel_from_base_at_teaching;
+use crate::store::calibration_hash;
+use serde_json::json;
+use std::path::Path;
+
+/// Looks at the first taught corner and compares.
+///
+/// # Errors
+/// Where a file is not what it must be, no corner was taught, the picture shows none, or the store does not write.
+pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outcome, Fault> {
+    let wrong = |message: &str| Fault::stage(CalibError::Points(message.to_owned()));
+    if args.camera != CameraName::FlangeCamera {
+        return Err(wrong(
+            "--recipe looks at a taught corner by the flange camera; the scanner is verified on a board",
+        ));
+    }
+    let Some(flange) = &args.flange else {
+        return Err(wrong("--flange is missing: the flange's pose at the picture"));
+    };
+    let recipe = load::recipe(recipe_file)?;
+    let taught = load::taught(files, recipe_file, &recipe)?;
+    let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
+    let shots = load::corner_shots(std::slice::from_ref(&args.image), std::slice::from_ref(flange), &camera.value)?;
+    let (Some(shot), Some(corner)) = (shots.first(), taught.corners.first()) else {
+        return Err(wrong("no corner of this panel was taught; teach it with --corner and --flange"));
+    };
+    let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
+    let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * mount.value;
+    let found = find_corner(&shot.picture, &recipe, &camera.value, &taught.panel, panel_from_camera)?;
+    let in_camera = panel_from_camera.inverse() * corner.point;
+    let Some(expected) = camera.value.project(in_camera) else {
+        return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));
+    };
+    let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
+    let error_px = found.distance_px(expected);
+    let hash = calibration_hash(&[&camera.text, &mount.text]);
+    let verification = verify::verification(files, "flange_camera", error_px / px_per_mm, hash);
+    let mut outcome = verify::kept(files, &verification, args.pictures.as_deref())?;
+    outcome.put("error_px", json!(error_px));
+    Ok(outcome)
+}

@@ -1,0 +1,85 @@
+//! The boards that stand still in the cell: what the cameras' calibrations are verified on, day by day.
+//!
+//! One before each camera. Where they stand is known as a pointer touched them: a little off.
+
+use super::board::BoardPrint;
+use super::noise::{Normal, Purpose};
+use super::{Cell, scene};
+use crate::geometry::{Base, Board, Flange, Frame, GrayPicture, PinholeCamera, Point, Rigid};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// Error of the touched place of a board along each axis, mm.
+const TOUCH_NOISE_MM: f64 = 0.03;
+
+/// A board before a camera.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Where it truly stands.
+    pub base_from_board: Rigid<Base, Board>,
+    /// Where it is known to stand.
+    pub known_base_from_board: Rigid<Base, Board>,
+    /// Where the flange is when its camera looks; of no meaning for the fixed one.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// What the camera sees.
+    pub picture: GrayPicture,
+}
+
+impl Target {
+    /// The board: 5 × 4 inner corners, 40 mm.
+    pub fn print() -> BoardPrint {
+        BoardPrint::chessboard(5, 4, 40.0)
+    }
+}
+
+impl Cell {
+    /// The board in a corner of the fixed camera's view.
+    pub fn scanner_target(&self) -> Target {
+        let camera_from_board = held([240.0, 120.0, 820.0], [0.15, -0.2, 0.05]);
+        let base_from_board = scene::base_from_camera() * camera_from_board;
+        self.target(0, &self.scanner.0, &camera_from_board, (base_from_board, Rigid::claim(Isometry3::identity())))
+    }
+
+    /// The board that lies in the cell, and the flange camera over it.
+    pub fn flange_target(&self) -> Target {
+        let base_from_board: Rigid<Base, Board> = held([540.0, 60.0, 200.0], [std::f64::consts::PI, 0.02, 0.0]);
+        let camera_from_board = held([10.0, -8.0, 600.0], [0.2, 0.15, 0.1]);
+        let base_from_flange =
+            base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse();
+        self.target(1, &self.flange_camera.0, &camera_from_board, (base_from_board, base_from_flange))
+    }
+
+    /// Places of a target's board as the tool's tip finds them, in the base.
+    pub fn touched_target(&self, target: &Target, places: &[Point<Board>]) -> Vec<Point<Base>> {
+        let mut normal = Normal::new(self.seed.stream(Purpose::Touch, 2));
+        let mut touch = |&place: &Point<Board>| {
+            let noise = Vector3::from_fn(|_, _| normal.next()) * TOUCH_NOISE_MM;
+            Point::new((target.base_from_board * place).mm + noise)
+        };
+        places.iter().map(&mut touch).collect()
+    }
+
+    fn target<C: Frame>(
+        &self,
+        index: u64,
+        camera: &PinholeCamera,
+        camera_from_board: &Rigid<C, Board>,
+        (base_from_board, base_from_flange): (Rigid<Base, Board>, Rigid<Base, Flange>),
+    ) -> Target {
+        let mut normal = Normal::new(self.seed.stream(Purpose::Touch, index));
+        let off = Vector3::from_fn(|_, _| normal.next()) * TOUCH_NOISE_MM;
+        let shot = self.seed.child(Purpose::Touch, index);
+        Target {
+            base_from_board,
+            known_base_from_board: Rigid::claim(Translation3::from(off) * base_from_board.isometry()),
+            base_from_flange,
+            picture: Target::print().picture(camera, camera_from_board, (&self.pixels, shot)),
+        }
+    }
+}
+
+/// The board with its middle at a place, turned by a vector of angles, rad.
+fn held<To: Frame>(middle_mm: [f64; 3], turn: [f64; 3]) -> Rigid<To, Board> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn));
+    let shift = Vector3::from(middle_mm) - turn * Target::print().middle().mm.coords;
+    Rigid::claim(Isometry3::from_parts(Translation3::from(shift), turn))
+}

@@ -1,0 +1,119 @@
+//! A cycle starts only on calibrations that were verified: not on none, an old one, a bad one, or one of other files.
+
+use super::commands::{TEACH, VERIFY, json, rendered};
+use panelprep::calib::health::Verification;
+use panelprep::store::Store;
+use serde_json::Value;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+const CYCLE: &str = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+const TOUCH: &str =
+    "calibrate touch --cell cell/cell.toml --board 5x4 --square-mm 40 --target cell/target/scanner.toml";
+
+fn codes(told: &Value) -> Vec<&str> {
+    told["reasons"].as_array().expect("reasons").iter().filter_map(|reason| reason["code"].as_str()).collect()
+}
+
+/// A cycle, and the same in the air, does not start, for these reasons; nothing is journaled, nothing moved.
+fn refused(folder: &Path, expected: &[&str]) {
+    let before = journal(folder);
+    for command in [CYCLE.to_owned(), CYCLE.replace("cycle --cell", "air-run --cell")] {
+        let (exit, told) = json(folder, &command);
+        assert_eq!(
+            (exit, told["verdict"].as_str(), codes(&told)),
+            (1, Some("reject"), expected.to_vec()),
+            "{told}"
+        );
+        assert!(told["cycle_id"].is_null() && told["report"].is_null(), "{told}");
+    }
+    assert_eq!(journal(folder), before);
+}
+
+fn journal(folder: &Path) -> usize {
+    Store::open(&folder.join("cell/store")).expect("a store").journal().expect("whole").len()
+}
+
+fn replace(folder: &Path, file: &str, from: &str, to: &str) {
+    let file = folder.join(file);
+    let text = std::fs::read_to_string(&file).expect("there");
+    assert!(text.contains(from), "{text}");
+    std::fs::write(file, text.replace(from, to)).expect("written");
+}
+
+#[test]
+fn a_cycle_starts_only_on_verified_calibrations() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    refused(folder, &["not_verified", "not_verified"]);
+    let (exit, told) = json(folder, VERIFY[0]);
+    assert_eq!((exit, told["verdict"].as_str()), (0, Some("accept")), "{told}");
+    let error_mm = told["error_mm"].as_f64().unwrap_or(f64::NAN);
+    assert!(error_mm > 0.02 && error_mm < 0.5 && told["limit_mm"] == 0.8, "the mount is 0.1 mm, 0.01° off: {told}");
+    refused(folder, &["not_verified"]);
+
+    // The taught corner, at the place where it was taught, verifies the flange camera as well.
+    let corner = "calibrate verify --cell cell/cell.toml --camera flange-camera --recipe cell/recipe.toml \
+                  --image cell/taught_corner.png --flange cell/taught_flange.json";
+    let (exit, told) = json(folder, corner);
+    assert!(exit == 0 && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.01), "{told}");
+    assert_eq!(json(folder, VERIFY[1]).0, 0);
+
+    // A touch 2 mm beside: a tool that was bumped.
+    let (exit, told) = json(folder, &format!("{TOUCH} --points cell/target/touched.toml"));
+    let errors = told["errors_mm"].as_array().map(Vec::len);
+    assert!(exit == 0 && errors == Some(4) && told["error_mm"].as_f64().is_some_and(|mm| mm < 0.2), "{told}");
+    let points = std::fs::read_to_string(folder.join("cell/target/touched.toml")).expect("there");
+    let (head, tail) = points.split_once("p4_mm = [").expect("a fourth point");
+    let (x, rest) = tail.split_once(',').expect("three numbers");
+    let x = x.parse::<f64>().expect("a number") + 2.0;
+    std::fs::write(folder.join("bumped.toml"), format!("{head}p4_mm = [{x},{rest}")).expect("written");
+    let (exit, told) = json(folder, &format!("{TOUCH} --points bumped.toml --pictures pictures"));
+    assert_eq!((exit, codes(&told)), (1, vec!["verification_limit"]), "{told}");
+    let trend = std::fs::read_to_string(folder.join("pictures/trend_tool.svg")).expect("a trend");
+    assert_eq!(trend.matches("<circle").count(), 2);
+    refused(folder, &["verification_limit"]);
+    assert_eq!(json(folder, &format!("{TOUCH} --points cell/target/touched.toml")).0, 0);
+
+    // A stricter limit, other files, and a verification of the day before yesterday.
+    let (rendered, strict) =
+        ("verify_limit_mm = 0.8", format!("verify_limit_mm = {:?}", (error_mm / 2.0).max(0.05)));
+    replace(folder, "cell/cell.toml", rendered, &strict);
+    let (_, told) = json(folder, CYCLE);
+    assert!(codes(&told).contains(&"verification_limit"), "{told}");
+    replace(folder, "cell/cell.toml", &strict, rendered);
+    replace(folder, "cell/scanner.toml", "[camera]", "# calibrated again\n[camera]");
+    refused(folder, &["verification_other"]);
+    replace(folder, "cell/scanner.toml", "# calibrated again\n[camera]", "[camera]");
+    let store = folder.join("cell/store");
+    let last = Store::open(&store).expect("a store").last_verification("scanner").expect("read").expect("verified");
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
+    let old = Verification { at_unix_s: now - 48 * 3600, ..last };
+    Store::keep_verification_in(&store, &old).expect("kept");
+    refused(folder, &["verification_old"]);
+}
+
+/// What cannot be verified is an error, and the store keeps nothing of it.
+#[test]
+fn a_look_without_its_target_is_refused() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    for (arguments, words) in [
+        (VERIFY[1].replace("--flange cell/target/flange.json", ""), "--flange is missing"),
+        (VERIFY[0].replace("--target cell/target/scanner.toml", ""), "--target for a board"),
+        (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration says"),
+        (VERIFY[0].replace("--board 5x4", "--board 7x6"), "no board with 7×6"),
+        (format!("{TOUCH} --points cell/target/flange.json"), "flange.json"),
+        (
+            "calibrate verify --cell cell/cell.toml --camera scanner --recipe cell/recipe.toml --image x.png"
+                .to_owned(),
+            "the scanner is verified on a board",
+        ),
+    ] {
+        let (exit, told) = json(folder, &arguments);
+        let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+        assert!(exit == 2 && message.contains(words), "{arguments}: {told}");
+    }
+    assert!(!folder.join("cell/store").exists(), "nothing is kept");
+}
