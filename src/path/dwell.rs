@@ -2,8 +2,8 @@
 //!
 //! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm; each step adds its time to the samples
 //! within the disc's radius of it, and a step that is not the one after the last there begins another pass. The path is
-//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose is in
-//! contact where its point lies no higher than the contact height above the surface. The disc is taken as wholly in
+//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose meant to be
+//! in contact is so where its point lies no higher than a millimetre above the surface. The disc is taken as wholly in
 //! contact: a compliant pad.
 
 use super::plan::Plan;
@@ -14,6 +14,8 @@ use rayon::prelude::*;
 
 /// Distance between samples, and of the steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
+/// A disc whose point is higher above the surface than this does not touch it, mm.
+const CONTACT_MM: f64 = 1.0;
 /// Steps of the search for the place on the surface below a point.
 const FOOT_STEPS: usize = 12;
 /// Such a place is exact enough, mm.
@@ -45,6 +47,13 @@ pub struct GridDwell {
     pub passes: Vec<u16>,
     /// Surface of each sample, mm².
     pub area_mm2: Vec<f32>,
+}
+
+impl Dwell {
+    /// One grid of those that were looked at.
+    pub fn of_grid(&self, id: GridId) -> Option<&GridDwell> {
+        self.grids.iter().find(|grid| grid.id == id)
+    }
 }
 
 impl GridDwell {
@@ -137,9 +146,14 @@ fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
             let point = from + (to - from) * (step as f64 / count as f64);
             let Some(at) = foot(surface, guess, point) else { continue };
             guess = at;
+            let tangents = surface.tangents(at);
+            let off = surface.normal_of(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
+            if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
+                continue;
+            }
             // Each end stands for half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
-            steps.push(Step { at, point: surface.point(at), seconds: pair[1].seconds * share });
+            steps.push(Step { at, point: tangents.point, seconds: pair[1].seconds * share });
         }
     }
     steps

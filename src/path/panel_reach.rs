@@ -4,11 +4,12 @@
 //! one that leaves enough is taken as it comes. A refusal names the grid, the waypoint, the axis and how far it is off, and a
 //! shift of the panel that would help.
 
+use super::disc::DiscUse;
 use super::dwell::foot;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
 use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
-use crate::geometry::{Base, Degrees, Flange, Panel, Point, Rigid, Tool, Vector};
+use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
@@ -32,6 +33,9 @@ pub struct Stand<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
+    /// The axes from where a line leads to the plan's first point, so that the arm comes in their configuration; without
+    /// them that with the most room is taken.
+    pub from: Option<Joints>,
 }
 
 /// A plan that the arm can follow.
@@ -62,7 +66,7 @@ pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Resul
     let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
-        match follow(stand.arm, stand.flange_from_tool, None, &legs(plan, stand, *spin_deg)) {
+        match follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs(plan, stand, *spin_deg)) {
             Ok(travel) => {
                 let enough = travel.room_deg >= ENOUGH_DEG;
                 if best.as_ref().is_none_or(|best| travel.room_deg > best.travel.room_deg) {
@@ -101,8 +105,7 @@ fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -
 
 /// The plan as the arm would be told, its tool turned about its own axis.
 pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), Degrees(spin_deg).rad());
-    let spin: Rigid<Tool, Tool> = Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn));
+    let spin = about_own_axis(Degrees(spin_deg));
     let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
     let leg = |waypoint: &super::plan::Waypoint| Leg {
         base_from_tool: stand.base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>() * spin,
@@ -112,6 +115,20 @@ pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
     waypoints.map(leg).collect()
 }
 
+/// The plan with its tool turned about the tool's own axis; its point goes where it went.
+pub fn turned(plan: &Plan, spin: Degrees) -> Plan {
+    let (mut turned, spin) = (plan.clone(), about_own_axis(spin));
+    for waypoint in turned.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
+        waypoint.pose = KukaPose::from_rigid(&(waypoint.pose.to_rigid::<Panel, Tool>() * spin));
+    }
+    turned
+}
+
+fn about_own_axis(angle: Degrees) -> Rigid<Tool, Tool> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle.rad());
+    Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn))
+}
+
 /// One grid's reach.
 #[derive(Debug, Clone)]
 pub struct GridReach {
@@ -119,6 +136,8 @@ pub struct GridReach {
     pub id: GridId,
     /// The room that is left, degrees, or why there is none.
     pub outcome: Result<f64, Box<Unreached>>,
+    /// Panel that the disc sweeps on the path over this grid alone, mm².
+    pub swept_mm2: f64,
 }
 
 /// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
@@ -134,19 +153,22 @@ pub fn of_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        Ok(GridReach { id: *id, outcome: of_plan(&plan, stand, settings).map(|reached| reached.travel.room_deg) })
+        let outcome = of_plan(&plan, stand, settings).map(|reached| reached.travel.room_deg);
+        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2 })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
     all.into_iter().collect()
 }
 
-/// Accepts a region of which every grid is reached, or rejects it in words.
+/// Accepts a region of which every grid is reached. Where some are not, a person decides, since perhaps none of them
+/// fails; where none is, the panel stands wrong.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     let reason = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
         Some(Reason::new("out_of_reach", format!("grid {}, {}", grid.id, words(unreached))))
     };
-    Judgement::of(grids.iter().filter_map(reason).collect(), vec![])
+    let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
+    if reasons.len() < grids.len() { Judgement::of(vec![], reasons) } else { Judgement::of(reasons, vec![]) }
 }
 
 /// Accepts a plan that the arm can follow, or rejects it in words: grid and waypoint, axis, how far, what helps.
