@@ -3,6 +3,7 @@
 //! The numbers travel through TOML without loss. The file says where they come from (date, serial, residuals);
 //! whether they are good enough is judged where they are used.
 
+use super::date::Date;
 use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
     self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
@@ -11,37 +12,6 @@ use std::fmt::Write;
 use std::marker::PhantomData;
 use std::ops::RangeInclusive;
 use toml::de::DeValue;
-
-/// A day, `2026-05-31`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Date(String);
-
-impl Date {
-    /// The day that a text names, year first; `None` where it names none.
-    pub fn parse(text: &str) -> Option<Self> {
-        let day: toml::value::Datetime = text.parse().ok()?;
-        (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
-    }
-}
-
-impl std::fmt::Display for Date {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl Setting for Date {
-    type Limits = ();
-
-    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
-        let text = match value {
-            DeValue::Datetime(day) => day.to_string(),
-            DeValue::String(text) => text.to_string(),
-            _ => String::new(),
-        };
-        Date::parse(&text).ok_or_else(|| "allowed is a day, such as 2026-05-31".to_owned())
-    }
-}
 
 /// Where a calibration's numbers come from; every key may be absent.
 #[derive(Debug, Clone, PartialEq, Default)]

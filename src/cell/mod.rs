@@ -6,6 +6,7 @@
 
 mod arm;
 mod calibration;
+mod date;
 mod devices;
 mod limits;
 mod names;
@@ -16,8 +17,9 @@ mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use calibration::{
-    Date, FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
+    FlangeCameraMount, Intrinsics, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
 };
+pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};

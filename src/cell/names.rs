@@ -129,11 +129,30 @@ impl InputsOutputs {
         self.feedbacks.get(feedback.name()).copied()
     }
 
-    /// Which bit of the state message's `In` a feedback is: they stand there in the order of their numbers.
+    /// Which bit of the state message's `In` a feedback is.
     pub fn feedback_bit(&self, feedback: Feedback) -> Option<u32> {
-        let number = self.feedback(feedback)?;
-        u32::try_from(self.feedbacks.values().filter(|other| **other < number).count()).ok()
+        bit(&self.feedbacks, self.feedback(feedback)?)
     }
+
+    /// Each output's name, and whether it is on in the state message's `Out`.
+    pub fn outputs_in(&self, bits: u32) -> Vec<(&str, bool)> {
+        signals(&self.outputs, bits)
+    }
+
+    /// Each feedback's name, and whether it is on in the state message's `In`.
+    pub fn feedbacks_in(&self, bits: u32) -> Vec<(&str, bool)> {
+        signals(&self.feedbacks, bits)
+    }
+}
+
+/// Signals stand in the state message's bits in the order of their numbers.
+fn bit(names: &BTreeMap<String, u16>, number: u16) -> Option<u32> {
+    u32::try_from(names.values().filter(|other| **other < number).count()).ok()
+}
+
+fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
+    let is_on = |number: u16| bit(names, number).is_some_and(|bit| bits.checked_shr(bit).unwrap_or(0) & 1 == 1);
+    names.iter().map(|(name, number)| (name.as_str(), is_on(*number))).collect()
 }
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).

@@ -246,6 +246,13 @@ fn date() -> impl Strategy<Value = Option<Date>> {
         .prop_map(|day| day.and_then(|(year, month, day)| Date::parse(&format!("{year:04}-{month:02}-{day:02}"))))
 }
 
+#[test]
+fn signals_are_the_bits_in_the_order_of_their_numbers() {
+    let cell = Cell::check("cell.toml", "[io.outputs]\nlight = 9\ntool = 3\nspray = 5\n").expect("good");
+    let found = cell.io().outputs_in(0b101);
+    assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
+}
+
 proptest! {
     #[test]
     fn any_text_is_an_answer(text in "(?s).{0,200}") {

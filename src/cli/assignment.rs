@@ -5,6 +5,7 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
+use crate::calib::budget;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, Job, Order, Task};
 use crate::recipe::Recipe;
@@ -27,13 +28,16 @@ impl Calibrated {
         let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
         let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
         let tool = files.flange_from_tool()?;
+        let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
+        let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
         let values = Calibrations {
             scanner: scanner.value,
             base_from_camera: base_from_camera.value,
             flange_camera: flange_camera.value,
             flange_from_camera: flange_from_camera.value,
             flange_from_tool: tool.value,
-            hand_eye_mm: both_mm(base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm),
+            hand_eye_mm: budget.hand_eye_mm,
+            robot_mm: budget.robot_mm,
         };
         let texts = vec![
             ("cell", disk::read_text(&common.cell)?),
@@ -45,11 +49,6 @@ impl Calibrated {
         ];
         Ok(Calibrated { values, texts })
     }
-}
-
-/// Two independent errors together, where both are known.
-fn both_mm(one_mm: Option<f64>, other_mm: Option<f64>) -> Option<f64> {
-    Some(one_mm?.hypot(other_mm?))
 }
 
 /// A recipe with what was taught of its panel.

@@ -3,6 +3,7 @@
 use super::args::Common;
 use super::disk;
 use super::fault::Fault;
+use crate::calib::health::Verification;
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
 use crate::cycle::At;
 use crate::files;
@@ -11,7 +12,7 @@ use crate::geometry::{
 };
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
-use crate::store::{Store, Teaching};
+use crate::store::{Store, Teaching, calibration_hash};
 use std::path::{Path, PathBuf};
 
 /// A file's name in messages.
@@ -89,6 +90,12 @@ impl CellFiles {
     /// The service's socket: where the cell's file says, else in the store.
     pub fn socket(&self) -> PathBuf {
         self.cell.socket().map_or_else(|| self.store.join("panelprep.sock"), Path::to_owned)
+    }
+
+    /// The last touch check of this tool's calibration; none where it was not touched, or there is no store yet.
+    pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
+        let last = self.store().ok()?.last_verification("tool").ok()??;
+        (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {

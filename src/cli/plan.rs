@@ -124,7 +124,7 @@ fn numbers(dwell: &Dwell) -> Value {
 }
 
 impl Planned {
-    /// Looks at the plan's reach; a plan that the arm cannot follow is rejected.
+    /// Looks at the plan's reach and turns its tool as that asks; a plan that the arm cannot follow is rejected.
     fn reach(
         &mut self,
         files: &CellFiles,
@@ -133,7 +133,7 @@ impl Planned {
         recipe: &Recipe,
     ) -> Result<Result<Reached, Box<Unreached>>, Fault> {
         let arm = Kinematics::new(files.cell.arm());
-        let stand = Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel };
+        let stand = Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel, from: None };
         let reached = panel_reach::of_plan(&self.plan, &stand, recipe.path());
         let judgement = panel_reach::judge_plan(&reached, (&self.fit.surface, &taught.panel.region));
         if let [reason, ..] = judgement.reasons.as_slice() {
@@ -142,6 +142,9 @@ impl Planned {
             let known = if self.judgement.verdict == Verdict::Reject { &mut rejected } else { &mut doubts };
             known.extend(self.judgement.reasons.iter().cloned());
             self.judgement = Judgement::of(rejected, doubts);
+        }
+        if let Ok(reached) = &reached {
+            self.plan = panel_reach::turned(&self.plan, reached.spin);
         }
         Ok(reached)
     }

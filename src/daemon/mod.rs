@@ -77,6 +77,8 @@ pub struct Calibrations {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// Error of both camera mounts at the panel, mm, 95 %, where their files state it.
     pub hand_eye_mm: Option<f64>,
+    /// Error of robot and tool, mm, 95 %, where the tool was touched against known points.
+    pub robot_mm: Option<f64>,
 }
 
 /// What the cell is to every cycle, and between them.

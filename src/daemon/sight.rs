@@ -94,6 +94,7 @@ impl Sight {
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
+            robot_mm: job.calibrations.robot_mm,
             locate_mm: fit.map(|fit| fit.uncertainty_mm),
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()

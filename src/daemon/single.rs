@@ -7,6 +7,7 @@
 
 use super::ports::Robot;
 use super::routes::{self, Standing};
+use super::wiring::{RINSE, reads};
 use crate::cell::{Cell, Feedback, InputsOutputs, Output};
 use crate::eki::{
     Command, CommandError, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp,
@@ -288,8 +289,8 @@ fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
 /// Whether an output may be set so now. Off is always allowed.
 fn interlocks((name, on): (&str, bool), io: &InputsOutputs, state: &State) -> Result<(), SingleError> {
     // A feedback that the cell does not have proves nothing.
-    let reads = |feedback| io.feedback_bit(feedback).is_some_and(|bit| state.inputs >> bit & 1 == 1);
-    let is_off = |feedback| io.feedback_bit(feedback).is_some_and(|bit| state.inputs >> bit & 1 == 0);
+    let is_on = |feedback| io.feedback_bit(feedback).is_some_and(|bit| reads(state, bit));
+    let is_off = |feedback| io.feedback_bit(feedback).is_some_and(|bit| !reads(state, bit));
     let mut open = Vec::new();
     let mut needs = |holds: bool, feedback: Feedback, words: &str| {
         let message =
@@ -297,12 +298,12 @@ fn interlocks((name, on): (&str, bool), io: &InputsOutputs, state: &State) -> Re
         open.extend((!holds).then(|| Reason::new("interlock", message())));
     };
     if on && name == Output::Tool.name() {
-        needs(reads(Feedback::WaterOff), Feedback::WaterOff, "with the water off");
-        needs(reads(Feedback::ExtractionFlow), Feedback::ExtractionFlow, "while the dust extraction draws air");
+        needs(is_on(Feedback::WaterOff), Feedback::WaterOff, "with the water off");
+        needs(is_on(Feedback::ExtractionFlow), Feedback::ExtractionFlow, "while the dust extraction draws air");
     }
-    if on && [Output::Spray.name(), "rinse"].contains(&name) {
+    if on && [Output::Spray.name(), RINSE].contains(&name) {
         needs(is_off(Feedback::ToolRunning), Feedback::ToolRunning, "with the tool at rest");
-        needs(reads(Feedback::LensShut), Feedback::LensShut, "with the lens shut");
+        needs(is_on(Feedback::LensShut), Feedback::LensShut, "with the lens shut");
     }
     accepted(Judgement::of(open, vec![]))
 }

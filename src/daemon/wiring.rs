@@ -1,9 +1,12 @@
 //! Switches by the names of the cell's inputs and outputs.
 
 use super::DaemonError;
-use crate::cell::InputsOutputs;
+use crate::cell::{InputsOutputs, Output};
 use crate::cycle::Switch;
 use crate::eki::{Signal, State};
+
+/// The output that washes off the dust, where there is one of its own.
+pub(super) const RINSE: &str = "rinse";
 
 /// An output with the bit of the feedback that proves it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,23 +40,24 @@ impl Wiring {
     /// # Errors
     /// Where the cell has no such name.
     pub fn of(io: &InputsOutputs) -> Result<Self, DaemonError> {
-        let output = |name: &'static str| {
-            io.outputs().get(name).copied().ok_or(DaemonError::NotWired { table: "io.outputs", name })
+        let number = |output: Output| {
+            let name = output.name();
+            io.output(output).ok_or(DaemonError::NotWired { table: "io.outputs", name })
         };
-        // The state carries the mapped inputs in the order of their numbers.
-        let bit = |name: &'static str| -> Result<u32, DaemonError> {
-            let number = io.feedbacks().get(name).ok_or(DaemonError::NotWired { table: "io.feedbacks", name })?;
-            Ok(io.feedbacks().values().filter(|other| *other < number).count() as u32)
+        let proven = |output: Output| -> Result<Wire, DaemonError> {
+            let name = output.feedback().name();
+            let bit = io.feedback_bit(output.feedback());
+            let bit = bit.ok_or(DaemonError::NotWired { table: "io.feedbacks", name })?;
+            Ok(Wire { output: number(output)?, feedback: Some(bit) })
         };
-        let water = Some(bit("water_off")?);
-        let spray = Wire { output: output("spray")?, feedback: water };
+        let spray = proven(Output::Spray)?;
         Ok(Wiring {
-            light: Wire { output: output("light")?, feedback: None },
+            light: Wire { output: number(Output::Light)?, feedback: None },
             spray,
-            rinse: output("rinse").map_or(spray, |output| Wire { output, feedback: water }),
-            shutter: Wire { output: output("lens_shutter")?, feedback: Some(bit("lens_shut")?) },
-            extraction: Wire { output: output("extraction")?, feedback: Some(bit("extraction_flow")?) },
-            tool: Wire { output: output("tool")?, feedback: Some(bit("tool_running")?) },
+            rinse: io.outputs().get(RINSE).map_or(spray, |rinse| Wire { output: *rinse, ..spray }),
+            shutter: proven(Output::LensShutter)?,
+            extraction: proven(Output::Extraction)?,
+            tool: proven(Output::Tool)?,
         })
     }
 

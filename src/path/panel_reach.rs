@@ -1,8 +1,8 @@
 //! Whether the arm reaches the panel where it stands: a plan as a whole, and, before the panel is wetted, every grid.
 //!
 //! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most room;
-//! one that leaves enough is taken as it comes. A refusal names the grid, the waypoint, the axis and how far it is off, and a
-//! shift of the panel that would help.
+//! one that leaves enough is taken as it comes. Only the [`turned`] plan is the one that was followed. A refusal names
+//! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
 use super::disc::DiscUse;
 use super::dwell::foot;
@@ -115,17 +115,17 @@ pub fn legs(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Vec<Leg> {
     waypoints.map(leg).collect()
 }
 
-/// The plan with its tool turned about the tool's own axis; its point goes where it went.
+/// The plan with its tool turned about its own axis, as [`Reached::spin`] asks.
 pub fn turned(plan: &Plan, spin: Degrees) -> Plan {
-    let (mut turned, spin) = (plan.clone(), about_own_axis(spin));
-    for waypoint in turned.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
-        waypoint.pose = KukaPose::from_rigid(&(waypoint.pose.to_rigid::<Panel, Tool>() * spin));
+    let mut plan = plan.clone();
+    for waypoint in plan.paths.iter_mut().flat_map(|path| &mut path.waypoints) {
+        waypoint.pose = KukaPose::from_rigid(&(waypoint.pose.to_rigid::<Panel, Tool>() * about_own_axis(spin)));
     }
-    turned
+    plan
 }
 
-fn about_own_axis(angle: Degrees) -> Rigid<Tool, Tool> {
-    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle.rad());
+fn about_own_axis(spin: Degrees) -> Rigid<Tool, Tool> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), spin.rad());
     Rigid::claim(Isometry3::from_parts(Translation3::identity(), turn))
 }
 

@@ -2,7 +2,7 @@
 
 use super::panel_reach::{self, Stand};
 use super::{Kinematics, Plan, judge, plan};
-use crate::geometry::{Base, KukaPose, Panel, Rigid, Tool, Vector};
+use crate::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::panel::{GridId, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
@@ -116,16 +116,23 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let checked = crate::cell::Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
     let arm = Kinematics::new(checked.arm());
     let flange_from_tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-    let stand = Stand { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel };
+    let stand = Stand { arm: &arm, flange_from_tool, base_from_panel: truth.base_from_panel, from: None };
     let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e:?}"));
     println!("room {:.1}°, spin {}", reached.travel.room_deg, reached.spin);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     assert_eq!(reached.travel.joints.len(), waypoints);
     // Forwards again: the joints put the tool where the plan wants it.
-    let legs = panel_reach::legs(&plan, &stand, reached.spin.0);
+    let legs = panel_reach::legs(&panel_reach::turned(&plan, reached.spin), &stand, 0.0);
     for (joints, leg) in reached.travel.joints.iter().zip(&legs) {
         let there = arm.base_from_flange(joints).expect("numbers") * flange_from_tool;
         assert!(there.origin().distance_mm(leg.base_from_tool.origin()) < 1e-3);
+        assert!((there.inverse() * leg.base_from_tool).turn().0 < 1e-3, "as the tool is turned, too");
+    }
+    // What was followed with a turned tool is what the turned plan says.
+    let turned = panel_reach::legs(&panel_reach::turned(&plan, Degrees(60.0)), &stand, 0.0);
+    for (written, followed) in turned.iter().zip(&panel_reach::legs(&plan, &stand, 60.0)) {
+        let between = written.base_from_tool.inverse() * followed.base_from_tool;
+        assert!(between.origin().mm.coords.norm() < 1e-9 && between.turn().0 < 1e-6);
     }
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));

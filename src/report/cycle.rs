@@ -1,6 +1,7 @@
 //! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
 
 use super::page::{Figure, Page, Row, Section};
+use crate::cell::Date;
 use crate::cycle::{Path, Request};
 use crate::geometry::KukaPose;
 use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number, name};
@@ -253,19 +254,11 @@ fn signature(record: &CycleRecord) -> Section {
     }
 }
 
-/// Time since 1970 as date and time, UTC. Days to date as in Hinnant, "chrono-compatible low-level date algorithms".
+/// Time since 1970 as date and time, UTC.
 fn utc(unix_s: i64) -> String {
-    let (days, second) = (unix_s.div_euclid(86_400), unix_s.rem_euclid(86_400));
-    let shifted = days + 719_468;
-    let (era, day_of_era) = (shifted.div_euclid(146_097), shifted.rem_euclid(146_097));
-    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = year_of_era + era * 400 + i64::from(month <= 2);
+    let (date, second) = (Date::of_unix_s(unix_s), unix_s.rem_euclid(86_400));
     let (hour, minute) = (second / 3_600, second / 60 % 60);
-    format!("{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{:02} UTC", second % 60)
+    format!("{date} {hour:02}:{minute:02}:{:02} UTC", second % 60)
 }
 
 #[cfg(test)]

@@ -4,12 +4,15 @@
 #[path = "../link/cell.rs"]
 #[allow(dead_code)] // the tests use the rest
 mod cell;
+#[path = "../link/loopback.rs"]
+mod loopback;
 mod link {
     pub mod peer;
 }
 
 use cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
 use link::peer::Peer;
+use loopback::served;
 use panelprep::devices::mock::{self, Clock, FaultSpec, MockServer, Ports, Setup};
 use panelprep::devices::robot::{Address, BlockingLink};
 use panelprep::eki::{Command, LinkLimits, MoveLin, Pace, Report, Signal};
@@ -71,19 +74,6 @@ fn virtual_rate() -> bool {
     let reached = rate >= VIRTUAL_COMMANDS_S;
     println!("virtual time, one core: {rate:.0} commands/s (target {VIRTUAL_COMMANDS_S:.0}) {}", verdict(reached));
     reached
-}
-
-fn served(faults: &str) -> (MockServer, BlockingLink) {
-    let faults = if faults.is_empty() { FaultSpec::default() } else { faults.parse().expect("good") };
-    let setup = Setup { faults, ..setup(Clock::Free) };
-    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
-    let server = MockServer::start(controller, Ports::free()).expect("starts");
-    let address = Address {
-        host: "127.0.0.1".to_owned(),
-        command_port: server.command_address().port(),
-        state_port: server.state_address().port(),
-    };
-    (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
 }
 
 fn wait(link: &mut BlockingLink, found: impl Fn(&Report) -> bool) {

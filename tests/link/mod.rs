@@ -4,6 +4,7 @@ mod cell;
 mod corpus;
 mod cuts;
 mod fuzz;
+mod loopback;
 mod oracles;
 mod paths;
 mod sockets;

@@ -9,8 +9,10 @@ use std::collections::BTreeMap;
 
 /// From full speed to standing.
 const BRAKE_MS: u64 = 260;
-/// And 50 mm away from the panel at 0.2 m/s, by an arm that may be slowed to a fifth of that.
-const RETRACT_MS: u64 = 1_600;
+/// And 50 mm away from the panel.
+const RETRACT_MS: u64 = 800;
+/// Of that, the way itself at 0.2 m/s.
+const RETRACT_WAY_MS: u64 = 250;
 /// From the client's end of an epoch to the arm's: the watchdog, what was under way, braking.
 const END_MS: u64 = 400 + 400 + BRAKE_MS + RETRACT_MS;
 /// Off the surface after a stop in contact.
@@ -27,6 +29,8 @@ pub struct Oracles {
     pub violation: Violation,
     /// For how long the submit program stood still in all, which is when no watchdog runs.
     pub stall_ms: u64,
+    /// How much longer a retract takes on an arm that was slowed.
+    pub slowed_ms: u64,
     /// The longest way of a byte.
     pub delay_ms: u64,
     points: BTreeMap<(u32, u32), (MoveLin, f64)>,
@@ -47,6 +51,12 @@ impl Oracles {
     /// Nothing seen yet; bytes take at most so long.
     pub fn new(delay_ms: u64) -> Self {
         Oracles { delay_ms, ..Oracles::default() }
+    }
+
+    /// The arm is slowed to this share of its speed, %, maybe for a part of what follows.
+    pub fn slowed_to(&mut self, percent: u8) {
+        let longer_ms = RETRACT_WAY_MS * 100 / u64::from(percent) - RETRACT_WAY_MS;
+        self.slowed_ms = self.slowed_ms.max(longer_ms);
     }
 
     /// Watching begins in this epoch, behind this command.
@@ -89,7 +99,7 @@ impl Oracles {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
         }
         if let Some(ended_ms) = self.ended_ms.get(&epoch)
-            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms + self.slowed_ms
         {
             self.wrong(
                 now_ms,
@@ -117,7 +127,7 @@ impl Oracles {
         let last_stop = controller.stops().last();
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
         let contact = last_stop.is_some_and(|stop| stop.contact);
-        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + RETRACT_MS);
+        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + RETRACT_MS + self.slowed_ms);
         let epoch = controller.epoch();
         let just = controller
             .executed()
@@ -129,7 +139,7 @@ impl Oracles {
         }
         if let Some(ended_ms) = self.ended_ms.get(&epoch.cast_unsigned())
             && has_work
-            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms
+            && now_ms > ended_ms + END_MS + self.delay_ms + self.stall_ms + self.slowed_ms
         {
             self.wrong(now_ms, format!("the arm moves in epoch {epoch}, which the client ended at {ended_ms} ms"));
         }

@@ -2,23 +2,11 @@
 //! beyond the link's own deadlines.
 
 use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, setup, speed};
+use super::loopback::served;
 use panelprep::devices::mock::{self, Clock, Fault, FaultSpec, MockServer, Ports, Setup, StopCause as Stop};
 use panelprep::devices::robot::{Address, BlockingLink};
 use panelprep::eki::{Command, CommandId, LinkLimits, LinkLoss, Pace, QueueError, Report, Signal, StopCause};
 use std::time::Duration;
-
-fn cell(faults: &str) -> (MockServer, BlockingLink) {
-    let faults: FaultSpec = if faults.is_empty() { FaultSpec::default() } else { faults.parse().expect("good") };
-    let setup = Setup { faults, ..setup(Clock::Free) };
-    let controller = mock::Controller::new(setup, Box::new(mock::Unwired)).expect("fits");
-    let server = MockServer::start(controller, Ports::free()).expect("starts");
-    let address = Address {
-        host: "127.0.0.1".to_owned(),
-        command_port: server.command_address().port(),
-        state_port: server.state_address().port(),
-    };
-    (server, BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts"))
-}
 
 /// Waits for the first report of which this is something.
 fn wait<T>(link: &mut BlockingLink, found: impl Fn(&Report) -> Option<T>) -> T {
@@ -55,7 +43,7 @@ fn path_done(link: &mut BlockingLink, last: CommandId) {
 /// 500 points of 20 ms each with 20 ms round trip, in pieces: all executed, none starved, no stop.
 #[test]
 fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
-    let (server, mut link) = cell("seed=3,delay=10ms,fragment");
+    let (server, mut link) = served("seed=3,delay=10ms,fragment");
     open(&mut link, 0.15);
     let back_and_forth = |index: usize| {
         let column = if (index / 40).is_multiple_of(2) { index % 40 } else { 39 - index % 40 };
@@ -74,7 +62,7 @@ fn five_hundred_points_at_20_ms_round_trip_run_without_a_stop() {
 /// The cable is out in contact: both ends stop by themselves, the link comes back by itself and moves nothing.
 #[test]
 fn a_half_open_connection_is_noticed_on_both_ends() {
-    let (server, mut link) = cell("");
+    let (server, mut link) = served("");
     open(&mut link, 0.1);
     link.send(Command::SetDigout(Signal { number: TOOL_OUTPUT, on: true })).expect("good");
     link.send_path(pass(200, 1.0, true)).expect("a good path");
@@ -103,7 +91,7 @@ fn a_half_open_connection_is_noticed_on_both_ends() {
 /// Whoever holds the link and asks for no news does not look after the robot: it stops, heartbeats or not.
 #[test]
 fn a_link_that_nobody_reads_ends_its_epoch() {
-    let (server, mut link) = cell("");
+    let (server, mut link) = served("");
     open(&mut link, 0.02);
     link.send_path(pass(200, 1.0, true)).expect("a good path");
     wait(&mut link, |report| matches!(report, Report::Progress { done } if done.0 > 5).then_some(()));

@@ -13,7 +13,7 @@ use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::time::Duration;
 
-const WALKS: u64 = 5_000;
+const WALKS: u64 = 20_000;
 const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
@@ -190,7 +190,11 @@ impl Walk {
             14 => Fault::LoseTool,
             15 => Fault::WrongBase,
             16 => Fault::Refuse(8),
-            17 => Fault::Slow { percent: draw.random_range(20..100), for_ms },
+            17 => {
+                let percent = draw.random_range(20..100);
+                self.oracles.slowed_to(percent);
+                Fault::Slow { percent, for_ms }
+            }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
             20 => Fault::Mode { to: Mode::T1, for_ms },
@@ -224,7 +228,10 @@ impl Walk {
                 return Ok(());
             }
         }
-        Err(format!("not back {RECOVERY_MS} ms after everything was mended"))
+        Err(format!(
+            "not back {RECOVERY_MS} ms after everything was mended: {:?}",
+            self.cell.controller.stops().last()
+        ))
     }
 }
 

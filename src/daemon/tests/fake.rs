@@ -279,6 +279,7 @@ fn calibrations(sim: &sim::Cell) -> Calibrations {
         flange_from_camera: sim.calibrated_flange_from_camera(),
         flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
         hand_eye_mm: None,
+        robot_mm: None,
     }
 }
 

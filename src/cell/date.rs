@@ -1,0 +1,68 @@
+//! A day, as calibration files and reports write it.
+
+use crate::config::Setting;
+use toml::de::DeValue;
+
+/// A day, `2026-05-31`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Date(String);
+
+impl Date {
+    /// The day that a text names, year first; `None` where it names none.
+    pub fn parse(text: &str) -> Option<Self> {
+        let day: toml::value::Datetime = text.parse().ok()?;
+        (day.date.is_some() && day.time.is_none()).then(|| Date(day.to_string()))
+    }
+
+    /// The day of a time in UTC: days are counted from 1 March, so that a leap day ends the year (Hinnant,
+    /// "chrono-compatible low-level date algorithms").
+    pub fn of_unix_s(unix_s: i64) -> Self {
+        let days = unix_s.div_euclid(86_400) + 719_468;
+        let (era, of_era) = (days.div_euclid(146_097), days.rem_euclid(146_097));
+        let year_of_era = (of_era - of_era / 1_460 + of_era / 36_524 - of_era / 146_096) / 365;
+        let of_year = of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+        let from_march = (5 * of_year + 2) / 153;
+        let day = of_year - (153 * from_march + 2) / 5 + 1;
+        let month = if from_march < 10 { from_march + 3 } else { from_march - 9 };
+        let year = year_of_era + era * 400 + i64::from(month <= 2);
+        Date(format!("{year:04}-{month:02}-{day:02}"))
+    }
+}
+
+impl std::fmt::Display for Date {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl Setting for Date {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let text = match value {
+            DeValue::Datetime(day) => day.to_string(),
+            DeValue::String(text) => text.to_string(),
+            _ => String::new(),
+        };
+        Date::parse(&text).ok_or_else(|| "allowed is a day, such as 2026-05-31".to_owned())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// From `date -u -d @…`.
+    #[test]
+    fn days_have_their_dates() {
+        for (unix_s, expected) in [
+            (-1, "1969-12-31"),
+            (0, "1970-01-01"),
+            (951_782_400, "2000-02-29"),
+            (1_709_251_199, "2024-02-29"),
+            (1_795_297_432, "2026-11-21"),
+        ] {
+            assert_eq!(Some(Date::of_unix_s(unix_s)), Date::parse(expected));
+        }
+    }
+}
