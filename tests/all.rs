@@ -5,6 +5,7 @@ mod calib;
 mod camera_model;
 mod commands;
 mod config_files;
+mod gauntlet;
 mod kuka_files;
 mod layers;
 mod link;

@@ -50,6 +50,9 @@ fn once(
     let files = CellFiles::read(common)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
+    if args.new_disc {
+        files.settled_store()?.mount_disc().map_err(Fault::stage)?;
+    }
     let ran = one(&files, (&assignment, &calibrated), (args.simulation, request), progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(&page, vec![])?;

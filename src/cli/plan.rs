@@ -90,6 +90,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         pictures::save(folder, "planned", &planned.over(&view, &taught)?)?;
         pictures::save(folder, "surface", &planned.fit.map.picture(MAP_FULL_MM))?;
         pictures::save(folder, "dwell", &dwell.picture(&taught.panel.region, dwell.longest_s()))?;
+        pictures::save(folder, "overlap", &dwell.overlap_picture(&taught.panel.region))?;
     }
     Ok(outcome)
 }

@@ -4,6 +4,7 @@ use super::DaemonError;
 use super::acts::{Pending, Waits};
 use super::routes::{self, Gated, Standing};
 use super::run::Running;
+use super::trace::Trace;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
@@ -35,7 +36,7 @@ pub(super) struct Sent {
 
 impl Sent {
     /// Waypoints executed, where all commands up to this one are.
-    fn waypoints(&self, done: CommandId) -> u32 {
+    pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
         } else {
@@ -159,6 +160,7 @@ impl Running<'_> {
         (count, end): (u32, Option<End>),
     ) -> Result<(), DaemonError> {
         if let (Ok(last), Some(end)) = (&sent, end) {
+            self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
             self.sent = Some(Sent { id, motion, first, last: *last, end, told: 0 });
         }

@@ -247,8 +247,26 @@ impl Dwell {
     /// A picture of the region, unrolled: grey where nothing was asked, red where the disc did not reach, from light to
     /// dark green by the time under the disc, dark from `full_s` on.
     pub fn picture(&self, region: &Region, full_s: f64) -> ColorPicture {
-        const UNASKED: [u8; 3] = [225, 225, 225];
-        const LEFT: [u8; 3] = [210, 40, 30];
+        self.painted(region, |grid, sample| {
+            let dwell = f64::from(grid.dwell_s[sample]);
+            let dark = (dwell / full_s.max(1e-9)).min(1.0);
+            let fade = |light: f64, deep: f64| (light + (deep - light) * dark) as u8;
+            let green = [fade(215.0, 10.0), fade(240.0, 90.0), fade(205.0, 30.0)];
+            if dwell > 0.0 { green } else { LEFT }
+        })
+    }
+
+    /// The same by how often the disc passed: light green once, green twice, blue more often.
+    pub fn overlap_picture(&self, region: &Region) -> ColorPicture {
+        self.painted(region, |grid, sample| match grid.passes[sample] {
+            0 => LEFT,
+            1 => [205, 235, 195],
+            2 => [90, 170, 90],
+            _ => [50, 80, 190],
+        })
+    }
+
+    fn painted(&self, region: &Region, color: impl Fn(&GridDwell, usize) -> [u8; 3]) -> ColorPicture {
         let longer = self.sides_mm[0].max(self.sides_mm[1]).max(1.0);
         let pixels = |side_mm: f64| ((PICTURE_PX as f64 * side_mm / longer) as usize).max(1);
         let mut picture = ColorPicture::filled(pixels(self.sides_mm[0]), pixels(self.sides_mm[1]), UNASKED);
@@ -265,14 +283,13 @@ impl Dwell {
                     };
                     let row = index(y, height, low.y, high.y, rows);
                     let sample = row * grid.columns + index(x, width, low.x, high.x, grid.columns);
-                    let dwell = f64::from(grid.dwell_s[sample]);
-                    let dark = (dwell / full_s.max(1e-9)).min(1.0);
-                    let fade = |light: f64, deep: f64| (light + (deep - light) * dark) as u8;
-                    let green = [fade(215.0, 10.0), fade(240.0, 90.0), fade(205.0, 30.0)];
-                    picture.rgb[y * width + x] = if dwell > 0.0 { green } else { LEFT };
+                    picture.rgb[y * width + x] = color(grid, sample);
                 }
             }
         }
         picture
     }
 }
+
+const UNASKED: [u8; 3] = [225, 225, 225];
+const LEFT: [u8; 3] = [210, 40, 30];

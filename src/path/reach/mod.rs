@@ -10,6 +10,8 @@
 mod margins;
 mod obstacle;
 mod swing;
+#[cfg(test)]
+mod tests;
 
 pub use obstacle::{Obstacle, ReachFault, Singular};
 pub use swing::swing;

@@ -1,4 +1,5 @@
 mod cycles;
+mod discs;
 mod journal;
 mod killed;
 mod opening;
