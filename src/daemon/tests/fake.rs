@@ -39,7 +39,6 @@ struct World {
     lines: usize,
     feeds_m_s: Vec<f64>,
     blends_mm: Vec<f64>,
-    axis_1_off_deg: f64,
     intent: Option<Motion>,
     moved_without_intent: usize,
 }
@@ -152,7 +151,6 @@ impl Cell {
             lines: 0,
             feeds_m_s: Vec::new(),
             blends_mm: Vec::new(),
-            axis_1_off_deg: 0.0,
             intent: None,
             moved_without_intent: 0,
         };
@@ -167,12 +165,6 @@ impl Cell {
     /// Ten commands in 100 ms.
     pub fn slow(self) -> Self {
         self.world.borrow_mut().pace = 10;
-        self
-    }
-
-    /// Axis 1 says that it stands elsewhere.
-    pub fn with_axis_1_off(self, off_deg: f64) -> Self {
-        self.world.borrow_mut().axis_1_off_deg = off_deg;
         self
     }
 
@@ -388,7 +380,7 @@ impl World {
             outputs: 0,
             done: CommandId(self.done),
             underruns: 0,
-            joints: Joints { a1_deg: self.joints.a1_deg + self.axis_1_off_deg, ..self.joints },
+            joints: self.joints,
             base_from_tcp: KukaPose::from_rigid(&tip),
             active_base: base,
             flange_from_tool,
