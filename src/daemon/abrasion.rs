@@ -77,11 +77,7 @@ impl Abrasion {
     }
 
     /// The surface; a refusal leaves its picture.
-    fn fitted(
-        &mut self,
-        job: &Job<'_>,
-        record: &mut dyn Record,
-    ) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
+    fn fitted(&mut self, job: &Job<'_>, record: &mut dyn Record) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
         if let Some(fit) = &self.fit {
             return Ok(Ok(fit.clone()));
         }
@@ -217,13 +213,8 @@ impl Abrasion {
             *last = pass;
         }
         self.done.extend(whole.iter().map(|grid| (*grid, pass)));
-        let finding = findings::abraded(
-            (pass, self.most_passes),
-            (all, done),
-            (&whole, &begun),
-            (&walked, &dwell),
-            off_mm,
-        );
+        let finding =
+            findings::abraded((pass, self.most_passes), (all, done), (&whole, &begun), (&walked, &dwell), off_mm);
         let figures = figures::dwelt(job, &dwell).map(Note::Figure);
         let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
         (notes, walked.contact_mm * disc_mm)

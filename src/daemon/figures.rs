@@ -8,8 +8,8 @@ use crate::inspect::{Inspection, Step};
 use crate::panel::Grid;
 use crate::path::dwell::Dwell;
 use crate::path::{Plan, ToolPath};
-use crate::surface::DeviationMap;
 use crate::report::{CornerView, StripPicture, View, bounds, cut, film_strip, strip_times_s};
+use crate::surface::DeviationMap;
 
 /// The view of the 3D camera, with the panel where it stands.
 pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> View<'a> {
@@ -98,7 +98,8 @@ pub(super) fn dwelt(job: &Job<'_>, dwell: &Dwell) -> [Figure; 2] {
          {:.2} s; red was not reached, grey not asked for",
         dwell.longest_s()
     );
-    let often = "How often the disc passed each place: light green once, green twice, blue more often; red not at all";
+    let often =
+        "How often the disc passed each place: light green once, green twice, blue more often; red not at all";
     let figure = |name: &str, caption: String, picture| Figure { name: name.to_owned(), caption, picture };
     [
         figure("executed", time, dwell.picture(region, dwell.longest_s())),

@@ -1,6 +1,7 @@
 //! What the stages found, as the record keeps it: each number with its unit and the limit that it was held to.
 
 use super::Job;
+use super::trace::Walked;
 use crate::geometry::KukaPose;
 use crate::inspect::{GridInspection, Inspection};
 use crate::locate::refine::Refined;
@@ -9,7 +10,6 @@ use crate::panel::GridId;
 use crate::path::dwell::Dwell;
 use crate::path::panel_reach::{GridReach, Reached};
 use crate::path::{MIN_COVERAGE, Plan, disc::DiscUse};
-use super::trace::Walked;
 use crate::record::{Finding, Kind, Limit, Number, name};
 use crate::surface::Deviation;
 use crate::verdict::{Judgement, Reason};
@@ -202,14 +202,15 @@ pub(super) fn abraded(
         );
         doubts.push(Reason::new("off_path", message));
     }
-    let finding = Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
-        Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
-        Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
-        Number::new("poses reported on the way", "", walked.reports as f64),
-        Number::new("farthest of them from the planned path", "mm", walked.off_mm)
-            .within(Limit::AtMost(off_limit_mm)),
-        Number::new("way in contact", "mm", walked.contact_mm),
-    ]);
+    let finding =
+        Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
+            Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
+            Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
+            Number::new("poses reported on the way", "", walked.reports as f64),
+            Number::new("farthest of them from the planned path", "mm", walked.off_mm)
+                .within(Limit::AtMost(off_limit_mm)),
+            Number::new("way in contact", "mm", walked.contact_mm),
+        ]);
     let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
         let id = grid.id;
         [

@@ -2,8 +2,8 @@
 
 use super::super::*;
 use crate::cell;
-use crate::devices::mock::Arm;
 use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
+use crate::devices::mock::Arm;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
@@ -155,7 +155,15 @@ impl Cell {
             moved_without_intent: 0,
         };
         let world = Shared(Arc::new(Mutex::new(world)));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false, more_recipe: "", more_cell: "", worn_mm2: 0.0 }
+        Cell {
+            world,
+            box_to_mm: 700.0,
+            fails_at: usize::MAX,
+            is_full: false,
+            more_recipe: "",
+            more_cell: "",
+            worn_mm2: 0.0,
+        }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -192,8 +200,7 @@ impl Cell {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",
-            self.box_to_mm,
-            self.more_cell
+            self.box_to_mm, self.more_cell
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         let calibrations = calibrations(&self.world.borrow().sim);
@@ -207,13 +214,12 @@ impl Cell {
         readable: Vec<Reason>,
         asks: &mut dyn Requests,
     ) -> Memory {
-        let mut record =
-            Memory {
-                fails_at: self.fails_at,
-                is_full: self.is_full,
-                worn_mm2: self.worn_mm2,
-                ..Memory::default_of(&self.world)
-            };
+        let mut record = Memory {
+            fails_at: self.fails_at,
+            is_full: self.is_full,
+            worn_mm2: self.worn_mm2,
+            ..Memory::default_of(&self.world)
+        };
         let service = Service {
             robot: &mut FakeRobot(self.world.clone()),
             eyes: Box::new(eyes(FakeEyes(self.world.clone()))),

@@ -130,7 +130,9 @@ impl Flow {
             Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
             // How long these last only the controller knows: alone in the window.
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
-            Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => self.speed_mm_s = Some(1_000.0 * speed_m_s),
+            Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => {
+                self.speed_mm_s = Some(1_000.0 * speed_m_s)
+            }
             _ => {}
         }
         if !matches!(command, Command::SetAccSpeed(_) | Command::SetDigout(_)) {

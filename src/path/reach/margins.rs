@@ -54,7 +54,12 @@ pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Ob
 }
 
 /// The axes' speeds on a step, degrees a second.
-pub(super) fn too_fast(arm: &Kinematics, look: &Look, turned: &Angles, before: &Angles) -> Result<Angles, Obstacle> {
+pub(super) fn too_fast(
+    arm: &Kinematics,
+    look: &Look,
+    turned: &Angles,
+    before: &Angles,
+) -> Result<Angles, Obstacle> {
     let axes = arm.arm().axes();
     // A turn on the spot takes the time that the controller gives it.
     if look.seconds <= 0.0 {

@@ -1,7 +1,7 @@
 //! All paths of a panel: their time, the distance between passes, coverage of each grid, in every pattern and attitude.
 
 use super::scanned::Scanned;
-use super::{held, median_ms};
+use super::{held, held_time, timed};
 use panelprep::geometry::{Panel, Point};
 use panelprep::panel::GridId;
 use panelprep::path::{self, Plan, dwell};
@@ -30,17 +30,17 @@ pub fn panel() -> usize {
     let surface = surface::fit(&scanned.panel, scanned.recipe.surface()).expect("a fit").surface;
     let (region, outline, settings) = (&scanned.panel.region, &scanned.panel.outline, scanned.recipe.path());
     let grids: Vec<GridId> = region.ids().collect();
-    let all_ms = median_ms(RUNS, || path::plan(&surface, region, &grids, outline, settings));
+    let all = timed(RUNS, || path::plan(&surface, region, &grids, outline, settings));
     // Every other grid, as on a chessboard: nothing to join.
     let apart: Vec<GridId> = grids.iter().copied().filter(|id| (id.row + id.column) % 2 == 0).collect();
-    let apart_ms = median_ms(RUNS, || path::plan(&surface, region, &apart, outline, settings));
+    let alone = timed(RUNS, || path::plan(&surface, region, &apart, outline, settings));
     let plan = path::plan(&surface, region, &grids, outline, settings).expect("a plan");
     let radius_mm = settings.disc_diameter_mm() / 2.0;
     let executed = dwell::planned(&plan);
-    let simulated_ms = median_ms(3, || dwell::simulate(&surface, region, &grids, &executed, radius_mm));
-    println!("   {:.0} mm of path simulated in {simulated_ms:.1} ms", plan.length_mm);
-    let mut missed = held(&format!("paths of {} grids, joined", grids.len()), all_ms, PATHS_MS, "ms");
-    missed += held(&format!("paths of {} grids that touch at corners alone", apart.len()), apart_ms, PATHS_MS, "ms");
+    let simulated = timed(3, || dwell::simulate(&surface, region, &grids, &executed, radius_mm));
+    println!("   {:.0} mm of path simulated in {:.1} ms", plan.length_mm, simulated.wall_ms);
+    let mut missed = held_time(&format!("paths of {} grids, joined", grids.len()), &all, PATHS_MS);
+    missed += held_time(&format!("paths of {} grids that touch at corners alone", apart.len()), &alone, PATHS_MS);
     let off = passes_off(&surface, &path::raster(&surface, &WHOLE, settings).expect("rows").rows);
     missed += held("distance between passes off r', largest", off, PASS_OFF, "");
     println!("   pattern, feed       verdict  least grid %  step-over mm    length mm");
@@ -64,12 +64,7 @@ fn row(name: &str, plan: &Plan, settings: &panelprep::recipe::Path) -> usize {
     let judgement = path::judge(plan, settings);
     let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
     let steps = plan.step_over_mm.map_or("-".to_owned(), |s| format!("{:.2} to {:.2}", s.min_mm, s.max_mm));
-    println!(
-        "   {name:30}  {}  {:6.2}  {steps}  {:.0}",
-        judgement.verdict.word(),
-        100.0 * least,
-        plan.length_mm
-    );
+    println!("   {name:30}  {}  {:6.2}  {steps}  {:.0}", judgement.verdict.word(), 100.0 * least, plan.length_mm);
     usize::from(1.0 - least > LEFT || judgement.verdict.word() != "accept")
 }
 
