@@ -125,7 +125,7 @@ pub(super) fn surveyed(
     let all = job.panel.region.ids().count() as f64;
     let finding = Finding::new(Kind::Reach, pass, judgement).with(surface(deviation, job)).with([
         Number::new("grids within the arm's reach", "", reached.count() as f64).within(Limit::AtLeast(all)),
-        Number::new("least room beyond the arm's margins", "°", least_deg),
+        Number::new("room beyond the arm's margins, at least", "°", least_deg),
     ]);
     if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
 }

@@ -20,7 +20,7 @@ use rayon::prelude::*;
 /// Spins that are tried, degrees, in this order.
 const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
 /// Room that needs no better spin, degrees.
-const ENOUGH_DEG: f64 = 15.0;
+const ENOUGH_DEG: f64 = 10.0;
 /// Waypoints by which a shift is judged, at most.
 const SHIFT_LEGS: usize = 60;
 
@@ -63,12 +63,22 @@ pub struct Unreached {
 /// # Errors
 /// Where the arm does not reach, with the reason of the spin that comes farthest.
 pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
+    with_room(plan, stand, settings, ENOUGH_DEG)
+}
+
+/// The first spin with as much room, else the one with the most.
+fn with_room(
+    plan: &Plan,
+    stand: &Stand<'_>,
+    settings: &recipe::Path,
+    enough_deg: f64,
+) -> Result<Reached, Box<Unreached>> {
     let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
         match follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs(plan, stand, *spin_deg)) {
             Ok(travel) => {
-                let enough = travel.room_deg >= ENOUGH_DEG;
+                let enough = travel.room_deg >= enough_deg;
                 if best.as_ref().is_none_or(|best| travel.room_deg > best.travel.room_deg) {
                     best = Some(Reached { spin: Degrees(*spin_deg), travel });
                 }
@@ -153,7 +163,8 @@ pub fn of_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        let outcome = of_plan(&plan, stand, settings).map(|reached| reached.travel.room_deg);
+        // Whether it is reached at all: the path that is taken has its spin chosen then.
+        let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
         Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2 })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
