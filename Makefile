@@ -70,11 +70,13 @@ bench-calib: setup
 	cargo test --locked --test all -- --nocapture real_pictures
 	cargo bench --locked --bench calib
 
-# The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/.
+# The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/; its parts alone:
+# make bench-surface PARTS='fit 5', of fit [SEEDS], evaluate, paths, attitudes, gauntlet.
+PARTS :=
 PEERS := target/bench-surface
 bench-surface: setup
 	@test -x $(PEERS)/bin/python || { \
 	  python3 -m venv $(PEERS) && $(PEERS)/bin/pip install --quiet 'geomdl==5.4.0' 'scipy>=1.11'; } || { \
 	  rm -rf $(PEERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
 	if test -x $(PEERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(PEERS)/bin/python; fi; \
-	  cargo bench --locked --bench surface
+	  cargo bench --locked --bench surface -- $(PARTS)

@@ -26,6 +26,8 @@ impl std::fmt::Display for CycleId {
 pub enum Kind {
     Locate,
     Refine,
+    /// What the arm reaches of the panel, before it is wetted.
+    Reach,
     Inspect,
     Plan,
     Verify,
@@ -44,6 +46,7 @@ impl Kind {
         match self {
             Kind::Locate => "locate",
             Kind::Refine => "refine",
+            Kind::Reach => "reach",
             Kind::Inspect => "inspect",
             Kind::Plan => "plan",
             Kind::Verify => "verify",

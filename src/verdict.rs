@@ -88,6 +88,17 @@ impl Judgement {
         };
         Judgement { verdict, reasons: reject.into_iter().chain(review).collect() }
     }
+
+    /// Two gates' words on one thing: the worse verdict, its reasons first.
+    pub fn and(self, other: Judgement) -> Self {
+        let badness = |judgement: &Judgement| match judgement.verdict {
+            Verdict::Accept | Verdict::Pass => 0,
+            Verdict::Review => 1,
+            _ => 2,
+        };
+        let (worse, better) = if badness(&other) > badness(&self) { (other, self) } else { (self, other) };
+        Judgement { verdict: worse.verdict, reasons: [worse.reasons, better.reasons].concat() }
+    }
 }
 
 #[cfg(test)]
@@ -101,5 +112,9 @@ mod tests {
         assert_eq!(Judgement::of(vec![], vec![reason("a")]).verdict, Verdict::Review);
         let both = Judgement::of(vec![reason("b")], vec![reason("a")]);
         assert_eq!((both.verdict, &*both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
+        let (accept, review) = (Judgement::of(vec![], vec![]), Judgement::of(vec![], vec![reason("a")]));
+        assert_eq!(accept.clone().and(accept.clone()), accept);
+        assert_eq!(accept.and(review.clone()), review);
+        assert_eq!(review.and(Judgement::of(vec![reason("b")], vec![])), both);
     }
 }

@@ -6,6 +6,7 @@ mod camera_model;
 mod commands;
 mod config_files;
 mod health;
+mod gauntlet;
 mod kuka_files;
 mod layers;
 mod link;

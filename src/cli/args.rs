@@ -169,6 +169,9 @@ pub struct Cycle {
     /// The panel's recipe.
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
+    /// A new disc is mounted: its wear is counted from zero.
+    #[arg(long)]
+    pub new_disc: bool,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
@@ -349,6 +352,8 @@ pub enum CtlAsk {
     Reset,
     /// Held for review: the result is good.
     Accept,
+    /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
+    NewDisc,
     /// How the cell stands.
     State,
 }

@@ -37,6 +37,7 @@ fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
         CtlAsk::Clear => Wish::Clear {},
         CtlAsk::Reset => Wish::Reset {},
         CtlAsk::Accept => Wish::Accept {},
+        CtlAsk::NewDisc => Wish::NewDisc {},
         CtlAsk::State => Wish::State {},
     })
 }

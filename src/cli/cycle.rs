@@ -55,6 +55,9 @@ fn once(
     if health.verdict == Verdict::Reject {
         return Ok(unhealthy(&health));
     }
+    if args.new_disc {
+        files.settled_store()?.mount_disc().map_err(Fault::stage)?;
+    }
     let ran = one(&files, (&assignment, &calibrated), (args.simulation, request), progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(&page, vec![])?;

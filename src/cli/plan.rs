@@ -90,6 +90,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         pictures::save(folder, "planned", &planned.over(&view, &taught)?)?;
         pictures::save(folder, "surface", &planned.fit.map.picture(MAP_FULL_MM))?;
         pictures::save(folder, "dwell", &dwell.picture(&taught.panel.region, dwell.longest_s()))?;
+        pictures::save(folder, "overlap", &dwell.overlap_picture(&taught.panel.region))?;
     }
     Ok(outcome)
 }
@@ -133,7 +134,8 @@ impl Planned {
         recipe: &Recipe,
     ) -> Result<Result<Reached, Box<Unreached>>, Fault> {
         let arm = Kinematics::new(files.cell.arm());
-        let stand = Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel };
+        let stand =
+            Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel, from: None };
         let reached = panel_reach::of_plan(&self.plan, &stand, recipe.path());
         let judgement = panel_reach::judge_plan(&reached, (&self.fit.surface, &taught.panel.region));
         if let [reason, ..] = judgement.reasons.as_slice() {

@@ -101,8 +101,8 @@ impl Order {
     fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
         match self {
             Order::State => Ok(()),
-            Order::MoveJ(joints, percent) => single.move_joints(*joints, *percent),
-            Order::MoveLin(line) => single.move_line(line, cell.limits()),
+            Order::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
+            Order::MoveLin(line) => single.move_line(line, cell),
             Order::Set(command) => single.set(*command),
             Order::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }

@@ -1,21 +1,30 @@
 //! What is still to be abraded, the plan over it, and what of it was executed.
 
-use super::ports::{Finding, Record};
+use super::computing::Note;
+use super::ports::Record;
 use super::routes::waypoints;
 use super::sight::{Sight, grade, reason};
-use super::{DaemonError, Job, figures, findings};
+use super::trace::Trace;
+use super::{DaemonError, Job, figures, findings, reaching};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
+use crate::geometry::{Base, Panel, Rigid};
 use crate::panel::GridId;
-use crate::path::{self, Plan};
+use crate::path::disc::DiscUse;
+use crate::path::dwell::{self, Dwell};
+use crate::path::panel_reach::{self, Reached};
+use crate::path::{self, Kinematics, Plan};
 use crate::record::{Budget, Kind};
-use crate::surface;
-use crate::verdict::Reason;
+use crate::surface::{self, Fit};
+use crate::verdict::{Judgement, Reason};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// The plan and what was done of all of them.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Abrasion {
+    /// The taught region's surface, once it is known.
+    fit: Option<Arc<Fit>>,
     plan: Option<(u64, Plan)>,
     /// In how many passes a grid was touched, and the last of them.
     touched: BTreeMap<GridId, (usize, u8)>,
@@ -23,7 +32,14 @@ pub(super) struct Abrasion {
     done: BTreeMap<GridId, u8>,
     /// How often a grid may be abraded, as the last plan's recipe says.
     most_passes: usize,
+    /// What the disc in use has swept so far, as the store says, mm².
+    pub worn_mm2: f64,
 }
+
+/// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
+const OFF_PATH_MM: f64 = 1.0;
+/// An executed grid may be covered by so much less than planned: reports are some millimetres apart.
+const SHORT_OF_PLAN: f64 = 0.01;
 
 impl Abrasion {
     /// The plan with this number.
@@ -34,6 +50,46 @@ impl Abrasion {
     /// The last plan.
     pub fn latest(&self) -> Option<&Plan> {
         self.plan.as_ref().map(|(_, plan)| plan)
+    }
+
+    /// Once the panel is localized as well as it will be: its surface, and the arm's reach of every grid. `found` is
+    /// the localization's own grade.
+    pub fn survey(
+        &mut self,
+        job: &Job<'_>,
+        (pass, found, place): (u8, Grade, Rigid<Base, Panel>),
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
+        let fit = match self.fitted(job, record)? {
+            Ok(fit) => fit,
+            Err(reason) => {
+                record.finding(&findings::rejected(Kind::Reach, pass, reason))?;
+                return Ok(Answer::Graded(Grade::Reject));
+            }
+        };
+        let (grids, judgement) = reaching::survey(job, &fit, place, self.worn_mm2);
+        let own = grade(&judgement);
+        record.figure(&figures::surface(&fit.map))?;
+        record.finding(&findings::surveyed(&fit.deviation, &grids, (pass, judgement), job))?;
+        record.budget(&Budget { fit_mm: Some(fit.deviation.p95_mm), ..Budget::default() })?;
+        let both = if own == Grade::Accept { found } else { own };
+        Ok(Answer::Graded(both))
+    }
+
+    /// The surface; a refusal leaves its picture.
+    fn fitted(&mut self, job: &Job<'_>, record: &mut dyn Record) -> Result<Result<Arc<Fit>, Reason>, DaemonError> {
+        if let Some(fit) = &self.fit {
+            return Ok(Ok(fit.clone()));
+        }
+        match surface::examine(job.panel, job.recipe.surface()) {
+            Ok(fit) => Ok(Ok(self.fit.insert(Arc::new(fit)).clone())),
+            Err(refusal) => {
+                if let Some(map) = &refusal.map {
+                    record.figure(&figures::surface(map))?;
+                }
+                Ok(Err(reason("no_surface", &refusal.error)))
+            }
+        }
     }
 
     /// Plans a path over the failed grids that this pass has not yet abraded; in pass 0, an air-run, over all grids.
@@ -59,26 +115,26 @@ impl Abrasion {
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
+        let Some(place) = sight.place() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
         let planned = if grids.is_empty() {
             let message = format!("{} broke again after {most} abrasions, max_passes_per_grid", worn.join(", "));
             Err(Reason::new("passes_used", message))
         } else {
-            self.over(job, &grids)
+            self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), place))
         };
-        let (plan, deviation) = match planned {
+        let Planned { plan, reached, disc, judgement } = match planned {
             Ok(planned) => planned,
             Err(reason) => {
                 record.finding(&findings::rejected(Kind::Plan, pass, reason))?;
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let judgement = path::judge(&plan, job.recipe.path());
         let grade = grade(&judgement);
-        if let (Some(film), Some(place)) = (&sight.film_picture, sight.place()) {
+        if let Some(film) = &sight.film_picture {
             record.figure(&figures::planned(job, &plan, film, place))?;
         }
-        record.finding(&findings::planned((&plan, &deviation), &grids, (pass, judgement), job))?;
-        record.budget(&Budget { fit_mm: Some(deviation.p95_mm), ..Budget::default() })?;
+        let evidence = (&plan, reached.as_ref(), &disc);
+        record.finding(&findings::planned(evidence, &grids, (pass, judgement), job))?;
         if grade == Grade::Reject {
             return Ok(Answer::Graded(grade));
         }
@@ -94,11 +150,32 @@ impl Abrasion {
         self.touched.get(grid).is_some_and(|(times, last)| *times >= most && *last != pass)
     }
 
-    fn over(&self, job: &Job<'_>, grids: &[GridId]) -> Result<(Plan, surface::Deviation), Reason> {
-        let fit = surface::fit(job.panel, job.recipe.surface()).map_err(|error| reason("no_surface", &error))?;
-        let (region, outline) = (&job.panel.region, &job.panel.outline);
-        let plan = path::plan(&fit.surface, region, grids, outline, job.recipe.path());
-        Ok((plan.map_err(|error| reason("no_path", &error))?, fit.deviation))
+    /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.
+    fn over(
+        &self,
+        job: &Job<'_>,
+        (fit, grids): (&Fit, &[GridId]),
+        place: Rigid<Base, Panel>,
+    ) -> Result<Planned, Reason> {
+        let (panel, settings) = (job.panel, job.recipe.path());
+        let holes = fit.map.holes(&panel.region, settings.lift_hole_mm());
+        let around = (panel.outline.as_slice(), &holes);
+        let plan = path::plan_around(&fit.surface, &panel.region, grids, around, settings)
+            .map_err(|error| reason("no_path", &error))?;
+        let arm = Kinematics::new(job.arm);
+        let reached = panel_reach::of_plan(&plan, &reaching::stand(job, &arm, place)?, settings);
+        let disc = DiscUse::of(&plan, settings, self.worn_mm2);
+        let worn = reaching::disc_reason(&disc, "this path").into_iter().collect();
+        let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &panel.region))
+            .and(path::judge(&plan, settings))
+            .and(path::judge_pad(settings, job.limits.tool_error_mm()))
+            .and(Judgement::of(vec![], worn));
+        let reached = reached.ok();
+        let plan = match &reached {
+            Some(reached) => panel_reach::turned(&plan, reached.spin),
+            None => plan,
+        };
+        Ok(Planned { plan, reached, disc, judgement })
     }
 
     /// Keeps a plan: its number, and its waypoints after the air point of the approach.
@@ -112,34 +189,67 @@ impl Abrasion {
         (number, u32::try_from(all.len().saturating_sub(1)).unwrap_or(u32::MAX))
     }
 
-    /// Of the plan's path so many waypoints of all were executed.
-    pub fn executed(&mut self, pass: u8, (waypoints, done): (u32, u32)) -> Finding {
-        let (mut whole, mut begun) = (Vec::new(), Vec::new());
-        let paths = self.plan.iter().flat_map(|(_, plan)| &plan.paths);
-        // Waypoints are counted from the second one on.
-        let executed = done as usize + 1;
-        let mut before = 0;
-        for path in paths {
-            let contact =
-                |reached: usize| path.waypoints.iter().take(reached).filter(|waypoint| waypoint.contact).count();
-            let (reached, all) = (contact(executed.saturating_sub(before)), contact(usize::MAX));
-            before += path.waypoints.len();
-            if reached > 0 {
-                let grids = if reached == all { &mut whole } else { &mut begun };
-                grids.extend(path.grids.iter().copied());
-            }
-        }
+    /// Of the plan's path so many waypoints of all were executed, by way of these reports. What the disc wore comes
+    /// beside the finding, mm².
+    pub fn executed(
+        &mut self,
+        job: &Job<'_>,
+        (pass, trace): (u8, &Trace),
+        (all, done): (u32, u32),
+    ) -> (Vec<Note>, f64) {
+        let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
+        let settings = job.recipe.path();
+        let disc_mm = settings.disc_diameter_mm();
+        // A rounded corner leaves the lines by less than its rounding.
+        let off_mm = OFF_PATH_MM + settings.blend_share() * settings.waypoint_spacing_mm();
+        let walked = trace.walked(&waypoints(plan), done);
+        let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
+        let region = &job.panel.region;
+        let dwell = dwell::simulate(&fit.surface, region, &planned, &walked.poses, disc_mm / 2.0);
+        let (whole, begun) = judged(plan, &dwell, done);
         for grid in whole.iter().chain(&begun) {
             let (times, last) = self.touched.entry(*grid).or_insert((0, 0));
             *times += usize::from(*last != pass);
             *last = pass;
         }
         self.done.extend(whole.iter().map(|grid| (*grid, pass)));
-        findings::abraded(pass, (waypoints, done), (&whole, &begun), self.most_passes)
+        let finding =
+            findings::abraded((pass, self.most_passes), (all, done), (&whole, &begun), (&walked, &dwell), off_mm);
+        let figures = figures::dwelt(job, &dwell).map(Note::Figure);
+        let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
+        (notes, walked.contact_mm * disc_mm)
     }
 
     /// In how many passes each grid was touched.
     pub fn passes(&self) -> impl Iterator<Item = (GridId, usize)> + '_ {
         self.touched.iter().map(|(grid, (times, _))| (*grid, *times))
     }
+}
+
+/// A plan with every gate's word on it.
+struct Planned {
+    plan: Plan,
+    reached: Option<Reached>,
+    disc: DiscUse,
+    judgement: Judgement,
+}
+
+/// Of the areas that were begun, the grids that were covered as planned, and the others.
+fn judged(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
+    // Waypoints are counted from the second one on.
+    let executed = done as usize + 1;
+    let mut before = 0;
+    let (mut whole, mut begun) = (Vec::new(), Vec::new());
+    for path in &plan.paths {
+        let reached = executed.saturating_sub(before);
+        let touched = path.waypoints.iter().take(reached).any(|waypoint| waypoint.contact);
+        before += path.waypoints.len();
+        for id in path.grids.iter().filter(|_| touched) {
+            let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
+            let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
+            let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
+            grids.push(*id);
+        }
+    }
+    (whole, begun)
 }

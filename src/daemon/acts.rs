@@ -53,10 +53,7 @@ impl Running<'_> {
             | Act::DryPicture
             | Act::Plan { .. }
             | Act::Film
-            | Act::SelfTest => {
-                self.compute(id, act, None);
-                Ok(())
-            }
+            | Act::SelfTest => self.compute(id, act, None),
             Act::Stand => {
                 self.wait(id, act, Waits::Standing);
                 Ok(())
@@ -82,7 +79,10 @@ impl Running<'_> {
     }
 
     /// Has it computed; a film goes on with its next picture.
-    fn compute(&mut self, id: Id, act: Act, filming: Option<Box<Filming>>) {
+    fn compute(&mut self, id: Id, act: Act, filming: Option<Box<Filming>>) -> Result<(), DaemonError> {
+        if filming.is_none() {
+            self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
+        }
         // Of a film under way only its result is new.
         let (sight, abrasion) = match &filming {
             Some(_) => Default::default(),
@@ -92,6 +92,7 @@ impl Running<'_> {
         let (pass, now) = (self.state.job.pass, self.ports.robot.now());
         self.computing.submit(Work { id, act, filming, sight, abrasion, tip, pass, now }, self.seat.task());
         self.wait(id, act, Waits::Computing);
+        Ok(())
     }
 
     /// Takes what was computed, where it is still waited for.
@@ -102,15 +103,7 @@ impl Running<'_> {
             tracing::debug!(id = id.0, "a result came late and is dropped");
             return Ok(());
         };
-        for note in notes {
-            match note {
-                Note::Finding(finding) => self.record(&finding)?,
-                Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
-                Note::Figure(figure) => self.ports.record.figure(&figure)?,
-                Note::Kept(kept) => self.ports.record.kept(kept)?,
-                Note::Budget(measured) => self.ports.record.budget(&measured)?,
-            }
-        }
+        self.keep(notes)?;
         match (found?, artifacts) {
             (Found::Filming(filming), _) => self.wait(id, act, Waits::Film(filming)),
             (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
@@ -121,6 +114,20 @@ impl Running<'_> {
                     (_, Some((sight, abrasion))) => (self.sight, self.abrasion) = (sight, abrasion),
                 }
                 self.answer(id, answer);
+            }
+        }
+        Ok(())
+    }
+
+    /// Records what was noted.
+    pub(super) fn keep(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
+        for note in notes {
+            match note {
+                Note::Finding(finding) => self.record(&finding)?,
+                Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
+                Note::Figure(figure) => self.ports.record.figure(&figure)?,
+                Note::Kept(kept) => self.ports.record.kept(kept)?,
+                Note::Budget(measured) => self.ports.record.budget(&measured)?,
             }
         }
         Ok(())
@@ -235,7 +242,7 @@ impl Running<'_> {
                 }
             }
             Waits::PathEnd if stands => self.path_end(id, act, state)?,
-            Waits::Film(filming) => self.compute(id, act, Some(filming)),
+            Waits::Film(filming) => self.compute(id, act, Some(filming))?,
             waits => self.wait(id, act, waits),
         }
         Ok(())

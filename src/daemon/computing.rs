@@ -9,7 +9,7 @@ use super::abrasion::Abrasion;
 use super::ports::{Eyes, Figure, Finding, Keeper, Kept, Record, RecordError};
 use super::sight::{Filming, Sight};
 use super::{DaemonError, Job, Site, Task};
-use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::cycle::{Act, Answer, Grade, Id, Trouble};
 use crate::eki::Time;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
 use crate::record::{Budget, KeptFile, Picture};
@@ -142,7 +142,10 @@ impl Work {
             (Act::DryPicture, _) => self.sight.dry_picture(now, eyes, notes)?,
             (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
             (Act::Refine { view }, _) => match self.tip() {
-                Some(tip) => self.sight.refine(job, (view, tip), eyes, notes)?,
+                Some(tip) => {
+                    let answer = self.sight.refine(job, (view, tip), eyes, notes)?;
+                    self.surveyed(job, answer, notes)?
+                }
                 None => Answer::Failed(Trouble::Unexpected),
             },
             (Act::Verify, _) => match self.tip() {
@@ -152,6 +155,16 @@ impl Work {
             _ => Answer::Failed(Trouble::Unexpected),
         };
         Ok(Found::Answer(answer))
+    }
+
+    /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
+    fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
+        match (answer, self.sight.place()) {
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(place)) => {
+                self.abrasion.survey(job, (self.pass, grade, place), notes)
+            }
+            (answer, _) => Ok(answer),
+        }
     }
 
     /// Where the flange camera stands, while it is the tool and the base the robot's own.

@@ -35,6 +35,8 @@ pub enum Asked {
     For(Request),
     /// A cycle.
     Begin(Box<Order>),
+    /// A new disc was mounted.
+    NewDisc,
 }
 
 impl std::fmt::Debug for Asked {
@@ -42,6 +44,7 @@ impl std::fmt::Debug for Asked {
         match self {
             Asked::State => f.write_str("state"),
             Asked::For(request) => write!(f, "{request:?}"),
+            Asked::NewDisc => f.write_str("new disc"),
             Asked::Begin(order) => write!(f, "start of {}", order.task.recipe.panel()),
         }
     }
@@ -217,6 +220,7 @@ impl Requests for Desk {
                         Ask::For(request)
                     }
                     Asked::Begin(order) => Ask::Begin(order),
+                    Asked::NewDisc => Ask::NewDisc,
                 }
             }
         }

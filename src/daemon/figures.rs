@@ -6,8 +6,10 @@ use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Ri
 use crate::imaging::ImagingError;
 use crate::inspect::{Inspection, Step};
 use crate::panel::Grid;
+use crate::path::dwell::Dwell;
 use crate::path::{Plan, ToolPath};
 use crate::report::{CornerView, StripPicture, View, bounds, cut, film_strip, strip_times_s};
+use crate::surface::DeviationMap;
 
 /// The view of the 3D camera, with the panel where it stands.
 pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> View<'a> {
@@ -76,6 +78,33 @@ pub(super) fn planned(job: &Job<'_>, plan: &Plan, film: &ColorPicture, place: Ri
     let planned = |grid: &Grid| plan.paths.iter().any(|path| path.grids.contains(&grid.id));
     let drawn = view(job, film, place).planned(job.panel, &paths, &planned);
     figure(("planned", "The planned path of the tool over the panel"), drawn, film)
+}
+
+/// Deviation that has full colour in the picture of a surface, mm.
+const SURFACE_FULL_MM: f64 = 0.2;
+
+/// How the surface lies in the taught scan, pixel by pixel.
+pub(super) fn surface(map: &DeviationMap) -> Figure {
+    let caption = "The region's scan beside the fitted surface: red in front of it, blue behind, full colour at 0.2 mm; \
+                   black has no point, yellow was left out";
+    Figure { name: "surface".to_owned(), caption: caption.to_owned(), picture: map.picture(SURFACE_FULL_MM) }
+}
+
+/// What the disc did, by the poses that the robot reported: how long, and how often.
+pub(super) fn dwelt(job: &Job<'_>, dwell: &Dwell) -> [Figure; 2] {
+    let region = &job.panel.region;
+    let time = format!(
+        "How long each place was under the disc, by the poses that the robot reported: the darker the longer, up to \
+         {:.2} s; red was not reached, grey not asked for",
+        dwell.longest_s()
+    );
+    let often =
+        "How often the disc passed each place: light green once, green twice, blue more often; red not at all";
+    let figure = |name: &str, caption: String, picture| Figure { name: name.to_owned(), caption, picture };
+    [
+        figure("executed", time, dwell.picture(region, dwell.longest_s())),
+        figure("overlap", often.to_owned(), dwell.overlap_picture(region)),
+    ]
 }
 
 /// Pictures of a film that a strip may show, cut to the region: evenly spread, and close together once it opens.

@@ -1,12 +1,15 @@
 //! What the stages found, as the record keeps it: each number with its unit and the limit that it was held to.
 
 use super::Job;
+use super::trace::Walked;
 use crate::geometry::KukaPose;
 use crate::inspect::{GridInspection, Inspection};
 use crate::locate::refine::Refined;
 use crate::locate::{self, gate};
 use crate::panel::GridId;
-use crate::path::{MIN_COVERAGE, Plan};
+use crate::path::dwell::Dwell;
+use crate::path::panel_reach::{GridReach, Reached};
+use crate::path::{MIN_COVERAGE, Plan, disc::DiscUse};
 use crate::record::{Finding, Kind, Limit, Number, name};
 use crate::surface::Deviation;
 use crate::verdict::{Judgement, Reason};
@@ -109,23 +112,51 @@ fn broken(grid: &GridInspection, min_break_mm2: f64) -> impl Iterator<Item = Num
     std::iter::once(area).chain(when.map(|time_s| Number::new(format!("{id} failed after"), "s", time_s)))
 }
 
-/// A path over these grids, on a surface that lies so in the scan.
+/// The surface of the region, and what of it the arm reaches, grid by grid.
+pub(super) fn surveyed(
+    deviation: &Deviation,
+    grids: &[GridReach],
+    (pass, judgement): (u8, Judgement),
+    job: &Job<'_>,
+) -> Finding {
+    let reached = grids.iter().filter_map(|grid| grid.outcome.as_ref().ok());
+    let missed: Vec<GridId> = grids.iter().filter(|grid| grid.outcome.is_err()).map(|grid| grid.id).collect();
+    let least_deg = reached.clone().copied().reduce(f64::min);
+    let all = job.panel.region.ids().count() as f64;
+    let finding = Finding::new(Kind::Reach, pass, judgement).with(surface(deviation, job)).with([
+        Number::new("grids within the arm's reach", "", reached.count() as f64).within(Limit::AtLeast(all)),
+        Number::new("room beyond the arm's margins, at least", "°", least_deg),
+    ]);
+    if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
+}
+
+/// How the surface lies in the scan.
+fn surface(deviation: &Deviation, job: &Job<'_>) -> [Number; 5] {
+    let limits = job.recipe.surface();
+    let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
+        Number::new(name, unit, value).within(Limit::AtMost(limit))
+    };
+    [
+        at_most("residual of the surface, rms", "mm", deviation.rms_mm, limits.max_rms_mm()),
+        Number::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
+        Number::new("the scan's white noise", "mm", deviation.noise_mm),
+        at_most("region without points that fit", "%", deviation.missing_percent, limits.max_missing_percent()),
+        at_most("largest hole in the region", "mm", deviation.largest_hole_mm, limits.max_hole_mm()),
+    ]
+}
+
+/// A path over these grids, as far as the arm follows it.
 pub(super) fn planned(
-    (plan, deviation): (&Plan, &Deviation),
+    (plan, reached, disc): (&Plan, Option<&Reached>, &DiscUse),
     grids: &[GridId],
     (pass, judgement): (u8, Judgement),
     job: &Job<'_>,
 ) -> Finding {
-    let (settings, surface) = (job.recipe.path(), job.recipe.surface());
+    let settings = job.recipe.path();
     let least_covered = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
     let steps = plan.step_over_mm;
     Finding::new(Kind::Plan, pass, judgement).detail("grids", names(grids)).with([
-        Number::new("residual of the surface, rms", "mm", deviation.rms_mm)
-            .within(Limit::AtMost(surface.max_rms_mm())),
-        Number::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
-        Number::new("region without points that fit", "%", deviation.missing_percent)
-            .within(Limit::AtMost(surface.max_missing_percent())),
         Number::new("coverage of these grids", "", plan.coverage),
         Number::new("coverage of the worst of them", "", least_covered).within(Limit::AtLeast(MIN_COVERAGE)),
         Number::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
@@ -137,23 +168,56 @@ pub(super) fn planned(
         Number::new("waypoints", "", waypoints as f64),
         Number::new("length", "mm", plan.length_mm),
         Number::new("time at the recipe's feed", "s", plan.duration_s),
+        Number::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
+        Number::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
+        Number::new("swept by the disc", "mm²", disc.swept_mm2),
+        Number::new("worn of the disc afterwards", "mm²", disc.life_mm2.map(|_| disc.worn_after_mm2))
+            .within(disc.life_mm2.map_or(Limit::Unlimited, Limit::AtMost)),
     ])
 }
 
 /// What the robot executed of a contact path; all of it is a pass.
 pub(super) fn abraded(
-    pass: u8,
+    (pass, most_passes): (u8, usize),
     (waypoints, done): (u32, u32),
     (whole, begun): (&[GridId], &[GridId]),
-    most_passes: usize,
+    (walked, dwell): (&Walked, &Dwell),
+    off_limit_mm: f64,
 ) -> Finding {
-    let rest =
-        || Reason::new("part", format!("the robot executed {done} of {waypoints} waypoints; the rest is left"));
-    let judgement = Judgement::of(vec![], if done < waypoints { vec![rest()] } else { vec![] });
-    let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(whole)).with([
-        Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
-        Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
-    ]);
+    let mut doubts = Vec::new();
+    if done < waypoints {
+        let message = format!("the robot executed {done} of {waypoints} waypoints; the rest is left");
+        doubts.push(Reason::new("part", message));
+    } else if !begun.is_empty() {
+        let message = format!(
+            "by the poses that the robot reported the disc did not reach all that was planned of {}; the film will tell",
+            names(begun).join(", ")
+        );
+        doubts.push(Reason::new("not_covered", message));
+    }
+    if walked.off_mm > off_limit_mm {
+        let message = format!(
+            "the robot reported a pose {:.2} mm off the planned path, allowed are {off_limit_mm:.2}",
+            walked.off_mm
+        );
+        doubts.push(Reason::new("off_path", message));
+    }
+    let finding =
+        Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
+            Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
+            Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
+            Number::new("poses reported on the way", "", walked.reports as f64),
+            Number::new("farthest of them from the planned path", "mm", walked.off_mm)
+                .within(Limit::AtMost(off_limit_mm)),
+            Number::new("way in contact", "mm", walked.contact_mm),
+        ]);
+    let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
+        let id = grid.id;
+        [
+            Number::new(format!("share of {id} under the disc"), "", grid.share()),
+            Number::new(format!("of {id} left"), "mm²", grid.left_mm2()),
+        ]
+    }));
     if begun.is_empty() { finding } else { finding.detail("grids_in_part", names(begun)) }
 }
 

@@ -29,12 +29,14 @@ mod findings;
 mod moves;
 mod ports;
 mod protocol;
+mod reaching;
 mod recording;
 mod routes;
 mod run;
 mod sight;
 mod single;
 mod socket;
+mod trace;
 mod wiring;
 mod words;
 
@@ -55,7 +57,7 @@ pub use socket::{Loader, Socket, SocketError};
 pub use wiring::Wiring;
 pub use words::{request_word, why};
 
-use crate::cell::{Cell, Limits};
+use crate::cell::{Arm, Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
@@ -85,6 +87,8 @@ pub struct Calibrations {
 pub struct Site {
     /// The cell's limits.
     pub limits: Limits,
+    /// The arm.
+    pub arm: Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
     /// Where the arm parks.
@@ -102,6 +106,7 @@ impl Site {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
         Ok(Site {
             limits: cell.limits().clone(),
+            arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),
@@ -142,6 +147,7 @@ impl Task {
             corners: &self.corners,
             calibrations: self.calibrations,
             limits: &site.limits,
+            arm: &site.arm,
             wiring: site.wiring,
             park: site.park,
             ready: site.ready,
@@ -162,6 +168,8 @@ pub struct Job<'a> {
     pub calibrations: Calibrations,
     /// The cell's limits.
     pub limits: &'a Limits,
+    /// The arm.
+    pub arm: &'a Arm,
     /// Outputs and feedbacks.
     pub wiring: Wiring,
     /// Where the arm parks.
@@ -192,6 +200,7 @@ impl<'a> Job<'a> {
             corners,
             calibrations,
             limits,
+            arm: cell.arm(),
             wiring: Wiring::of(cell.io())?,
             park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
             ready: cell.pose("ready"),
@@ -200,7 +209,8 @@ impl<'a> Job<'a> {
 
     /// The cell alone.
     fn site(&self) -> Site {
-        Site { limits: self.limits.clone(), wiring: self.wiring, park: self.park, ready: self.ready }
+        let (limits, arm) = (self.limits.clone(), self.arm.clone());
+        Site { limits, arm, wiring: self.wiring, park: self.park, ready: self.ready }
     }
 
     /// What is asked of a film.

@@ -2,12 +2,13 @@
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
-use super::routes::{self, Gated};
+use super::routes::{self, Gated, Standing};
 use super::run::Running;
+use super::trace::Trace;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
-use crate::path::judge_joints;
+use crate::path::{Kinematics, judge_joints, reach};
 use crate::record::Kind;
 use crate::verdict::Reason;
 
@@ -35,7 +36,7 @@ pub(super) struct Sent {
 
 impl Sent {
     /// Waypoints executed, where all commands up to this one are.
-    fn waypoints(&self, done: CommandId) -> u32 {
+    pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
             (done.0 + 1).saturating_sub(self.first.0).min(self.motion.waypoints)
         } else {
@@ -65,8 +66,15 @@ impl Running<'_> {
         self.by_lines(id, motion)
     }
 
+    /// Whether the axes may go to these poses, one after the other, from where they stand.
     fn joints_are_good(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
-        let reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
+        let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
+        if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
+            let (arm, tool) = (Kinematics::new(&self.site.arm), state.flange_from_tool.to_rigid());
+            let ways = std::iter::once(&state.joints).chain(poses).zip(poses);
+            let met = ways.filter_map(|(from, to)| reach::swing(&arm, tool, from, to).err());
+            reasons.extend(met.map(|obstacle| Reason::new("out_of_reach", format!("on the way there {obstacle}"))));
+        }
         let good = reasons.is_empty();
         if !good {
             self.note(Kind::Gate, reasons)?;
@@ -109,28 +117,37 @@ impl Running<'_> {
         let (job, state) = (&self.job()?, self.robot_state?);
         let place = self.sight.place();
         let pad: Rigid<Panel, Tool> = state.base_from_tcp.to_rigid();
+        let standing = &Standing {
+            limits: job.limits,
+            arm: job.arm,
+            flange_from_tool: state.flange_from_tool.to_rigid(),
+            joints: state.joints,
+        };
+        let settings = job.recipe.path();
         match motion.path {
             Path::Park => None,
             Path::Corner { .. } => {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // The camera is the tool here.
                 let to = Rigid::claim(*self.sight.corner_pose(job)?.isometry());
-                Some(routes::air(job, Rigid::<Base, Base>::identity(), (from, to), None))
+                Some(routes::air(standing, Rigid::<Base, Base>::identity(), (from, to), None))
             }
             Path::Approach => {
                 let to = routes::waypoints(self.abrasion.latest()?).first()?.pose.to_rigid();
-                Some(routes::air(job, place?, (pad, to), None))
+                Some(routes::air(standing, place?, (pad, to), None))
             }
-            Path::Contact => Some(routes::contact(job, place?, pad, self.abrasion.plan(motion.plan)?)),
+            Path::Contact => {
+                Some(routes::contact(standing, place?, (pad, self.abrasion.plan(motion.plan)?), settings))
+            }
             Path::Air => {
-                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, job.recipe.path().approach_mm());
-                Some(routes::contact(job, place?, pad, &lifted))
+                let lifted = routes::lifted(self.abrasion.plan(motion.plan)?, settings.approach_mm());
+                Some(routes::contact(standing, place?, (pad, &lifted), settings))
             }
             Path::Retract => {
-                let back = nalgebra::Vector3::z() * -job.recipe.path().approach_mm();
+                let back = nalgebra::Vector3::z() * -settings.approach_mm();
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
                 let axis = self.abrasion.latest().and_then(routes::taught_axis);
-                Some(routes::air(job, place?, (pad, to), axis))
+                Some(routes::air(standing, place?, (pad, to), axis))
             }
         }
     }
@@ -143,6 +160,7 @@ impl Running<'_> {
         (count, end): (u32, Option<End>),
     ) -> Result<(), DaemonError> {
         if let (Ok(last), Some(end)) = (&sent, end) {
+            self.trace = Trace::default();
             let first = CommandId((last.0 + 1).saturating_sub(count));
             self.sent = Some(Sent { id, motion, first, last: *last, end, told: 0 });
         }

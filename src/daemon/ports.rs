@@ -154,6 +154,21 @@ pub trait Journal: Record {
     fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError>;
     /// What follows belongs to no cycle.
     fn between_cycles(&mut self);
+    /// What the disc in use has swept, mm².
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError>;
+    /// The disc in use swept so much more, mm².
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError>;
+    /// A new disc was mounted.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn mount_disc(&mut self) -> Result<(), RecordError>;
     /// Whether a cycle's record would find its place; else why not.
     fn check(&mut self) -> Vec<Reason>;
 }
@@ -188,6 +203,8 @@ pub enum Ask {
     For(Request),
     /// A cycle by this.
     Begin(Box<Order>),
+    /// To keep that a new disc was mounted; done where the state rests.
+    NewDisc,
     /// To leave; done where the state rests.
     Leave,
 }

@@ -46,6 +46,9 @@ pub enum Wish {
     Clear {},
     /// As there.
     Reset {},
+    /// A new disc was mounted.
+    #[serde(rename = "new-disc")]
+    NewDisc {},
 }
 
 /// Why a line says nothing.

@@ -119,6 +119,18 @@ impl Journal for StoreRecord<'_> {
         self.pages = Pages::default();
     }
 
+    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
+        self.store.disc_worn_mm2().map_err(failed)
+    }
+
+    fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
+        self.store.wear_disc(self.cycle, swept_mm2).map_err(failed)
+    }
+
+    fn mount_disc(&mut self) -> Result<(), RecordError> {
+        self.store.mount_disc().map_err(failed)
+    }
+
     fn check(&mut self) -> Vec<Reason> {
         match self.store.free_mb() {
             Ok(free_mb) if free_mb >= FLOOR_MB => vec![],

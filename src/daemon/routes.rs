@@ -1,20 +1,21 @@
 //! Paths as they are sent, each through the gate whole.
 //!
 //! A way through air is a straight line cut into steps, so that the gate sees all of it. A contact path is the plan's,
-//! in the panel's frame, which is the base that was set.
+//! in the panel's frame, which is the base that was set. Every path is followed axis by axis from where the axes stand.
 
-use super::Job;
-use crate::cell::Limits;
+use crate::cell::{self, Limits};
 use crate::eki::{MoveLin, SetAccSpeed};
-use crate::geometry::{Base, Degrees, KukaPose, Panel, Rigid, Tool, Vector};
-use crate::path::{Plan, Route, Waypoint, WaypointLimits, judge_route};
-use crate::verdict::{Judgement, Verdict};
+use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
+use crate::path::reach::{Leg, follow};
+use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge_route};
+use crate::recipe;
+use crate::verdict::{Judgement, Reason, Verdict};
 use nalgebra::Vector3;
 
 /// Steps of a way through air, at most.
 const AIR_STEP_MM: f64 = 40.0;
 const AIR_TURN: Degrees = Degrees(8.0);
-/// Rounding at waypoints: of the step to the next, so that a path never stops on the panel, and a point in air.
+/// Rounding at the steps of a way through air: of a step, and at most.
 const BLEND_SHARE: f64 = 0.2;
 const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, where the cell allows it.
@@ -22,6 +23,21 @@ const AIR_MM_S: f64 = 200.0;
 const ACCELERATION_M_S2: f64 = 1.0;
 /// Share of the axes' speed and acceleration between named poses, %.
 pub(super) const AXIS_PERCENT: u8 = 20;
+
+/// Where the tip may be by the cell's arm and where it is by the controller: so far they may be apart, mm and degrees.
+/// Farther apart is another arm, another tool or another zero of an axis.
+const MODEL_MM: f64 = 3.0;
+const MODEL: Degrees = Degrees(1.0);
+
+/// The arm as it stands before a path.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Standing<'a> {
+    pub limits: &'a Limits,
+    pub arm: &'a cell::Arm,
+    /// The tool that the controller has.
+    pub flange_from_tool: Rigid<Flange, Tool>,
+    pub joints: Joints,
+}
 
 /// A path that may be sent, or why not.
 #[derive(Debug, Clone)]
@@ -55,17 +71,17 @@ pub(super) fn waypoints(plan: &Plan) -> Vec<Waypoint> {
 
 /// A straight way through air from where the arm stands, in a base that stands at `base_from_active`.
 pub(super) fn air<Active: crate::geometry::Frame>(
-    job: &Job<'_>,
+    standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
     ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
 ) -> Gated {
-    air_within(job.limits, base_from_active, ends, taught_axis, AIR_MM_S)
+    air_at(standing, base_from_active, ends, taught_axis, AIR_MM_S)
 }
 
-/// The same without a job, at a speed of its own.
-pub(super) fn air_within<Active: crate::geometry::Frame>(
-    limits: &Limits,
+/// The same at a speed of its own.
+pub(super) fn air_at<Active: crate::geometry::Frame>(
+    standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
     taught_axis: Option<Vector<Base>>,
@@ -80,9 +96,10 @@ pub(super) fn air_within<Active: crate::geometry::Frame>(
         pose: KukaPose::from_rigid(pose),
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
+        speed_m_s: None,
     });
-    let speed_mm_s = speed_mm_s.min(limits.max_speed_mm_s());
-    gated(limits, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s))
+    let speed_mm_s = speed_mm_s.min(standing.limits.max_speed_mm_s());
+    gated(standing, base_from_active, (from, points.collect()), (taught_axis, speed_mm_s, ACCELERATION_M_S2))
 }
 
 /// The same plan with every point of contact lifted off the panel, along the tool's axis.
@@ -98,48 +115,76 @@ pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     lifted
 }
 
-/// The path over the panel: all of the plan but its first point, the one in air where the arm already stands.
+/// The path over the panel: all of the plan but its first point, the one in air where the arm already stands. Feed and
+/// rounding are each waypoint's own.
 pub(super) fn contact(
-    job: &Job<'_>,
+    standing: &Standing<'_>,
     base_from_panel: Rigid<Base, Panel>,
-    from: Rigid<Panel, Tool>,
-    plan: &Plan,
+    (from, plan): (Rigid<Panel, Tool>, &Plan),
+    settings: &recipe::Path,
 ) -> Gated {
-    let all = waypoints(plan);
-    let spacing_mm = job.recipe.path().waypoint_spacing_mm();
-    let blend = |before: &Waypoint, next: Option<&Waypoint>, here: &Waypoint| {
-        let rubs = [Some(before), Some(here), next].into_iter().flatten().all(|waypoint| waypoint.contact);
-        if rubs { BLEND_SHARE * spacing_mm } else { 0.0 }
+    let allowed_mm_s = standing.limits.max_speed_mm_s();
+    let point = |waypoint: &Waypoint| MoveLin {
+        pose: waypoint.pose,
+        blend_mm: waypoint.blend_mm,
+        contact: waypoint.contact,
+        speed_m_s: Some(waypoint.feed_mm_s.min(allowed_mm_s) / 1_000.0),
     };
-    let points = all.windows(2).enumerate().map(|(index, pair)| MoveLin {
-        pose: pair[1].pose,
-        blend_mm: blend(&pair[0], all.get(index + 2), &pair[1]),
-        contact: pair[1].contact,
-    });
-    let speed_mm_s = job.recipe.path().feed_mm_s().min(job.limits.max_speed_mm_s());
-    gated(job.limits, base_from_panel, (from, points.collect()), (taught_axis(plan), speed_mm_s))
+    let points: Vec<MoveLin> = waypoints(plan).iter().skip(1).map(point).collect();
+    let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
+    let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
+    gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2))
 }
 
 fn gated<Active: crate::geometry::Frame>(
-    limits: &Limits,
+    standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, points): (Rigid<Active, Tool>, Vec<MoveLin>),
-    (taught_axis, speed_mm_s): (Option<Vector<Base>>, f64),
+    (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
 ) -> Gated {
     // Judged as they will be sent, numbers and all.
     let poses: Vec<Rigid<Base, Tool>> =
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
-    let route = Route { from: base_from_active * from, waypoints: &poses, taught_axis };
+    let from = base_from_active * from;
+    let route = Route { from, waypoints: &poses, taught_axis };
+    let mut judgement = judge_route(&route, &WaypointLimits::from(standing.limits));
+    if judgement.verdict == Verdict::Accept {
+        let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
+            base_from_tool: *pose,
+            feed_mm_s: point.speed_m_s.map_or(speed_mm_s, |speed_m_s| 1_000.0 * speed_m_s),
+            blend_mm: point.blend_mm,
+        });
+        judgement = Judgement::of(standing.obstacle(from, &legs.collect::<Vec<_>>()).into_iter().collect(), vec![]);
+    }
     Gated {
-        judgement: judge_route(&route, &WaypointLimits::from(limits)),
+        judgement,
         points,
         speed: SetAccSpeed {
             speed_m_s: speed_mm_s / 1_000.0,
-            acceleration_m_s2: ACCELERATION_M_S2,
+            acceleration_m_s2,
             axis_speed_percent: AXIS_PERCENT,
             axis_acceleration_percent: AXIS_PERCENT,
         },
         end: poses.last().copied(),
+    }
+}
+
+impl Standing<'_> {
+    /// What keeps the arm from following these lines from where its axes stand.
+    fn obstacle(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Option<Reason> {
+        let arm = Kinematics::new(self.arm);
+        let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool)?;
+        let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
+        if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {
+            let message = format!(
+                "by its axes and [arm] the tip stands {off_mm:.1} mm and {off} from where the controller says, allowed \
+                 are {MODEL_MM} mm and {MODEL}; is the arm in the cell's file this one?"
+            );
+            return Some(Reason::new("arm_model", message));
+        }
+        let fault = follow(&arm, self.flange_from_tool, Some(&self.joints), legs).err()?;
+        let message = format!("waypoint {}: {}", fault.index + 1, fault.obstacle);
+        Some(Reason::new("out_of_reach", message))
     }
 }
 

@@ -7,6 +7,7 @@ use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
 use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
+use super::trace::{Told, Trace};
 use super::{DaemonError, Job, Site, Task, words};
 use crate::cycle::{self, Act, Answer, Deadline, Effect, Event, Id, Path, Report, State, Trouble, fold, step};
 use crate::eki::{self, Mode, StopCause};
@@ -136,6 +137,7 @@ pub(super) struct Running<'p> {
     deadlines: Deadlines,
     pub sight: Sight,
     pub abrasion: Abrasion,
+    pub trace: Trace,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
@@ -155,6 +157,7 @@ impl<'p> Running<'p> {
             deadlines: Deadlines::default(),
             sight: Sight::default(),
             abrasion: Abrasion::default(),
+            trace: Trace::default(),
             pending: None,
             sent: None,
             robot_state: None,
@@ -230,6 +233,15 @@ impl<'p> Running<'p> {
                     self.events.extend(event);
                     continue;
                 }
+                Ask::NewDisc if self.state.at.rests() => {
+                    self.ports.record.mount_disc()?;
+                    continue;
+                }
+                Ask::NewDisc => {
+                    let message = "a disc is changed where the cell rests, held, idle or stopped";
+                    self.ports.requests.unable(vec![Reason::new("not_now", message)]);
+                    continue;
+                }
                 Ask::Leave if self.state.at.rests() => return Ok(None),
                 Ask::Leave | Ask::Nothing => {}
             }
@@ -280,8 +292,7 @@ impl<'p> Running<'p> {
             Effect::OpenIntent(motion) => self.ports.record.open_intent(&motion)?,
             Effect::CloseIntent { motion, outcome, done } => {
                 if motion.path == Path::Contact {
-                    let finding = self.abrasion.executed(self.state.job.pass, (motion.waypoints, done));
-                    self.record(&finding)?;
+                    self.abraded((motion.waypoints, done))?;
                 }
                 self.ports.record.close_intent(&motion, outcome, done)?;
             }
@@ -294,6 +305,36 @@ impl<'p> Running<'p> {
             Effect::Refuse { request, refusal } => self.ports.requests.refused(request, refusal),
         }
         Ok(())
+    }
+
+    /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
+    fn abraded(&mut self, executed: (u32, u32)) -> Result<(), DaemonError> {
+        let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
+        let found = self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), executed));
+        self.abrasion = abrasion;
+        let Some((notes, worn_mm2)) = found else { return Ok(()) };
+        self.keep(notes)?;
+        if worn_mm2 > 0.0 {
+            self.ports.record.wear_disc(worn_mm2)?;
+        }
+        Ok(())
+    }
+
+    /// Where the tool is on a contact path.
+    fn follow(&mut self, state: &eki::State) {
+        let contact = |pending: &Pending| match (pending.act, &pending.waits) {
+            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
+            _ => false,
+        };
+        if self.pending.as_ref().is_some_and(contact)
+            && let Some(sent) = self.sent
+        {
+            self.trace.push(Told {
+                time_ms: state.time_ms,
+                tip: state.base_from_tcp,
+                done: sent.waypoints(state.done),
+            });
+        }
     }
 
     fn span(&self, deadline: Deadline) -> Duration {
@@ -385,6 +426,7 @@ impl<'p> Running<'p> {
 
     fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
         self.robot_state = Some(*state);
+        self.follow(state);
         self.becomes(condition(state));
         self.look(state)
     }

@@ -6,14 +6,14 @@
 //! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
 
 use super::ports::Robot;
-use super::routes;
+use super::routes::{self, Standing};
 use super::wiring::{RINSE, reads};
-use crate::cell::{Cell, Feedback, InputsOutputs, Limits, Output};
+use crate::cell::{Cell, Feedback, InputsOutputs, Output};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
-use crate::path::judge_joints;
+use crate::path::{Kinematics, judge_joints, reach};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
@@ -116,9 +116,12 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// As [`Single::set`], and where the gate refuses.
-    pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8) -> Result<(), SingleError> {
+    pub fn move_joints(&mut self, joints: Joints, axis_speed_percent: u8, cell: &Cell) -> Result<(), SingleError> {
         self.may_move()?;
         accepted(judge_joints(&joints))?;
+        let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
+        reach::swing(&arm, tool, &self.state.joints, &joints)
+            .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
         self.open_epoch()?;
         let id =
             self.robot.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
@@ -129,8 +132,9 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// As [`Single::move_joints`].
-    pub fn move_line(&mut self, line: &Line, limits: &Limits) -> Result<(), SingleError> {
+    pub fn move_line(&mut self, line: &Line, cell: &Cell) -> Result<(), SingleError> {
         self.may_move()?;
+        let limits = cell.limits();
         let fastest_mm_s = limits.max_speed_mm_s();
         if line.speed_mm_s.is_nan() || line.speed_mm_s > fastest_mm_s {
             let found_mm_s = line.speed_mm_s;
@@ -144,8 +148,14 @@ impl<'r> Single<'r> {
         self.executed(id, SHORT)?;
         // From where the controller, with these frames, says that the tip stands.
         let from: Rigid<Base, Tool> = self.state.base_from_tcp.to_rigid();
-        let gated = routes::air_within(
+        let standing = Standing {
             limits,
+            arm: cell.arm(),
+            flange_from_tool: line.tool.flange_from_tool.to_rigid(),
+            joints: self.state.joints,
+        };
+        let gated = routes::air_at(
+            &standing,
             line.base.to_rigid::<Base, Base>(),
             (from, line.to.to_rigid()),
             None,

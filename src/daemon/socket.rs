@@ -173,6 +173,7 @@ fn hear(stream: &UnixStream, letters: &Sender<Letter>, loader: &Loader) -> Reply
         Wish::Abort {} => Asked::For(Request::Abort),
         Wish::Clear {} => Asked::For(Request::Clear),
         Wish::Reset {} => Asked::For(Request::Reset),
+        Wish::NewDisc {} => Asked::NewDisc,
     };
     if !matches!(asked, Asked::State) {
         let who = rustix::net::sockopt::socket_peercred(stream)

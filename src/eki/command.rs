@@ -44,6 +44,8 @@ pub struct MoveLin {
     pub blend_mm: f64,
     /// True where the tool touches the panel on the way.
     pub contact: bool,
+    /// Speed of the tip from here on, m/s; `None` keeps the one that was set.
+    pub speed_m_s: Option<f64>,
 }
 
 /// All axes to their angles.
@@ -216,11 +218,16 @@ impl Command {
                 let percent = check.range("axis speed (%)", axis_speed_percent, 1.0, 100.0)?;
                 Fields { operation: 1, r: [percent, 0.0], p, ..none }
             }
-            Command::MoveLin(MoveLin { pose, blend_mm, contact }) => {
+            Command::MoveLin(MoveLin { pose, blend_mm, contact, speed_m_s }) => {
                 let p = check.pose(pose)?;
                 let blend_mm = check.range("blend (mm)", blend_mm, 0.0, 1_000.0)?;
+                // On the wire 0 keeps the speed that was set.
+                let speed_m_s = match speed_m_s {
+                    Some(speed_m_s) => check.range("speed (m/s)", speed_m_s, 0.001, 3.0)?,
+                    None => 0.0,
+                };
                 check.range("points to come", f64::from(to_come), 0.0, f64::from(i32::MAX))?;
-                Fields { operation: 2, n: [to_come.cast_signed(), i32::from(contact)], r: [blend_mm, 0.0], p }
+                Fields { operation: 2, n: [to_come.cast_signed(), i32::from(contact)], r: [blend_mm, speed_m_s], p }
             }
             Command::SetBase(base) => Fields { operation: 3, p: check.pose(base)?, ..none },
             Command::SetTcp(SetTcp { flange_from_tool, kind }) => {

@@ -2,8 +2,8 @@
 //!
 //! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm; each step adds its time to the samples
 //! within the disc's radius of it, and a step that is not the one after the last there begins another pass. The path is
-//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose is in
-//! contact where its point lies no higher than the contact height above the surface. The disc is taken as wholly in
+//! one of poses, planned or as the robot reported them, so what was executed is judged the same way. A pose meant to be
+//! in contact is so where its point lies no higher than a millimetre above the surface. The disc is taken as wholly in
 //! contact: a compliant pad.
 
 use super::plan::Plan;
@@ -14,6 +14,8 @@ use rayon::prelude::*;
 
 /// Distance between samples, and of the steps along a path, mm.
 const SAMPLE_MM: f64 = 1.0;
+/// A disc whose point is higher above the surface than this does not touch it, mm.
+const CONTACT_MM: f64 = 1.0;
 /// Steps of the search for the place on the surface below a point.
 const FOOT_STEPS: usize = 12;
 /// Such a place is exact enough, mm.
@@ -45,6 +47,13 @@ pub struct GridDwell {
     pub passes: Vec<u16>,
     /// Surface of each sample, mm².
     pub area_mm2: Vec<f32>,
+}
+
+impl Dwell {
+    /// One grid of those that were looked at.
+    pub fn of_grid(&self, id: GridId) -> Option<&GridDwell> {
+        self.grids.iter().find(|grid| grid.id == id)
+    }
 }
 
 impl GridDwell {
@@ -137,9 +146,14 @@ fn steps(surface: &BSplineSurface, executed: &[Executed]) -> Vec<Step> {
             let point = from + (to - from) * (step as f64 / count as f64);
             let Some(at) = foot(surface, guess, point) else { continue };
             guess = at;
+            let tangents = surface.tangents(at);
+            let off = surface.normal_of(&tangents).map(|normal| normal.mm.dot(&(point - tangents.point).mm));
+            if off.is_none_or(|height_mm| height_mm > CONTACT_MM) {
+                continue;
+            }
             // Each end stands for half a step.
             let share = if step == 0 || step == count { 0.5 } else { 1.0 } / count as f64;
-            steps.push(Step { at, point: surface.point(at), seconds: pair[1].seconds * share });
+            steps.push(Step { at, point: tangents.point, seconds: pair[1].seconds * share });
         }
     }
     steps
@@ -233,8 +247,26 @@ impl Dwell {
     /// A picture of the region, unrolled: grey where nothing was asked, red where the disc did not reach, from light to
     /// dark green by the time under the disc, dark from `full_s` on.
     pub fn picture(&self, region: &Region, full_s: f64) -> ColorPicture {
-        const UNASKED: [u8; 3] = [225, 225, 225];
-        const LEFT: [u8; 3] = [210, 40, 30];
+        self.painted(region, |grid, sample| {
+            let dwell = f64::from(grid.dwell_s[sample]);
+            let dark = (dwell / full_s.max(1e-9)).min(1.0);
+            let fade = |light: f64, deep: f64| (light + (deep - light) * dark) as u8;
+            let green = [fade(215.0, 10.0), fade(240.0, 90.0), fade(205.0, 30.0)];
+            if dwell > 0.0 { green } else { LEFT }
+        })
+    }
+
+    /// The same by how often the disc passed: light green once, green twice, blue more often.
+    pub fn overlap_picture(&self, region: &Region) -> ColorPicture {
+        self.painted(region, |grid, sample| match grid.passes[sample] {
+            0 => LEFT,
+            1 => [205, 235, 195],
+            2 => [90, 170, 90],
+            _ => [50, 80, 190],
+        })
+    }
+
+    fn painted(&self, region: &Region, color: impl Fn(&GridDwell, usize) -> [u8; 3]) -> ColorPicture {
         let longer = self.sides_mm[0].max(self.sides_mm[1]).max(1.0);
         let pixels = |side_mm: f64| ((PICTURE_PX as f64 * side_mm / longer) as usize).max(1);
         let mut picture = ColorPicture::filled(pixels(self.sides_mm[0]), pixels(self.sides_mm[1]), UNASKED);
@@ -251,14 +283,13 @@ impl Dwell {
                     };
                     let row = index(y, height, low.y, high.y, rows);
                     let sample = row * grid.columns + index(x, width, low.x, high.x, grid.columns);
-                    let dwell = f64::from(grid.dwell_s[sample]);
-                    let dark = (dwell / full_s.max(1e-9)).min(1.0);
-                    let fade = |light: f64, deep: f64| (light + (deep - light) * dark) as u8;
-                    let green = [fade(215.0, 10.0), fade(240.0, 90.0), fade(205.0, 30.0)];
-                    picture.rgb[y * width + x] = if dwell > 0.0 { green } else { LEFT };
+                    picture.rgb[y * width + x] = color(grid, sample);
                 }
             }
         }
         picture
     }
 }
+
+const UNASKED: [u8; 3] = [225, 225, 225];
+const LEFT: [u8; 3] = [210, 40, 30];

@@ -36,8 +36,6 @@ pub use raster::{Raster, RasterError, raster};
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 
 #[cfg(test)]
-mod gauntlet;
-#[cfg(test)]
 mod simulated;
 #[cfg(test)]
 mod tests;

@@ -1,14 +1,15 @@
 //! Whether the arm reaches the panel where it stands: a plan as a whole, and, before the panel is wetted, every grid.
 //!
 //! A round tool may turn about its own axis, so the spin of the whole path is chosen among twelve for the most room;
-//! one that leaves enough is taken as it comes. Only the [`turned`] plan is the one that was followed. A refusal names the grid, the waypoint, the axis and how far it is off, and a
-//! shift of the panel that would help.
+//! one that leaves enough is taken as it comes. Only the [`turned`] plan is the one that was followed. A refusal names
+//! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
+use super::disc::DiscUse;
 use super::dwell::foot;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
 use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
-use crate::geometry::{Base, Degrees, Flange, KukaPose, Panel, Point, Rigid, Tool, Vector};
+use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
@@ -19,7 +20,7 @@ use rayon::prelude::*;
 /// Spins that are tried, degrees, in this order.
 const SPINS_DEG: [f64; 12] = [0.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0, 120.0, -120.0, 150.0, -150.0, 180.0];
 /// Room that needs no better spin, degrees.
-const ENOUGH_DEG: f64 = 15.0;
+const ENOUGH_DEG: f64 = 10.0;
 /// Waypoints by which a shift is judged, at most.
 const SHIFT_LEGS: usize = 60;
 
@@ -32,6 +33,9 @@ pub struct Stand<'a> {
     pub flange_from_tool: Rigid<Flange, Tool>,
     /// The panel.
     pub base_from_panel: Rigid<Base, Panel>,
+    /// The axes from where a line leads to the plan's first point, so that the arm comes in their configuration; without
+    /// them that with the most room is taken.
+    pub from: Option<Joints>,
 }
 
 /// A plan that the arm can follow.
@@ -59,12 +63,22 @@ pub struct Unreached {
 /// # Errors
 /// Where the arm does not reach, with the reason of the spin that comes farthest.
 pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
+    with_room(plan, stand, settings, ENOUGH_DEG)
+}
+
+/// The first spin with as much room, else the one with the most.
+fn with_room(
+    plan: &Plan,
+    stand: &Stand<'_>,
+    settings: &recipe::Path,
+    enough_deg: f64,
+) -> Result<Reached, Box<Unreached>> {
     let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
-        match follow(stand.arm, stand.flange_from_tool, None, &legs(plan, stand, *spin_deg)) {
+        match follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs(plan, stand, *spin_deg)) {
             Ok(travel) => {
-                let enough = travel.room_deg >= ENOUGH_DEG;
+                let enough = travel.room_deg >= enough_deg;
                 if best.as_ref().is_none_or(|best| travel.room_deg > best.travel.room_deg) {
                     best = Some(Reached { spin: Degrees(*spin_deg), travel });
                 }
@@ -132,6 +146,8 @@ pub struct GridReach {
     pub id: GridId,
     /// The room that is left, degrees, or why there is none.
     pub outcome: Result<f64, Box<Unreached>>,
+    /// Panel that the disc sweeps on the path over this grid alone, mm².
+    pub swept_mm2: f64,
 }
 
 /// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
@@ -147,19 +163,23 @@ pub fn of_grids(
     let ids: Vec<GridId> = region.ids().collect();
     let of_grid = |id: &GridId| {
         let plan = plan(surface, region, &[*id], outline, settings)?;
-        Ok(GridReach { id: *id, outcome: of_plan(&plan, stand, settings).map(|reached| reached.travel.room_deg) })
+        // Whether it is reached at all: the path that is taken has its spin chosen then.
+        let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
+        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2 })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
     all.into_iter().collect()
 }
 
-/// Accepts a region of which every grid is reached, or rejects it in words.
+/// Accepts a region of which every grid is reached. Where some are not, a person decides, since perhaps none of them
+/// fails; where none is, the panel stands wrong.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     let reason = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
         Some(Reason::new("out_of_reach", format!("grid {}, {}", grid.id, words(unreached))))
     };
-    Judgement::of(grids.iter().filter_map(reason).collect(), vec![])
+    let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
+    if reasons.len() < grids.len() { Judgement::of(vec![], reasons) } else { Judgement::of(reasons, vec![]) }
 }
 
 /// Accepts a plan that the arm can follow, or rejects it in words: grid and waypoint, axis, how far, what helps.

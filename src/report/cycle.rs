@@ -36,6 +36,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>) -> Section {
     let heading = match finding.kind {
         Kind::Locate => "Where the panel stands",
         Kind::Refine => "The corner",
+        Kind::Reach => "What the arm reaches",
         Kind::Inspect => "The film",
         Kind::Plan => "The sanding path",
         Kind::Verify => "The corner, before contact",

@@ -11,6 +11,7 @@
 
 mod blobs;
 mod cycles;
+mod discs;
 mod error;
 mod journal;
 mod lease;

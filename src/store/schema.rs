@@ -1,13 +1,13 @@
 //! The tables' version: looked at before anything is written, raised step by step.
 
 use super::error::StoreError;
-use super::{cycles, journal, motions, teaching, verifications};
+use super::{cycles, discs, journal, motions, teaching, verifications};
 use rusqlite::{Connection, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications.
-pub(super) const SCHEMA: i64 = 3;
+/// 3: verifications. 4: discs.
+pub(super) const SCHEMA: i64 = 4;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -55,6 +55,9 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
     }
     if found < 3 {
         transaction.execute_batch(verifications::TABLES)?;
+    }
+    if found < 4 {
+        transaction.execute_batch(discs::TABLES)?;
     }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
     transaction.commit()

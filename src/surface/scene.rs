@@ -61,6 +61,8 @@ pub(crate) struct Spoil {
     pub missing: f64,
     /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
+    /// Half-width of a band in the picture's middle whose points stand mirrored, px: the scan of a fold.
+    pub fold_px: f64,
 }
 
 pub(crate) const LENS: PinholeCamera = PinholeCamera {
@@ -105,7 +107,9 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
         let [flying, missing, how_far] = [0, 1, 2].map(|_| random.random::<f64>());
         let noise = normal() * spoil.noise_mm + if flying < spoil.flying { 4.0 * how_far - 2.0 } else { 0.0 };
         let in_hole = (pixel.u - 207.0).abs() < spoil.hole_px && (pixel.v - 150.0).abs() < spoil.hole_px;
-        let ray = LENS.unproject::<Camera>(pixel).expect("inside").mm;
+        let mirrored = Pixel::at(LENS.width_px as f64 - pixel.u, pixel.v);
+        let in_fold = (pixel.u - mirrored.u).abs() < 2.0 * spoil.fold_px;
+        let ray = LENS.unproject::<Camera>(if in_fold { mirrored } else { pixel }).expect("inside").mm;
         let depth = depth(shape, ray).filter(|_| missing >= spoil.missing && !in_hole);
         depth.map_or([f32::NAN; 3], |depth| {
             let seen = ray * depth + ray.normalize() * noise;

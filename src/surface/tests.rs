@@ -1,7 +1,7 @@
 //! The fit on analytic panels, with and without what spoils a scan.
 
 use super::scene::{SHAPES, Shape, Spoil, recipe, taught};
-use super::{Fit, FitError, Parameter, fit};
+use super::{Fit, FitError, MapPixel, Parameter, examine, fit};
 
 fn fitted(shape: Shape, spoil: Spoil, more: &str) -> Result<Fit, FitError> {
     let recipe = recipe(shape, more);
@@ -37,7 +37,7 @@ fn an_exact_scan_gives_the_exact_surface() {
 /// A quarter-size picture has a sixteenth of the points: four times the error of a full one.
 #[test]
 fn noise_and_flying_points_hardly_move_the_surface() {
-    let spoil = Spoil { noise_mm: 0.055, flying: 0.01, missing: 0.01, hole_px: 0.0 };
+    let spoil = Spoil { noise_mm: 0.055, flying: 0.01, missing: 0.01, ..Spoil::default() };
     for shape in SHAPES {
         let fit = fitted(shape, spoil, "").unwrap_or_else(|e| panic!("{shape:?}: {e}"));
         let (mean, largest, angle) = errors(shape, &fit);
@@ -82,6 +82,19 @@ fn a_poor_fit_and_too_many_controls_are_refused() {
     assert!(matches!(poor, Err(FitError::PoorFit { rms_mm, .. }) if (rms_mm - 0.1).abs() < 0.01), "{poor:?}");
     let fine = fitted(Shape::Saddle, spoil, "[surface]\ncontrol_spacing_mm = 6\n");
     assert!(matches!(fine, Err(FitError::TooFine { .. })), "{fine:?}");
+}
+
+/// A band of 80 px whose points run backwards: the surface folds there, and the refusal says where, with a picture.
+#[test]
+fn a_fold_is_refused_with_its_picture() {
+    let recipe = recipe(Shape::Plane, "[surface]\nmax_rms_mm = 5\n");
+    let panel = taught(Shape::Plane, Spoil { noise_mm: 0.02, fold_px: 40.0, ..Spoil::default() }, &recipe);
+    let refusal = examine(&panel, recipe.surface()).expect_err("a fold");
+    let FitError::Fold { at } = refusal.error else { panic!("{}", refusal.error) };
+    assert!((at.u - 243.0).abs() < 60.0, "{at:?}");
+    let map = refusal.map.expect("a picture");
+    assert!(map.pixels().iter().any(|pixel| matches!(pixel, MapPixel::Fits { .. })));
+    assert!(map.picture(0.2).rgb.len() > 10_000);
 }
 
 #[test]

@@ -59,7 +59,7 @@ pub fn pass(points: usize, step_mm: f64, contact: bool) -> Vec<MoveLin> {
         let y_mm = if index.is_multiple_of(2) { 0.0 } else { 0.2 * step_mm };
         let pose = KukaPose { x_mm: step_mm * index as f64 - 40.0, y_mm, z_mm, ..KukaPose::default() };
         let blend_mm = if index + 1 == points { 0.0 } else { 0.4 * step_mm };
-        MoveLin { pose, blend_mm, contact: contact && !in_air }
+        MoveLin { pose, blend_mm, contact: contact && !in_air, speed_m_s: None }
     };
     (0..points).map(point).collect()
 }

@@ -12,7 +12,12 @@ fn meander(points: usize) -> Vec<MoveLin> {
         let column = if row % 2 == 0 { column } else { 39 - column };
         let x_mm = 3.0 * column as f64 - 60.0;
         let y_mm = 3.0 * (row % 20) as f64 + if column % 2 == 0 { 0.0 } else { 0.3 };
-        MoveLin { pose: KukaPose { x_mm, y_mm, ..KukaPose::default() }, blend_mm: 1.2, contact: false }
+        MoveLin {
+            pose: KukaPose { x_mm, y_mm, ..KukaPose::default() },
+            blend_mm: 1.2,
+            contact: false,
+            speed_m_s: None,
+        }
     };
     let mut points: Vec<MoveLin> = (0..points).map(point).collect();
     if let Some(last) = points.last_mut() {

@@ -3,6 +3,7 @@
 use super::super::*;
 use crate::cell;
 use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
+use crate::devices::mock::Arm;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
@@ -27,6 +28,7 @@ struct World {
     base: Option<KukaPose>,
     tool: Option<SetTcp>,
     base_from_flange: Rigid<Base, Flange>,
+    arm: Arm,
     joints: Joints,
     outputs: BTreeMap<u16, bool>,
     water_off_ms: u64,
@@ -35,6 +37,8 @@ struct World {
     waypoints: usize,
     reports: VecDeque<Report>,
     lines: usize,
+    feeds_m_s: Vec<f64>,
+    blends_mm: Vec<f64>,
     intent: Option<Motion>,
     moved_without_intent: usize,
 }
@@ -53,7 +57,12 @@ impl Shared {
     }
 }
 
-const CELL: &str = "[poses]\npark = { a1_deg = -90, a2_deg = -90, a3_deg = 90, a4_deg = 0, a5_deg = 60, a6_deg = 0 }\n\
+/// Where the arm stands before a cycle.
+const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+
+const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
+     ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n";
 
@@ -65,6 +74,10 @@ pub struct Cell {
     is_full: bool,
     /// Tables at the end of the recipe.
     pub more_recipe: &'static str,
+    /// Tables at the end of the cell's file.
+    pub more_cell: &'static str,
+    /// What the disc has worn before, mm².
+    pub worn_mm2: f64,
 }
 
 /// What came of it.
@@ -79,6 +92,9 @@ pub struct Story {
     pub refusals: Vec<(Request, Refusal)>,
     pub contact_points: usize,
     pub lines: usize,
+    /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
+    pub feeds: Vec<(f64, f64)>,
+    pub worn_mm2: f64,
     pub moved_without_intent: usize,
 }
 
@@ -112,9 +128,8 @@ impl std::fmt::Display for Story {
 impl Cell {
     pub fn new(scene: Scene) -> Self {
         let sim = sim::Cell::new(3, scene, 4);
-        let pose = KukaPose { x_mm: 200.0, z_mm: 400.0, b_deg: 90.0, ..KukaPose::default() };
         let world = World {
-            base_from_flange: pose.to_rigid(),
+            base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
             sim,
             time_ms: 0,
             epoch: 5,
@@ -125,7 +140,8 @@ impl Cell {
             pace: 1_000,
             base: None,
             tool: None,
-            joints: Joints::default(),
+            joints: START,
+            arm: Arm::kr6_r700_2(),
             outputs: BTreeMap::new(),
             water_off_ms: 0,
             rubbed: 0,
@@ -133,11 +149,21 @@ impl Cell {
             waypoints: 0,
             reports: VecDeque::new(),
             lines: 0,
+            feeds_m_s: Vec::new(),
+            blends_mm: Vec::new(),
             intent: None,
             moved_without_intent: 0,
         };
         let world = Shared(Arc::new(Mutex::new(world)));
-        Cell { world, box_to_mm: 700.0, fails_at: usize::MAX, is_full: false, more_recipe: "" }
+        Cell {
+            world,
+            box_to_mm: 700.0,
+            fails_at: usize::MAX,
+            is_full: false,
+            more_recipe: "",
+            more_cell: "",
+            worn_mm2: 0.0,
+        }
     }
 
     pub fn with_box_to(self, x_mm: f64) -> Self {
@@ -173,8 +199,8 @@ impl Cell {
     fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
-            "{CELL}[limits]\nbox_min_mm = [-200, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n",
-            self.box_to_mm
+            "{CELL}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",
+            self.box_to_mm, self.more_cell
         );
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         let calibrations = calibrations(&self.world.borrow().sim);
@@ -188,8 +214,12 @@ impl Cell {
         readable: Vec<Reason>,
         asks: &mut dyn Requests,
     ) -> Memory {
-        let mut record =
-            Memory { fails_at: self.fails_at, is_full: self.is_full, ..Memory::default_of(&self.world) };
+        let mut record = Memory {
+            fails_at: self.fails_at,
+            is_full: self.is_full,
+            worn_mm2: self.worn_mm2,
+            ..Memory::default_of(&self.world)
+        };
         let service = Service {
             robot: &mut FakeRobot(self.world.clone()),
             eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
@@ -225,8 +255,8 @@ impl Cell {
         let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
         let mut robot = FakeRobot(self.world.clone());
         let mut eyes = FakeEyes(self.world.clone());
-        let mut record =
-            Memory { world: self.world.clone(), fails_at: self.fails_at, ..Memory::default_of(&self.world) };
+        let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
+        let mut record = Memory { fails_at, worn_mm2, ..Memory::default_of(&self.world) };
         let ports = Ports { robot: &mut robot, eyes: &mut eyes, record: &mut record, requests: &mut asks };
         let outcome = run_cycle(&job, ports, [])?;
         let world = self.world.borrow();
@@ -241,6 +271,8 @@ impl Cell {
             refusals: asks.refusals,
             contact_points: world.waypoints,
             lines: world.lines,
+            feeds: world.feeds_m_s.iter().copied().zip(world.blends_mm.iter().copied()).collect(),
+            worn_mm2: record.worn_mm2,
             moved_without_intent: world.moved_without_intent,
         })
     }
@@ -312,12 +344,18 @@ impl World {
                 }
                 self.outputs.insert(signal.number, signal.on);
             }
-            Command::MoveJ(target) => self.joints = target.joints,
-            Command::MoveLin(MoveLin { pose, contact, .. }) => {
+            Command::MoveJ(target) => {
+                self.joints = target.joints;
+                self.base_from_flange = self.arm.base_from_flange(&target.joints);
+            }
+            Command::MoveLin(MoveLin { pose, contact, speed_m_s, blend_mm }) => {
                 let (base, tool) = (self.base.expect("set"), self.tool.expect("set"));
                 let base_from_tool = base.to_rigid::<Base, Panel>() * pose.to_rigid::<Panel, Tool>();
                 self.base_from_flange = base_from_tool * tool.flange_from_tool.to_rigid::<Flange, Tool>().inverse();
+                self.joints = self.arm.nearest(&self.base_from_flange, &self.joints).expect("within reach");
                 self.lines += 1;
+                self.feeds_m_s.extend(speed_m_s);
+                self.blends_mm.extend(speed_m_s.map(|_| blend_mm));
                 if self.outputs.get(&5) == Some(&true) {
                     self.waypoints += 1;
                     self.rubbed += usize::from(contact);
@@ -465,6 +503,7 @@ pub struct Memory {
     writes: usize,
     cycles: i64,
     is_full: bool,
+    pub worn_mm2: f64,
     pub findings: Vec<Finding>,
     figures: Vec<String>,
     budget: Budget,
@@ -480,6 +519,7 @@ impl Memory {
             writes: 0,
             cycles: 0,
             is_full: false,
+            worn_mm2: 0.0,
             findings: Vec::new(),
             figures: Vec::new(),
             budget: Budget::default(),
@@ -559,6 +599,20 @@ impl Journal for Memory {
     }
 
     fn between_cycles(&mut self) {}
+
+    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
+        Ok(self.worn_mm2)
+    }
+
+    fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
+        self.worn_mm2 += swept_mm2;
+        self.written()
+    }
+
+    fn mount_disc(&mut self) -> Result<(), RecordError> {
+        self.worn_mm2 = 0.0;
+        self.written()
+    }
 
     fn check(&mut self) -> Vec<Reason> {
         if self.is_full { vec![Reason::new("disk_full", "no room")] } else { vec![] }

@@ -20,6 +20,7 @@ struct Script {
     verdicts: Vec<Verdict>,
     cycles: Vec<CycleId>,
     noted: Vec<Reason>,
+    unable: Vec<String>,
 }
 
 impl Script {
@@ -55,6 +56,10 @@ impl Requests for Script {
         self.refusals.push((request, refusal));
     }
 
+    fn unable(&mut self, reasons: Vec<Reason>) {
+        self.unable.extend(reasons.iter().map(|reason| reason.code.to_string()));
+    }
+
     fn begun(&mut self, cycle: CycleId) {
         self.cycles.push(cycle);
     }
@@ -80,6 +85,25 @@ fn cycles_come_one_after_the_other() {
     assert_eq!(script.verdicts, [Verdict::Pass, Verdict::Pass]);
     assert_eq!(script.cycles, [CycleId(1), CycleId(2)]);
     assert_eq!(script.refusals, []);
+}
+
+/// The disc is changed while the cell is held for it; the result is accepted, and its wear begins anew.
+#[test]
+fn a_new_disc_goes_on_after_a_review() {
+    let mut cell = Fake::new(Scene::Good);
+    (cell.more_recipe, cell.worn_mm2) = ("[path]\ndisc_life_mm2 = 1000000\n", 999_900.0);
+    let held = |state: &State| matches!(state.at, At::Held(_));
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(|state| matches!(state.at, At::Execute(_)), Ask::NewDisc)
+        .when(held, Ask::NewDisc)
+        .when(held, Ask::For(Request::Accept))
+        .leave_when(complete);
+    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    assert_eq!(script.verdicts, [Verdict::Pass]);
+    assert_eq!(script.unable, ["not_now"], "not while the cell works");
+    assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
 }
 
 /// The same cycle, computed here and aside: the same events, in the same order.

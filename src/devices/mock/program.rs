@@ -53,6 +53,9 @@ impl Controller {
                 self.mover.plan(Move::Ptp(Ptp { key, target, speed_share, acceleration_share, switches: None }));
             }
             wire::MOVE_LIN => {
+                if r2 > 0.0 {
+                    self.epoch.speed_mm_s = r2 * 1000.0;
+                }
                 let lin = self.lin(command)?;
                 self.mover.plan(Move::Lin(lin));
             }

@@ -155,7 +155,7 @@ impl Controller {
                 self.setup.arm.within_limits(&target).map_err(|_| Refusal::Unreachable)?;
                 percent(r1) && r2 == 0.0
             }
-            wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0,
+            wire::MOVE_LIN => n1 >= 0 && (0..=1).contains(&n2) && r1 >= 0.0 && (0.0..=MOST[0]).contains(&r2),
             wire::SET_BASE => true,
             wire::SET_TCP => (0..=1).contains(&n1),
             wire::SET_ACC_SPEED => {

@@ -111,7 +111,7 @@ fn circle(pace: Pace, points: usize, speed_m_s: f64) -> (Vec<mock::Executed>, i3
     let point = |index: usize| {
         let turn = std::f64::consts::TAU * (index + 1) as f64 / points as f64;
         let (y_mm, z_mm) = (40.0 * turn.sin(), 40.0 * (1.0 - turn.cos()));
-        MoveLin { pose: KukaPose { x_mm: 0.0, y_mm, z_mm, ..tip }, blend_mm: 0.2, contact: false }
+        MoveLin { pose: KukaPose { x_mm: 0.0, y_mm, z_mm, ..tip }, blend_mm: 0.2, contact: false, speed_m_s: None }
     };
     let last = link.send_path((0..points).map(point).collect()).expect("a good path");
     let mut progress = Vec::new();

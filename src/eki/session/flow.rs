@@ -158,6 +158,9 @@ impl Flow {
             Command::SetAccSpeed(speed) => self.speed_mm_s = Some(1_000.0 * speed.speed_m_s),
             // How long these last only the controller knows: alone in the window.
             Command::MoveJ(_) | Command::CallSubroutine { .. } => motion = limits.window,
+            Command::MoveLin(MoveLin { speed_m_s: Some(speed_m_s), .. }) => {
+                self.speed_mm_s = Some(1_000.0 * speed_m_s)
+            }
             _ => {}
         }
         if matches!(
@@ -195,12 +198,13 @@ impl Flow {
         let first = self.next_ids(count)?;
         let last = CommandId(first.0 + (count - 1));
         let path = Some(Part { first, last, base, tool });
-        let mut end = self.end;
+        let (mut end, mut speed_mm_s) = (self.end, self.speed_mm_s);
         let mut orders = Vec::with_capacity(points.len());
         for (point, id) in points.iter().zip((first.0..=last.0).map(CommandId)) {
             let bytes = wire.encode_command(id, self.epoch, &Command::MoveLin(*point), last.0 - id.0)?;
-            let motion = line_time(end, point.pose, self.speed_mm_s);
-            let from_anywhere = end.is_none().then_some((point.pose, self.speed_mm_s));
+            speed_mm_s = point.speed_m_s.map(|speed_m_s| 1_000.0 * speed_m_s).or(speed_mm_s);
+            let motion = line_time(end, point.pose, speed_mm_s);
+            let from_anywhere = end.is_none().then_some((point.pose, speed_mm_s));
             end = Some(point.pose);
             orders.push(Order {
                 id,
@@ -214,7 +218,7 @@ impl Flow {
             });
         }
         self.queue.extend(orders);
-        (self.end, self.next_id) = (end, CommandId(last.0 + 1));
+        (self.end, self.speed_mm_s, self.next_id) = (end, speed_mm_s, CommandId(last.0 + 1));
         self.path_ends.push_back(last);
         Ok(last)
     }

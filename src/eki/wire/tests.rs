@@ -25,8 +25,8 @@ fn commands_are_written_as_the_file_says() {
     };
     let cases = [
         (
-            Command::MoveLin(MoveLin { pose, blend_mm: 2.0, contact: true }),
-            format!("<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"12\" N2=\"1\" R1=\"2.000000\" R2=\"0.000000\">{pose_text}"),
+            Command::MoveLin(MoveLin { pose, blend_mm: 2.0, contact: true, speed_m_s: Some(0.06) }),
+            format!("<Cmd Id=\"17\" Ep=\"3\" Op=\"2\" N1=\"12\" N2=\"1\" R1=\"2.000000\" R2=\"0.060000\">{pose_text}"),
         ),
         (
             Command::MoveJ(MoveJ { joints, axis_speed_percent: 20.0 }),
@@ -225,7 +225,7 @@ fn hostile_states_get_exact_verdicts() {
 
 #[test]
 fn numbers_that_cannot_be_sent_are_refused_with_their_field() {
-    let lin = |pose, blend_mm| Command::MoveLin(MoveLin { pose, blend_mm, contact: false });
+    let lin = |pose, blend_mm| Command::MoveLin(MoveLin { pose, blend_mm, contact: false, speed_m_s: None });
     let at = |x_mm| KukaPose { x_mm, ..KukaPose::default() };
     let speed = |speed_m_s, axis_speed_percent| {
         Command::SetAccSpeed(SetAccSpeed {

@@ -147,6 +147,7 @@ impl Bench {
             pose: KukaPose::from_rigid(&pose),
             blend_mm: if contact { 1.0 } else { 0.0 },
             contact,
+            speed_m_s: None,
         };
         let last: CommandId = self.link.send_path(poses.into_iter().map(line).collect()).expect("a good path");
         self.until(|report| matches!(report, Report::PathDone { last: done } if *done == last));

@@ -254,7 +254,7 @@ fn speed(speed_m_s: f64) -> Command {
 fn path(points: usize, step_mm: f64) -> Vec<MoveLin> {
     let point = |index: usize| {
         let pose = KukaPose { x_mm: step_mm * index as f64, ..KukaPose::default() };
-        MoveLin { pose, blend_mm: 1.0, contact: true }
+        MoveLin { pose, blend_mm: 1.0, contact: true, speed_m_s: None }
     };
     (0..points).map(point).collect()
 }

@@ -7,8 +7,18 @@
 //! over axis 1), its speed and acceleration at each axis, and the keep-out boxes. Corners that are rounded over b mm
 //! change speed in 2 b / feed; where the arm stops, the controller's own ramp holds. Rejects a path whole.
 
+mod margins;
+mod obstacle;
+mod swing;
+#[cfg(test)]
+mod tests;
+
+pub use obstacle::{Obstacle, ReachFault, Singular};
+pub use swing::swing;
+
 use super::kinematics::{Angles, Kinematics, angles, joints};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
+use margins::{axis_limit, beyond, keeps_out, room, too_fast};
 use nalgebra::{Isometry3, Vector3};
 use rayon::prelude::*;
 
@@ -18,8 +28,6 @@ const STEP_MM: f64 = 10.0;
 const STEP_DEG: f64 = 3.0;
 /// An axis that turns farther in such a step has left its way, degrees.
 const FLIP_DEG: f64 = 30.0;
-/// Distance between places on the arm that are compared with the keep-out boxes, mm.
-const SAMPLE_MM: f64 = 15.0;
 /// Shifts of the panel that are tried, mm, along each axis of the base.
 const SHIFTS_MM: [f64; 6] = [10.0, 20.0, 40.0, 60.0, 100.0, 150.0];
 
@@ -32,112 +40,6 @@ pub struct Leg {
     pub feed_mm_s: f64,
     /// Rounding at its end, mm; 0 stops there.
     pub blend_mm: f64,
-}
-
-/// Which singular place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Singular {
-    /// Axes 4 and 6 in line.
-    Wrist,
-    /// The arm stretched.
-    Elbow,
-    /// The wrist's centre over axis 1.
-    Overhead,
-}
-
-/// What an arm cannot do.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum Obstacle {
-    /// Not a number.
-    #[error("the pose is not a number")]
-    NotFinite,
-    /// Too far or too near.
-    #[error("it is {beyond_mm:.1} mm beyond the arm's reach")]
-    OutOfReach {
-        /// How far, mm.
-        beyond_mm: f64,
-    },
-    /// An axis beyond its limits less the margin.
-    #[error("axis {axis} would stand at {angle_deg:.1}°, allowed is {:.1} to {:.1}°", allowed_deg[0], allowed_deg[1])]
-    AxisLimit {
-        /// 1 to 6.
-        axis: usize,
-        /// Where it would stand, degrees.
-        angle_deg: f64,
-        /// Lowest and highest, margins taken off, degrees.
-        allowed_deg: [f64; 2],
-    },
-    /// Near a singular place.
-    #[error("{} ({found:.1}, needed {needed:.1})", singular_words(*which))]
-    Singular {
-        /// Which.
-        which: Singular,
-        /// Distance from it, degrees or mm.
-        found: f64,
-        /// Distance needed.
-        needed: f64,
-    },
-    /// The configuration would change.
-    #[error("axis {axis} would jump by {turn_deg:.0}°: the way on is in another configuration")]
-    Flip {
-        /// 1 to 6.
-        axis: usize,
-        /// Smallest jump, degrees.
-        turn_deg: f64,
-    },
-    /// An axis too fast.
-    #[error("axis {axis} would turn at {needed_deg_s:.0} °/s, allowed {allowed_deg_s:.0}; a lower feed_mm_s helps")]
-    AxisSpeed {
-        /// 1 to 6.
-        axis: usize,
-        /// Speed needed, degrees a second.
-        needed_deg_s: f64,
-        /// Speed allowed, degrees a second.
-        allowed_deg_s: f64,
-    },
-    /// An axis speeding up too fast.
-    #[error(
-        "axis {axis} would change its speed by {needed_deg_s2:.0} °/s², allowed {allowed_deg_s2:.0}; a lower feed_mm_s \
-         helps"
-    )]
-    AxisAcceleration {
-        /// 1 to 6.
-        axis: usize,
-        /// Acceleration needed, degrees a second squared.
-        needed_deg_s2: f64,
-        /// Acceleration allowed, degrees a second squared.
-        allowed_deg_s2: f64,
-    },
-    /// A part of the arm in a box.
-    #[error("the {part} would be {distance_mm:.0} mm from \"{name}\", needed are {needed_mm:.0}")]
-    KeepOut {
-        /// Which part.
-        part: &'static str,
-        /// The box.
-        name: String,
-        /// Distance, mm.
-        distance_mm: f64,
-        /// Distance needed, mm.
-        needed_mm: f64,
-    },
-}
-
-fn singular_words(which: Singular) -> &'static str {
-    match which {
-        Singular::Wrist => "axis 5 would be too near its pole, degrees",
-        Singular::Elbow => "the elbow would be too near the stretched arm, degrees",
-        Singular::Overhead => "the wrist would be too near axis 1, mm",
-    }
-}
-
-/// Where a path is refused, and why.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("waypoint {index}: {obstacle}")]
-pub struct ReachFault {
-    /// The waypoint at or on the way to which it happens, from 0.
-    pub index: usize,
-    /// Why.
-    pub obstacle: Obstacle,
 }
 
 /// How the arm follows a path.
@@ -294,7 +196,7 @@ fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usi
             speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
         }
         travel.room_deg = travel.room_deg.min(room(arm, look, &next).map_err(fault)?);
-        keeps_out(arm, look, &next).map_err(fault)?;
+        keeps_out(arm, look.tip, &next).map_err(fault)?;
         at = next;
         if look.is_end {
             travel.joints.push(joints(at));
@@ -333,100 +235,4 @@ fn turns(arm: &Kinematics, way: &Angles) -> Vec<Angles> {
         }
     }
     all
-}
-
-/// The first axis beyond its limits less the margin.
-fn beyond(arm: &Kinematics, at: &Angles) -> Option<Obstacle> {
-    let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
-    (0..6).find_map(|axis| {
-        let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
-        let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&at[axis]);
-        (!inside).then_some(Obstacle::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
-    })
-}
-
-/// What stands in the way of all ways: the axis of the one that is least far beyond.
-fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Obstacle {
-    let far = |obstacle: &Obstacle| match obstacle {
-        Obstacle::AxisLimit { angle_deg, allowed_deg, .. } => {
-            (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
-        }
-        _ => f64::INFINITY,
-    };
-    let all = ways.iter().filter_map(|way| beyond(arm, way));
-    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Obstacle::NotFinite)
-}
-
-/// Room beyond all margins, degrees.
-fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Obstacle> {
-    if let Some(obstacle) = beyond(arm, at) {
-        return Err(obstacle);
-    }
-    let margins = arm.arm().margins();
-    let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
-    let checks = [
-        (Singular::Wrist, wrist_deg, margins.wrist_margin_deg()),
-        (Singular::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
-        (Singular::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
-    ];
-    if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
-        return Err(Obstacle::Singular { which, found, needed });
-    }
-    let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
-    let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
-    let least = (0..6).map(of_axis).fold(f64::INFINITY, f64::min);
-    Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
-}
-
-/// The axes' speeds on a step, degrees a second.
-fn too_fast(arm: &Kinematics, look: &Look, turned: &Angles, before: &Angles) -> Result<Angles, Obstacle> {
-    let axes = arm.arm().axes();
-    // A turn on the spot takes the time that the controller gives it.
-    if look.seconds <= 0.0 {
-        return Ok([0.0; 6]);
-    }
-    let speed: Angles = turned.map(|turn| turn / look.seconds);
-    for axis in 0..6 {
-        let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
-        if needed_deg_s > allowed_deg_s {
-            return Err(Obstacle::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
-        }
-        let Some(change_s) = look.change_s else { continue };
-        let (needed_deg_s2, allowed_deg_s2) =
-            ((speed[axis] - before[axis]).abs() / change_s, axes.max_acceleration_deg_s2[axis]);
-        if needed_deg_s2 > allowed_deg_s2 {
-            return Err(Obstacle::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
-        }
-    }
-    Ok(speed)
-}
-
-fn keeps_out(arm: &Kinematics, look: &Look, at: &Angles) -> Result<(), Obstacle> {
-    if arm.arm().keep_out().is_empty() {
-        return Ok(());
-    }
-    let margins = arm.arm().margins();
-    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
-    let parts = [
-        ("upper arm", shoulder, elbow, margins.clearance_mm()),
-        ("forearm", elbow, wrist, margins.clearance_mm()),
-        ("wrist", wrist, flange, margins.clearance_mm()),
-        ("tool", flange, look.tip, margins.tool_clearance_mm()),
-    ];
-    for keep_out in arm.arm().keep_out() {
-        for (part, from, to, needed_mm) in parts {
-            let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
-            let along = |n: usize| from + (to - from) * (n as f64 / samples as f64);
-            let outside = |point: Point<Base>| {
-                let beyond = |i: usize| (keep_out.min.mm[i] - point.mm[i]).max(point.mm[i] - keep_out.max.mm[i]);
-                Vector3::new(beyond(0), beyond(1), beyond(2)).map(|mm| mm.max(0.0)).norm()
-            };
-            let distance_mm = (0..=samples).map(|n| outside(along(n))).fold(f64::INFINITY, f64::min);
-            if distance_mm < needed_mm {
-                let name = keep_out.name.clone();
-                return Err(Obstacle::KeepOut { part, name, distance_mm, needed_mm });
-            }
-        }
-    }
-    Ok(())
 }

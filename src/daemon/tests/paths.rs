@@ -1,0 +1,113 @@
+//! What of surface and paths the cycle looks at, and when: reach before the panel is wet, every motion from the actual
+//! axes, feed and rounding as planned, what was executed, the disc.
+
+use super::*;
+
+fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
+    let of_kind = story.findings.iter().filter(|finding| finding.kind == kind);
+    of_kind.flat_map(|finding| &finding.judgement.reasons).map(|reason| reason.code.to_string()).collect()
+}
+
+fn number(story: &fake::Story, kind: Kind, name: &str) -> f64 {
+    let finding = story.findings.iter().find(|finding| finding.kind == kind).expect("a finding");
+    finding.number(name).unwrap_or_else(|| panic!("{name}: {finding:?}"))
+}
+
+/// A wall stands before the panel: no grid is reached, which is known before any water runs.
+#[test]
+fn a_panel_out_of_reach_is_rejected_before_it_is_wet() {
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_cell = "[[keep_out]]\nname = 'wall'\nmin_mm = [480, -220, 0]\nmax_mm = [700, 220, 560]\n";
+    let story = fake.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
+    assert_eq!(story.stages().last(), Some(&Kind::Reach), "{story}");
+    assert_eq!(codes(&story, Kind::Reach).first().map(String::as_str), Some("out_of_reach"), "{story}");
+    let wet = story.events.iter().any(|event| format!("{event:?}").contains("Spray"));
+    assert!(!wet, "{story}");
+}
+
+/// A post before its lower left grids: a person may go on, since perhaps none of those fails.
+#[test]
+fn a_panel_partly_out_of_reach_is_for_a_person_to_decide() {
+    let mut fake = Fake::new(Scene::Clean);
+    fake.more_cell = "[[keep_out]]\nname = 'post'\nmin_mm = [480, 60, 0]\nmax_mm = [700, 260, 270]\n";
+    let story = fake.run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Held(hold) if hold.why == Why::Review), "{story}");
+    let reach = story.findings.iter().find(|finding| finding.kind == Kind::Reach).expect("looked at");
+    assert_eq!(reach.judgement.verdict, Verdict::Review);
+    let message = &reach.judgement.reasons[0].message;
+    assert!(message.contains("grid r") && message.contains("\"post\"") && message.contains("panel"), "{message}");
+    assert!(number(&story, Kind::Reach, "grids within the arm's reach") > 2.0);
+}
+
+/// The cell's file states an upper arm 10 mm longer than the one that stands there: nothing moves in lines.
+#[test]
+fn an_arm_that_is_another_one_does_not_move() {
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_cell = "[arm]\nmodel = 'custom'\na1_mm = 25\na2_mm = -25\nb_mm = 0\nc1_mm = 400\nc2_mm = 345\nc3_mm = 365\n\
+                      c4_mm = 90\noffsets_deg = [0, -90, 0, 0, 0, 0]\nsigns = [-1, 1, 1, -1, 1, -1]\n\
+                      min_deg = [-170, -190, -120, -185, -120, -350]\nmax_deg = [170, 45, 156, 185, 120, 350]\n\
+                      max_speed_deg_s = [360, 300, 360, 450, 450, 540]\n";
+    let story = fake.run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Aborted { .. }), "{story}");
+    assert_eq!((story.lines, codes(&story, Kind::Gate)), (0, vec!["arm_model".to_owned()]), "{story}");
+}
+
+/// By hand: lines of 10 mm at most that take 200 ms to plan go 50 mm/s at most; corners are rounded by a fifth of the
+/// shorter line beside them, and paths stop at their ends alone.
+#[test]
+fn each_line_brings_its_feed_and_rounding() {
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = "[path]\nplanning_time_ms = 200\nlift_hole_mm = 30\n";
+    let story = fake.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    assert_eq!(story.feeds.len(), story.contact_points);
+    let fastest = story.feeds.iter().map(|(feed, _)| *feed).fold(0.0, f64::max);
+    let in_rows = story.feeds.iter().filter(|(feed, _)| *feed > 0.04 && *feed <= 0.0501).count();
+    assert!(fastest < 0.0601 && in_rows > story.feeds.len() / 2, "{fastest} {in_rows}");
+    assert!(story.feeds.iter().all(|(_, blend_mm)| *blend_mm <= 0.2 * 40.0 + 1e-9));
+    let stops = story.feeds.iter().filter(|(_, blend_mm)| *blend_mm == 0.0).count();
+    // Each area's path stops in the air before it and after it; the very first stop is the approach's.
+    assert_eq!(stops % 2, 1, "{stops}");
+}
+
+/// The robot reports its poses: every failed grid was under the disc, and what the disc swept is kept.
+#[test]
+fn what_was_executed_is_looked_at() {
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    let abraded = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
+    let shares: Vec<f64> = abraded
+        .numbers
+        .iter()
+        .filter(|number| number.name.ends_with("under the disc"))
+        .filter_map(|number| number.value)
+        .collect();
+    assert_eq!(shares.len(), abraded.details["grids"].as_array().expect("names").len());
+    assert!(!shares.is_empty() && shares.iter().all(|share| *share > 0.985), "{shares:?}");
+    assert!(number(&story, Kind::Abrade, "farthest of them from the planned path") < 0.5);
+    assert!(number(&story, Kind::Abrade, "poses reported on the way") > 10.0);
+    let contact_mm = number(&story, Kind::Abrade, "way in contact");
+    assert!((story.worn_mm2 - 30.0 * contact_mm).abs() < 1e-6 && contact_mm > 100.0);
+}
+
+/// The disc has 100 mm² left of its life: a new one is asked for before the panel is wet.
+#[test]
+fn a_worn_disc_is_asked_for_before_the_panel_is_wet() {
+    let mut fake = Fake::new(Scene::Good);
+    (fake.more_recipe, fake.worn_mm2) = ("[path]\ndisc_life_mm2 = 100000\n", 99_900.0);
+    let story = fake.run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Held(hold) if hold.why == Why::Review), "{story}");
+    assert_eq!(codes(&story, Kind::Reach), ["disc_worn"], "{story}");
+    assert!(story.motions(Path::Contact).is_empty());
+}
+
+/// The pad's stroke does not take up the error at the tool: rejected before the panel is wet.
+#[test]
+fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
+    let mut fake = Fake::new(Scene::Good);
+    fake.more_recipe = "[path]\npress_in_mm = 1\npad_stroke_mm = 4\n";
+    let story = fake.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
+    assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
+}

@@ -1,0 +1,113 @@
+//! What every place of a path must keep: the axes' limits, the singular places, speeds and accelerations, and the boxes
+//! that no part of the arm may enter.
+
+use super::Look;
+use super::obstacle::{Obstacle, Singular};
+use crate::geometry::{Base, Point};
+use crate::path::kinematics::{Angles, Kinematics};
+use nalgebra::Vector3;
+
+/// Distance between places on the arm that are compared with the keep-out boxes, mm.
+const SAMPLE_MM: f64 = 15.0;
+
+/// The first axis beyond its limits less the margin.
+pub(super) fn beyond(arm: &Kinematics, at: &Angles) -> Option<Obstacle> {
+    let (axes, margin_deg) = (arm.arm().axes(), arm.arm().margins().limit_margin_deg());
+    (0..6).find_map(|axis| {
+        let allowed_deg = [axes.min_deg[axis] + margin_deg, axes.max_deg[axis] - margin_deg];
+        let inside = (allowed_deg[0]..=allowed_deg[1]).contains(&at[axis]);
+        (!inside).then_some(Obstacle::AxisLimit { axis: axis + 1, angle_deg: at[axis], allowed_deg })
+    })
+}
+
+/// What stands in the way of all ways: the axis of the one that is least far beyond.
+pub(super) fn axis_limit(arm: &Kinematics, ways: &[Angles]) -> Obstacle {
+    let far = |obstacle: &Obstacle| match obstacle {
+        Obstacle::AxisLimit { angle_deg, allowed_deg, .. } => {
+            (allowed_deg[0] - angle_deg).max(angle_deg - allowed_deg[1])
+        }
+        _ => f64::INFINITY,
+    };
+    let all = ways.iter().filter_map(|way| beyond(arm, way));
+    all.min_by(|a, b| far(a).total_cmp(&far(b))).unwrap_or(Obstacle::NotFinite)
+}
+
+/// Room beyond all margins, degrees.
+pub(super) fn room(arm: &Kinematics, look: &Look, at: &Angles) -> Result<f64, Obstacle> {
+    if let Some(obstacle) = beyond(arm, at) {
+        return Err(obstacle);
+    }
+    let margins = arm.arm().margins();
+    let wrist_deg = at[4].abs().min(180.0 - at[4].abs());
+    let checks = [
+        (Singular::Wrist, wrist_deg, margins.wrist_margin_deg()),
+        (Singular::Elbow, arm.elbow_deg(at), margins.elbow_margin_deg()),
+        (Singular::Overhead, arm.overhead_mm(&look.base_from_flange), margins.overhead_margin_mm()),
+    ];
+    if let Some((which, found, needed)) = checks.into_iter().find(|(_, found, needed)| found < needed) {
+        return Err(Obstacle::Singular { which, found, needed });
+    }
+    let (axes, margin_deg) = (arm.arm().axes(), margins.limit_margin_deg());
+    let of_axis = |axis: usize| (at[axis] - axes.min_deg[axis]).min(axes.max_deg[axis] - at[axis]) - margin_deg;
+    let least = (0..6).map(of_axis).fold(f64::INFINITY, f64::min);
+    Ok(least.min(wrist_deg - margins.wrist_margin_deg()).min(arm.elbow_deg(at) - margins.elbow_margin_deg()))
+}
+
+/// The axes' speeds on a step, degrees a second.
+pub(super) fn too_fast(
+    arm: &Kinematics,
+    look: &Look,
+    turned: &Angles,
+    before: &Angles,
+) -> Result<Angles, Obstacle> {
+    let axes = arm.arm().axes();
+    // A turn on the spot takes the time that the controller gives it.
+    if look.seconds <= 0.0 {
+        return Ok([0.0; 6]);
+    }
+    let speed: Angles = turned.map(|turn| turn / look.seconds);
+    for axis in 0..6 {
+        let (needed_deg_s, allowed_deg_s) = (speed[axis].abs(), axes.max_speed_deg_s[axis]);
+        if needed_deg_s > allowed_deg_s {
+            return Err(Obstacle::AxisSpeed { axis: axis + 1, needed_deg_s, allowed_deg_s });
+        }
+        let Some(change_s) = look.change_s else { continue };
+        let (needed_deg_s2, allowed_deg_s2) =
+            ((speed[axis] - before[axis]).abs() / change_s, axes.max_acceleration_deg_s2[axis]);
+        if needed_deg_s2 > allowed_deg_s2 {
+            return Err(Obstacle::AxisAcceleration { axis: axis + 1, needed_deg_s2, allowed_deg_s2 });
+        }
+    }
+    Ok(speed)
+}
+
+/// No part of the arm, nor the tool with its tip there, in a keep-out box or too near to one.
+pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Obstacle> {
+    if arm.arm().keep_out().is_empty() {
+        return Ok(());
+    }
+    let margins = arm.arm().margins();
+    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
+    let parts = [
+        ("upper arm", shoulder, elbow, margins.clearance_mm()),
+        ("forearm", elbow, wrist, margins.clearance_mm()),
+        ("wrist", wrist, flange, margins.clearance_mm()),
+        ("tool", flange, tip, margins.tool_clearance_mm()),
+    ];
+    for keep_out in arm.arm().keep_out() {
+        for (part, from, to, needed_mm) in parts {
+            let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;
+            let along = |n: usize| from + (to - from) * (n as f64 / samples as f64);
+            let outside = |point: Point<Base>| {
+                let beyond = |i: usize| (keep_out.min.mm[i] - point.mm[i]).max(point.mm[i] - keep_out.max.mm[i]);
+                Vector3::new(beyond(0), beyond(1), beyond(2)).map(|mm| mm.max(0.0)).norm()
+            };
+            let distance_mm = (0..=samples).map(|n| outside(along(n))).fold(f64::INFINITY, f64::min);
+            if distance_mm < needed_mm {
+                let name = keep_out.name.clone();
+                return Err(Obstacle::KeepOut { part, name, distance_mm, needed_mm });
+            }
+        }
+    }
+    Ok(())
+}

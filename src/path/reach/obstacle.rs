@@ -1,0 +1,107 @@
+//! What an arm cannot do, in words: which axis or part, how far, what is allowed.
+
+/// Which singular place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Singular {
+    /// Axes 4 and 6 in line.
+    Wrist,
+    /// The arm stretched.
+    Elbow,
+    /// The wrist's centre over axis 1.
+    Overhead,
+}
+
+/// What an arm cannot do.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum Obstacle {
+    /// Not a number.
+    #[error("the pose is not a number")]
+    NotFinite,
+    /// Too far or too near.
+    #[error("it is {beyond_mm:.1} mm beyond the arm's reach")]
+    OutOfReach {
+        /// How far, mm.
+        beyond_mm: f64,
+    },
+    /// An axis beyond its limits less the margin.
+    #[error("axis {axis} would stand at {angle_deg:.1}°, allowed is {:.1} to {:.1}°", allowed_deg[0], allowed_deg[1])]
+    AxisLimit {
+        /// 1 to 6.
+        axis: usize,
+        /// Where it would stand, degrees.
+        angle_deg: f64,
+        /// Lowest and highest, margins taken off, degrees.
+        allowed_deg: [f64; 2],
+    },
+    /// Near a singular place.
+    #[error("{} ({found:.1}, needed {needed:.1})", singular_words(*which))]
+    Singular {
+        /// Which.
+        which: Singular,
+        /// Distance from it, degrees or mm.
+        found: f64,
+        /// Distance needed.
+        needed: f64,
+    },
+    /// The configuration would change.
+    #[error("axis {axis} would jump by {turn_deg:.0}°: the way on is in another configuration")]
+    Flip {
+        /// 1 to 6.
+        axis: usize,
+        /// Smallest jump, degrees.
+        turn_deg: f64,
+    },
+    /// An axis too fast.
+    #[error("axis {axis} would turn at {needed_deg_s:.0} °/s, allowed {allowed_deg_s:.0}; a lower feed_mm_s helps")]
+    AxisSpeed {
+        /// 1 to 6.
+        axis: usize,
+        /// Speed needed, degrees a second.
+        needed_deg_s: f64,
+        /// Speed allowed, degrees a second.
+        allowed_deg_s: f64,
+    },
+    /// An axis speeding up too fast.
+    #[error(
+        "axis {axis} would change its speed by {needed_deg_s2:.0} °/s², allowed {allowed_deg_s2:.0}; a lower feed_mm_s \
+         helps"
+    )]
+    AxisAcceleration {
+        /// 1 to 6.
+        axis: usize,
+        /// Acceleration needed, degrees a second squared.
+        needed_deg_s2: f64,
+        /// Acceleration allowed, degrees a second squared.
+        allowed_deg_s2: f64,
+    },
+    /// A part of the arm in a box.
+    #[error("the {part} would be {distance_mm:.0} mm from \"{name}\", needed are {needed_mm:.0}")]
+    KeepOut {
+        /// Which part.
+        part: &'static str,
+        /// The box.
+        name: String,
+        /// Distance, mm.
+        distance_mm: f64,
+        /// Distance needed, mm.
+        needed_mm: f64,
+    },
+}
+
+fn singular_words(which: Singular) -> &'static str {
+    match which {
+        Singular::Wrist => "axis 5 would be too near its pole, degrees",
+        Singular::Elbow => "the elbow would be too near the stretched arm, degrees",
+        Singular::Overhead => "the wrist would be too near axis 1, mm",
+    }
+}
+
+/// Where a path is refused, and why.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("waypoint {index}: {obstacle}")]
+pub struct ReachFault {
+    /// The waypoint at or on the way to which it happens, from 0.
+    pub index: usize,
+    /// Why.
+    pub obstacle: Obstacle,
+}

@@ -1,0 +1,71 @@
+//! Whether all axes may turn from one place to another together, as `move_j` does.
+//!
+//! No line is followed, so no singular place is in the way; the margins from the axes' limits are for lines, too. What
+//! remains are the limits themselves and the keep-out boxes, looked at every 2° of the axis that turns farthest.
+
+use super::margins::keeps_out;
+use super::obstacle::Obstacle;
+use crate::geometry::{Flange, Joints, Rigid, Tool};
+use crate::path::kinematics::{Angles, Kinematics, angles, joints};
+
+/// Largest turn of an axis between two looks, degrees.
+const STEP_DEG: f64 = 2.0;
+
+/// All axes from here to there, each at its share of the way, with this tool.
+///
+/// # Errors
+/// What stands in the way.
+pub fn swing(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    from: &Joints,
+    to: &Joints,
+) -> Result<(), Obstacle> {
+    let (from, to) = (angles(from), angles(to));
+    if from.iter().chain(&to).any(|angle| !angle.is_finite()) {
+        return Err(Obstacle::NotFinite);
+    }
+    let axes = arm.arm().axes();
+    for axis in 0..6 {
+        let allowed_deg = [axes.min_deg[axis], axes.max_deg[axis]];
+        if !(allowed_deg[0]..=allowed_deg[1]).contains(&to[axis]) {
+            return Err(Obstacle::AxisLimit { axis: axis + 1, angle_deg: to[axis], allowed_deg });
+        }
+    }
+    let farthest_deg = (0..6).map(|axis| (to[axis] - from[axis]).abs()).fold(0.0, f64::max);
+    let steps = (farthest_deg / STEP_DEG).ceil().max(1.0) as usize;
+    for step in 1..=steps {
+        let share = step as f64 / steps as f64;
+        let at: Angles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
+        let base_from_flange = arm.base_from_flange(&joints(at)).ok_or(Obstacle::NotFinite)?;
+        keeps_out(arm, (base_from_flange * flange_from_tool).origin(), &at)?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use crate::geometry::KukaPose;
+
+    fn turn(a1_deg: f64) -> Joints {
+        Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
+    }
+
+    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a swing from 0 to 90° sweeps over it, one
+    /// to the left does not. By hand: the wrist goes round at 25 + 365 = 390 mm from axis 1.
+    #[test]
+    fn a_swing_sweeps_what_stands_between() {
+        let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
+        let cell = Cell::check("cell.toml", post).unwrap_or_else(|e| panic!("{e}"));
+        let arm = Kinematics::new(cell.arm());
+        let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+        let met = swing(&arm, tool, &turn(0.0), &turn(90.0));
+        assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "post"), "{met:?}");
+        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(-90.0)), Ok(()));
+        let far = swing(&arm, tool, &turn(0.0), &turn(-170.5));
+        assert!(matches!(far, Err(Obstacle::AxisLimit { axis: 1, .. })), "{far:?}");
+        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Obstacle::NotFinite));
+    }
+}

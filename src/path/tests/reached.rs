@@ -1,0 +1,148 @@
+//! What a disc reaches and leaves: coverage, dwell, the outline, holes, every pattern.
+
+use super::super::coverage::{coverage, strokes};
+use super::*;
+
+/// By hand: 20 mm of track and a disc of 5 mm radius cover 20·10 + 25π = 278.54 of 2500 mm².
+#[test]
+fn a_straight_track_covers_a_stadium() {
+    let surface = rectangle(50.0, 50.0);
+    let id = GridId { row: 1, column: 1 };
+    let track = [Point::at(15.0, 25.0, 0.0), Point::at(35.0, 25.0, 0.0)];
+    let found = coverage(&surface, (id, &WHOLE), &strokes(&track, |_| true), 5.0);
+    assert!((found.area_mm2 - 2_500.0).abs() < 1e-6);
+    assert!((found.covered_mm2 - 278.54).abs() < 3.0, "{found:?}");
+    let dot = coverage(&surface, (id, &WHOLE), &strokes(&track[..1], |_| true), 5.0);
+    assert!(strokes(&track, |index| index == 0).is_empty());
+    assert!((dot.covered_mm2 - 78.54).abs() < 2.0, "{dot:?}");
+}
+
+/// By hand: a disc of 60 mm radius in the middle of r1c1, (−112, −56), would reach 11 mm over the edge at y = −105; it
+/// moves inwards and still covers the grid.
+#[test]
+fn a_large_disc_keeps_off_the_outline_where_it_can() {
+    let (fit, region, outline, settings) =
+        fitted(Shape::Plane, Spoil::default(), "[path]\ndisc_diameter_mm = 120\nstep_over_mm = 12\n");
+    let plan =
+        plan(&fit.surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
+    assert_eq!(judge(&plan, &settings).verdict, Verdict::Accept, "{:?}", judge(&plan, &settings));
+    assert!((1.9..2.02).contains(&plan.overhang.largest_mm), "{:?}", plan.overhang);
+}
+
+/// By hand: the panel ends where its region does and the disc may not reach over the edge: its middle keeps 15 mm off,
+/// and of the corner (1 − π/4) · 15² = 48.3 of 56² mm² stay, 1.54 %.
+#[test]
+fn what_the_outline_forbids_is_left_and_said() {
+    let (surface, region) = (rectangle(280.0, 168.0), region());
+    let side = |n: usize| {
+        let along = (n % 100) as f64 / 100.0;
+        let (x, y) = [(along, 0.0), (1.0, along), (1.0 - along, 1.0), (0.0, 1.0 - along)][n / 100];
+        Point::at(280.0 * x, 168.0 * y, 0.0)
+    };
+    let outline: Vec<Point<Panel>> = (0..400).map(side).collect();
+    for pattern in ["raster", "offset", "cross-hatch"] {
+        let settings = settings(&format!("edge_overhang_mm = 0\nstep_over_mm = 8\npattern = \"{pattern}\""));
+        let plan =
+            plan(&surface, &region, &["r1c1".parse().expect("a grid")], &outline, &settings).expect("a plan");
+        let judgement = judge(&plan, &settings);
+        assert!(plan.overhang.largest_mm < 0.02, "{pattern}: {:?}", plan.overhang);
+        assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"), "{pattern}");
+        assert!((plan.grids[0].share() - 0.9846).abs() < 0.002, "{pattern}: {:?}", plan.grids);
+    }
+}
+
+/// Every pattern reaches all of every grid, on every shape, and keeps its distance.
+#[test]
+fn every_pattern_covers_the_region() {
+    for (shape, more) in
+        SHAPES.into_iter().zip(["feed_angle_deg = 90", "feed_angle_deg = 30", "", "feed_angle_deg = -45"])
+    {
+        for pattern in ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"] {
+            let more = format!("[path]\npattern = \"{pattern}\"\n{more}\n");
+            let (fit, region, outline, settings) = fitted(shape, Spoil::default(), &more);
+            let grids: Vec<GridId> =
+                ["r1c1", "r1c2", "r2c1", "r2c2", "r3c4"].map(|id| id.parse().expect("a grid")).into();
+            let plan = plan(&fit.surface, &region, &grids, &outline, &settings).unwrap_or_else(|e| panic!("{e}"));
+            let judgement = judge(&plan, &settings);
+            println!("{shape:?} {pattern}: {:.4}, {:?}", plan.coverage, plan.step_over_mm);
+            assert_eq!(judgement.verdict, Verdict::Accept, "{shape:?} {pattern}: {judgement:?}");
+            assert_eq!(plan.paths.len(), 2, "{shape:?} {pattern}");
+            let step_over = plan.step_over_mm.expect("lines side by side");
+            assert!(step_over.max_mm < 12.0 * 1.01, "{shape:?} {pattern}: {step_over:?}");
+        }
+    }
+}
+
+/// By hand: 20 mm of track at 10 mm/s under a disc of 5 mm radius: a place on the track's line, 10 mm from its ends,
+/// lies under the disc for 1 s, one beside it by 4 mm for 0.6 s; there and back is two passes.
+#[test]
+fn dwell_by_hand() {
+    let (surface, region) = (rectangle(50.0, 50.0), one_grid());
+    let pose = |x: f64| KukaPose { x_mm: x, y_mm: 25.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid();
+    let at = |x: f64| dwell::Executed { panel_from_tool: pose(x), seconds: 2.0, contact: true };
+    let grids: Vec<GridId> = region.ids().collect();
+    let once = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0)], 5.0);
+    let sample = |dwell: &dwell::Dwell, x: usize, y: usize| {
+        let grid = &dwell.grids[0];
+        (f64::from(grid.dwell_s[y * grid.columns + x]), grid.passes[y * grid.columns + x])
+    };
+    assert!((sample(&once, 25, 25).0 - 1.0).abs() < 0.11 && (sample(&once, 25, 28).0 - 0.7).abs() < 0.11);
+    assert_eq!((sample(&once, 25, 25).1, sample(&once, 25, 31)), (1, (0.0, 0)));
+    // The stadium of 20 · 10 + 25π = 278.5 of 2500 mm².
+    assert!((once.share() - 0.1114).abs() < 0.003 && (once.grids[0].left_mm2() - 2_221.5).abs() < 8.0);
+    let back = dwell::Executed { contact: false, ..at(60.0) };
+    let twice = dwell::simulate(&surface, &region, &grids, &[at(15.0), at(35.0), back, at(35.0), at(15.0)], 5.0);
+    assert_eq!(sample(&twice, 25, 25).1, 2);
+    assert!((twice.grids[0].overlap() - once.share()).abs() < 0.04, "{}", twice.grids[0].overlap());
+    assert!((sample(&twice, 25, 25).0 - 2.0).abs() < 0.21);
+}
+
+/// The plan's own coverage and the simulation of its poses agree.
+#[test]
+fn what_is_planned_is_what_the_simulated_path_covers() {
+    let (fit, region, outline, settings) = fitted(Shape::Saddle, Spoil::default(), "");
+    let grids: Vec<GridId> = region.ids().collect();
+    let plan = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
+    let dwell = dwell::simulate(&fit.surface, &region, &grids, &dwell::planned(&plan), 15.0);
+    assert!(
+        (dwell.share() - plan.coverage).abs() < 0.002 && dwell.share() > 0.995,
+        "{} {}",
+        dwell.share(),
+        plan.coverage
+    );
+    // Half of the path: what is left is seen.
+    let mut half = dwell::planned(&plan);
+    half.truncate(half.len() / 2);
+    let executed = dwell::simulate(&fit.surface, &region, &grids, &half, 15.0);
+    assert!((0.4..0.7).contains(&executed.share()), "{}", executed.share());
+    let picture = executed.picture(&region, dwell.longest_s());
+    assert!(picture.rgb.contains(&[210, 40, 30]) && picture.rgb.len() > 100_000);
+    let used = disc::DiscUse::of(&plan, &settings, 0.0);
+    assert!((used.swept_mm2 - plan.contact_mm * 30.0).abs() < 1e-6 && !used.asks_for_a_change());
+}
+
+/// A square hole of 44 mm in r2c2's neighbour at (207, 150) px: over it the tool is lifted, beside it nothing changes,
+/// and what was not abraded is said.
+#[test]
+fn the_tool_is_lifted_over_a_hole() {
+    let spoil = Spoil { hole_px: 14.0, ..Spoil::default() };
+    let (fit, region, outline, settings) = fitted(Shape::Plane, spoil, "[surface]\nmax_hole_mm = 60\n");
+    let holes = fit.map.holes(&region, settings.lift_hole_mm());
+    let grids: Vec<GridId> = region.ids().collect();
+    let lifted = plan_around(&fit.surface, &region, &grids, (&outline, &holes), &settings).expect("a plan");
+    let whole = plan(&fit.surface, &region, &grids, &outline, &settings).expect("a plan");
+    let (mut over, mut beside) = (0, 0);
+    for waypoint in &lifted.paths[0].waypoints {
+        let pixel = scene::LENS
+            .project(Point::<crate::geometry::Camera>::new(tool(waypoint).origin().mm))
+            .expect("in front");
+        let off_px = (pixel.u - 207.0).abs().max((pixel.v - 150.0).abs());
+        assert!(!(waypoint.contact && off_px < 12.5), "contact at {pixel:?}");
+        over += usize::from(off_px < 12.5);
+        beside += usize::from(waypoint.contact);
+    }
+    assert!(over >= 4 && beside > 300, "{over} {beside}");
+    assert!(lifted.contact_mm < whole.contact_mm && lifted.coverage < whole.coverage);
+    let judgement = judge(&lifted, &settings);
+    assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "coverage"));
+}

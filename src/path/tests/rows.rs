@@ -1,0 +1,144 @@
+//! Rows over patches that can be checked by hand, and on every curvature.
+
+use super::*;
+use proptest::prelude::*;
+
+/// By hand: disc 30 mm, inset 9 mm; 32 mm are left of 50, at 12 mm in 3 steps of 10.667 mm; rows from 9 to 41 mm in
+/// 4 steps of 8 mm; the second row runs back.
+#[test]
+fn a_square_of_50_mm_has_four_rows() {
+    let (surface, settings) = (rectangle(50.0, 50.0), settings(""));
+    let raster = raster(&surface, &WHOLE, &settings).expect("rows");
+    assert_eq!(raster.rows.len(), 4);
+    for (index, row) in raster.rows.iter().enumerate() {
+        let row = points(&surface, row);
+        assert_eq!(row.len(), 5);
+        let (from, to) = if index % 2 == 0 { (9.0, 41.0) } else { (41.0, 9.0) };
+        let y = 9.0 + 32.0 / 3.0 * index as f64;
+        assert!(row[0].distance_mm(Point::at(from, y, 0.0)) < 1e-6, "{:?}", row[0]);
+        assert!(row[4].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
+    }
+    // Each turn of 10.667 mm gets one waypoint in its middle.
+    assert_eq!(raster.track(&surface, settings.waypoint_spacing_mm()).len(), 4 * 5 + 3);
+}
+
+/// By hand: below 18 mm there is no room for two insets of 9 mm.
+#[test]
+fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
+    for (width_mm, height_mm, lengths) in
+        [(10.0, 10.0, vec![1]), (48.0, 10.0, vec![4]), (10.0, 42.0, vec![1, 1, 1]), (18.0, 18.0, vec![1])]
+    {
+        let surface = rectangle(width_mm, height_mm);
+        let raster = raster(&surface, &WHOLE, &settings("")).expect("rows");
+        assert_eq!(raster.rows.iter().map(Vec::len).collect::<Vec<_>>(), lengths, "{width_mm} × {height_mm}");
+        let middle = points(&surface, &raster.rows[0])[0];
+        if lengths == [1] {
+            assert!(middle.distance_mm(Point::at(width_mm / 2.0, height_mm / 2.0, 0.0)) < 1e-6);
+        }
+    }
+}
+
+/// By hand: a patch 50 mm wide on one side and 60 on the other has 42 mm at most between its outer rows, 4 steps; at
+/// the narrow side they are 8 mm, at the wide one 10.5, and the last row stays 9 mm from the slanted border.
+#[test]
+fn the_last_row_follows_the_far_border() {
+    let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 50.0]]);
+    let raster = raster(&surface, &WHOLE, &settings("")).expect("rows");
+    assert_eq!(raster.rows.len(), 5);
+    for point in points(&surface, &raster.rows[4]) {
+        let to_border_mm = (50.0 + point.mm.x / 10.0 - point.mm.y) / 1.01f64.sqrt();
+        assert!((to_border_mm - 9.0).abs() < 0.06, "{to_border_mm} mm at {point:?}");
+    }
+}
+
+/// The cylinder unrolled: rows that run along its axis stand r' apart around it, which is 400 mm times the angle.
+#[test]
+fn the_step_over_holds_around_a_cylinder() {
+    let (fit, _, _, settings) = fitted(Shape::Cylinder, Spoil::default(), "[path]\nstep_over_mm = 12\n");
+    // The region's u runs around the cylinder; swapped, rows run along its axis.
+    let surface = transposed(&fit.surface);
+    let raster = raster(&surface, &WHOLE, &settings).expect("rows");
+    let around_mm = |point: &Point<Panel>| 400.0 * (point.mm.x / (1_100.0 - point.mm.z)).atan();
+    let ends = |v: f64| around_mm(&surface.point(Parameter { u: 0.5, v }));
+    let width_mm = (ends(1.0) - ends(0.0)).abs() - 18.0;
+    let step_mm = width_mm / (width_mm / 12.0).ceil();
+    let rows: Vec<_> = raster.rows.iter().map(|row| points(&surface, row)).collect();
+    println!("width {width_mm:.3} mm, {} rows, r' {step_mm:.4} mm", rows.len());
+    let (mut least, mut most) = (f64::INFINITY, 0.0f64);
+    for pair in rows.windows(2) {
+        // On a developed cylinder: distance of a point to the chord between its neighbours in the next row.
+        for point in &pair[0][1..pair[0].len() - 1] {
+            let flat = |p: &Point<Panel>| nalgebra::Vector2::new(around_mm(p), p.mm.y);
+            let here = flat(point);
+            let distance = |piece: &[Point<Panel>]| {
+                let (a, b) = (flat(&piece[0]), flat(&piece[1]));
+                let share = ((here - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+                (here - a - (b - a) * share).norm()
+            };
+            let nearest = pair[1].windows(2).map(distance).fold(f64::INFINITY, f64::min);
+            (least, most) = (least.min(nearest), most.max(nearest));
+        }
+    }
+    println!("around the cylinder {least:.4} to {most:.4} mm");
+    assert!(most <= 12.0 && (most / step_mm - 1.0).abs() < 0.01 && (least / step_mm - 1.0).abs() < 0.01);
+}
+
+fn transposed(surface: &BSplineSurface) -> BSplineSurface {
+    let (rows, columns) = (surface.knots_u().controls(), surface.knots_v().controls());
+    let controls = (0..rows * columns).map(|n| surface.controls()[(n % rows) * columns + n / rows]).collect();
+    let knots = [surface.knots_v().clone(), surface.knots_u().clone()];
+    BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 0.0)).expect("a surface")
+}
+
+/// Distances between neighbouring rows, each beside the r' of its own column, on surfaces with every curvature.
+#[test]
+fn rows_stand_at_the_equal_distance_of_their_column() {
+    for shape in SHAPES {
+        for angle_deg in [0.0, 90.0] {
+            let more = format!("[path]\nfeed_angle_deg = {angle_deg}\nwaypoint_spacing_mm = 4\n");
+            let (fit, region, ..) = fitted(shape, Spoil::default(), &more);
+            let settings = scene::recipe(shape, &more).path().clone();
+            let grids: Vec<GridId> = region.ids().collect();
+            let plan = plan(&fit.surface, &region, &grids, &[], &settings).expect("a plan");
+            let step_over = plan.step_over_mm.expect("rows");
+            // The scene's region is a rectangle in x and y: all columns of a plane are equally wide, others nearly so.
+            let spread = (step_over.max_mm - step_over.min_mm) / step_over.max_mm;
+            println!("{shape:?} {angle_deg}: {step_over:?}");
+            assert!(
+                step_over.max_mm <= 12.0 * 1.002
+                    && spread < if matches!(shape, Shape::Plane) { 0.01 } else { 0.12 }
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// On any slanted grid: rows no farther apart than asked for, waypoints no farther apart than asked for, and
+    /// nothing of the grid left out.
+    #[test]
+    fn rows_hold_what_they_promise(
+        shift in prop::array::uniform8(-2.5..2.5f64), size in prop::array::uniform2(45.0..90.0f64),
+        disc_mm in 12.0..40.0f64, share in 0.3..0.7f64, spacing_mm in 3.0..15.0f64,
+    ) {
+        let [w, h] = size;
+        let surface = quad([
+            [shift[0], shift[1]], [w + shift[2], shift[3]], [w + shift[4], h + shift[5]], [shift[6], h + shift[7]],
+        ]);
+        let step_over_mm = disc_mm * share;
+        let settings = settings(&format!(
+            "disc_diameter_mm = {disc_mm}\nstep_over_mm = {step_over_mm}\nwaypoint_spacing_mm = {spacing_mm}"
+        ));
+        let one = one_grid();
+        let plan = plan(&surface, &one, &[GridId { row: 1, column: 1 }], &[], &settings).expect("a plan");
+        prop_assert!(plan.coverage > 0.999, "{}", plan.coverage);
+        if let Some(step_over) = plan.step_over_mm {
+            prop_assert!(step_over.max_mm <= 1.01 * step_over_mm, "{:?} of {}", step_over, step_over_mm);
+        }
+        for pair in plan.paths[0].waypoints.windows(2).filter(|pair| pair[0].contact && pair[1].contact) {
+            let step_mm = tool(&pair[0]).origin().distance_mm(tool(&pair[1]).origin());
+            prop_assert!(step_mm <= 1.01 * spacing_mm && step_mm > 1e-6, "{}", step_mm);
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! What the disc in use has worn: what it swept, path by path, and when a new one was mounted.
+
+use super::error::StoreError;
+use super::{Store, now};
+use crate::record::CycleId;
+use rusqlite::params;
+
+/// A row is what one path swept, or a new disc: that sweeps nothing.
+pub(super) const TABLES: &str = "
+    CREATE TABLE discs (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        at_unix_s INTEGER NOT NULL,
+        is_new INTEGER NOT NULL,
+        swept_mm2 REAL NOT NULL
+    ) STRICT;
+";
+
+impl Store {
+    /// Keeps that the disc in use swept so much panel, mm².
+    ///
+    /// # Errors
+    /// Where the store is open for reading or cannot be written, or the area is no number.
+    pub fn wear_disc(&mut self, cycle: Option<CycleId>, swept_mm2: f64) -> Result<(), StoreError> {
+        if !swept_mm2.is_finite() {
+            return Err(StoreError::NotFinite { name: "swept by the disc".to_owned() });
+        }
+        self.keep_disc(cycle, false, swept_mm2)
+    }
+
+    /// Keeps that a new disc was mounted.
+    ///
+    /// # Errors
+    /// Where the store is open for reading or cannot be written.
+    pub fn mount_disc(&mut self) -> Result<(), StoreError> {
+        self.keep_disc(None, true, 0.0)
+    }
+
+    fn keep_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
+        self.writable()?;
+        self.connection
+            .execute(
+                "INSERT INTO discs (cycle_id, at_unix_s, is_new, swept_mm2) VALUES (?1, ?2, ?3, ?4)",
+                params![cycle.map(|id| id.0), now()?.as_secs() as i64, is_new, swept_mm2],
+            )
+            .map_err(|error| self.failed("write the disc's wear to", &error))?;
+        Ok(())
+    }
+
+    /// What the disc in use has swept since it was mounted, mm².
+    ///
+    /// # Errors
+    /// Where it cannot be read; a store of an earlier program keeps no discs, and says so.
+    pub fn disc_worn_mm2(&self) -> Result<f64, StoreError> {
+        self.connection
+            .query_row(
+                "SELECT coalesce(sum(swept_mm2), 0.0) FROM discs
+                 WHERE id > (SELECT coalesce(max(id), 0) FROM discs WHERE is_new)",
+                [],
+                |row| row.get(0),
+            )
+            .map_err(|error| self.failed("read the disc's wear from", &error))
+    }
+}
