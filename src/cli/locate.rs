@@ -59,7 +59,8 @@ pub fn stage(
     recipe: &Recipe,
 ) -> Result<Located, Fault> {
     let begin = Instant::now();
-    let found = locate::locate(&taught.panel, scan, base_from_camera, recipe.locate());
+    let view = locate::View { scan, camera: &camera, base_from_camera };
+    let found = locate::locate(&taught.panel, &view, recipe.locate());
     let (fit, judgement) = match found {
         Ok(fit) => {
             let judgement = gate::judge(&fit, recipe.locate());

@@ -82,7 +82,8 @@ impl Sight {
         record.picture("scan", &picture)?;
         let begun = Instant::now();
         let settings = job.recipe.locate();
-        let found = locate::locate(job.panel, &scan, job.calibrations.base_from_camera, settings);
+        let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
+        let found = locate::locate(job.panel, &locate::View { scan: &scan, camera, base_from_camera }, settings);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),

@@ -37,8 +37,9 @@ settings! {
         max_tilt_deg: f64, 0.0..=45.0, default 15.0;
         /// Largest root mean square of the point-to-plane residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.25;
-        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1.
-        min_overlap: f64, 0.0..=1.0, default 0.9;
+        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1; a fifth of
+        /// the panel may be hidden.
+        min_overlap: f64, 0.0..=1.0, default 0.75;
     }
 }
 

@@ -6,6 +6,7 @@
 //! - `shape`, `outline`: the panel as a height field cut along an outline
 //! - `scene`, `fixture`: where everything stands
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
+//! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`: calibration boards before both cameras
 //! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
 //!
@@ -15,6 +16,7 @@ mod appearance;
 mod board;
 mod board_cell;
 mod cast;
+mod clutter;
 mod film;
 mod fixture;
 mod flange;
@@ -25,7 +27,9 @@ mod scanner;
 mod scene;
 mod shape;
 mod spots;
+mod trial;
 mod truth;
+mod variety;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
@@ -33,6 +37,7 @@ pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::Spot;
+pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
 
 use crate::geometry::{
