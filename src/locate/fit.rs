@@ -18,15 +18,17 @@ use rayon::prelude::*;
 pub(super) const CONVERGED_MM: f64 = 0.002;
 const MAX_STEPS: usize = 20;
 /// A scanner's range noise is alike over squares of about this side, mm.
-pub(super) const RANGE_CORRELATION_MM: f64 = 50.0;
+pub(super) const RANGE_CORRELATION_MM: f64 = 65.0;
 /// What it makes of a surface residual between two scans, one standard deviation of such a square's mean, mm.
-pub(super) const RANGE_NOISE_MM: f64 = 0.06;
-/// Errors of an edge in the picture, its own and what a lens model leaves, are alike over this length, mm.
-pub(super) const EDGE_CORRELATION_MM: f64 = 8.0;
-/// One standard deviation of the mean over such a length, px.
-pub(super) const EDGE_NOISE_PX: f64 = 0.1;
-/// The same by depth alone.
-const DEPTH_EDGE_NOISE_PX: f64 = 0.7;
+pub(super) const RANGE_NOISE_MM: f64 = 0.085;
+/// One scan's part of it, over a length as below: the taught outline lies so far off along the taught rays, which another
+/// view shows aside.
+const TAUGHT_RANGE_NOISE_MM: f64 = 0.09;
+/// Errors of an edge in the picture, its own, the taught depth's and what a lens model leaves, are alike over this length.
+pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
+/// One standard deviation of the mean over such a length, px: of the edge alone, by colour and by depth.
+const EDGE_NOISE_PX: f64 = 0.05;
+const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
 /// Residuals of this many standard deviations have no weight, but none below the floors.
 const REACH_SIGMAS: f64 = 4.7;
 const SURFACE_FLOOR_MM: f64 = 0.4;
@@ -42,6 +44,8 @@ pub(super) struct Residuals {
     pub edges: Vec<(usize, Edge)>,
     /// The middle of the panel.
     pub centre: Vector3<f64>,
+    /// What the taught depth's noise makes of an edge in this view, px.
+    taught_noise_px: f64,
 }
 
 /// What takes part in a fit.
@@ -96,13 +100,15 @@ impl Residuals {
             let (point, gradient) = (looked.point, looked.gradient);
             let constraint = |offset_px: f64| Constraint { point, gradient, residual: -offset_px, sample };
             match looked.edge {
-                Edge::Colour { offset_px, .. } => colour.push(constraint(offset_px)),
-                Edge::Depth { offset_px } => depth.push(constraint(offset_px)),
+                Edge::Colour { offset_px, .. } if model.outline[sample].by_colour => colour.push(constraint(offset_px)),
+                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => depth.push(constraint(offset_px)),
                 Edge::Hidden | Edge::OutOfView | Edge::Absent => {}
             }
         }
         let centre = motion.point(&model.centre);
-        Residuals { surface: surface.into_iter().flatten().collect(), colour, depth, edges, centre }
+        let taught_noise_px = TAUGHT_RANGE_NOISE_MM * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+        let surface = surface.into_iter().flatten().collect();
+        Residuals { surface, colour, depth, edges, centre, taught_noise_px }
     }
 
     /// How each kind is weighed: surface, edges by colour, edges by depth.
@@ -118,9 +124,13 @@ impl Residuals {
                 sharing: (RANGE_CORRELATION_MM.powi(2) / point_mm2).max(1.0),
                 reach: reach(&self.surface, SURFACE_FLOOR_MM),
             },
-            Weighing { sigma: EDGE_NOISE_PX, sharing: edge_sharing, reach: reach(&self.colour, EDGE_FLOOR_PX) },
             Weighing {
-                sigma: DEPTH_EDGE_NOISE_PX,
+                sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                sharing: edge_sharing,
+                reach: reach(&self.colour, EDGE_FLOOR_PX),
+            },
+            Weighing {
+                sigma: DEPTH_EDGE_NOISE_PX.hypot(self.taught_noise_px),
                 sharing: edge_sharing,
                 reach: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
             },

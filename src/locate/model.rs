@@ -8,7 +8,7 @@ use super::grid::{Grid, Motion, camera_point};
 use super::profile;
 use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, polygon};
 use crate::panel::TaughtPanel;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 /// Half the width of the neighbourhood that gives a normal, blocks.
@@ -17,8 +17,10 @@ const NORMAL_REACH: usize = 2;
 const CONTOUR_REACH: usize = 5;
 /// Every so many pixels of the contour is a point of the outline.
 const CONTOUR_STEP: usize = 2;
-/// The surface at an edge is read from planes no farther than this, blocks.
-const EDGE_REACH: isize = 4;
+/// The surface at an edge is read from blocks no farther than this, of which there must be so many and one near, blocks.
+const EDGE_REACH: isize = 7;
+const MIN_BESIDE: usize = 25;
+const MAX_BESIDE: f64 = 4.0;
 /// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
 const MASK_INSET_PX: f64 = 1.0;
 /// Fewer points hold no panel.
@@ -38,6 +40,8 @@ pub(super) struct OutlinePoint {
     pub outward: Vector3<f64>,
     /// Length of outline that it stands for, mm.
     pub length_mm: f64,
+    /// Was its edge found by colour?
+    pub by_colour: bool,
 }
 
 /// The taught panel.
@@ -113,6 +117,13 @@ impl Model {
         Vector::new(self.normal)
     }
 
+    /// The sine of the angle between the taught view of the panel and the one at a placement.
+    pub fn view_change(&self, placed: &Motion) -> f64 {
+        let taught = Motion::of(&self.camera_from_panel);
+        let view = |motion: &Motion| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();
+        view(&taught).cross(&view(placed)).norm()
+    }
+
     /// How far two guesses put the same point of the outline apart, at most, mm.
     pub fn largest_distance_mm(&self, a: &Rigid<Camera, Panel>, b: &Rigid<Camera, Panel>) -> f64 {
         let (a, b) = (Motion::of(a), Motion::of(b));
@@ -159,31 +170,36 @@ impl Surface {
         surface
     }
 
-    /// Depth and normal of the surface along a ray near a block, from the planes of the nearest samples.
-    fn beside(&self, grid: &Grid, pixel: Pixel, ray: &Vector3<f64>) -> Option<(f64, Vector3<f64>)> {
+    /// Depth and normal of the surface at a place beside it: its inverse depth goes on as a polynomial of second order, for
+    /// planes alone would leave a bent surface on one side of it.
+    fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.place(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);
-        let mut near: Vec<(f64, u32)> = Vec::new();
+        let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
+        let (mut nearest, mut count) = ((f64::INFINITY, 0), 0usize);
         for j in row - EDGE_REACH..=row + EDGE_REACH {
             for i in column - EDGE_REACH..=column + EDGE_REACH {
+                let (dx, dy) = (i as f64 - x, j as f64 - y);
+                let away = dx.hypot(dy);
                 let inside = i >= 0 && j >= 0 && (i as usize) < grid.columns && (j as usize) < grid.rows;
-                let sample = inside.then(|| self.of_block[j as usize * grid.columns + i as usize]).flatten();
-                near.extend(sample.map(|sample| ((x - i as f64).powi(2) + (y - j as f64).powi(2), sample)));
+                if !inside || away > EDGE_REACH as f64 {
+                    continue;
+                }
+                let Some(sample) = self.of_block[j as usize * grid.columns + i as usize] else { continue };
+                if away < nearest.0 {
+                    nearest = (away, sample);
+                }
+                let terms = Vector6::new(1.0, dx, dy, dx * dx, dx * dy, dy * dy);
+                squares += terms * terms.transpose();
+                sums += terms / self.samples[sample as usize].point.z;
+                count += 1;
             }
         }
-        near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        near.truncate(8);
-        if near.len() < 3 {
+        if count < MIN_BESIDE || nearest.0 > MAX_BESIDE {
             return None;
         }
-        let (mut depth, mut normal) = (0.0, Vector3::zeros());
-        for (_, sample) in &near {
-            let plane = &self.samples[*sample as usize];
-            depth += plane.normal.dot(&plane.point) / plane.normal.dot(ray);
-            normal += plane.normal;
-        }
-        let depth = depth / near.len() as f64;
-        (depth.is_finite() && depth > 0.0).then(|| (depth, normal.normalize()))
+        let depth_mm = 1.0 / (squares.try_inverse()? * sums)[0];
+        (depth_mm.is_finite() && depth_mm > 0.0).then(|| (depth_mm, self.samples[nearest.1 as usize].normal))
     }
 }
 
@@ -245,7 +261,7 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
         let offset_px = step.map_or(MASK_INSET_PX, |step| step.offset_px);
         let pixel = Pixel::at(middle.u + offset_px * outward[0], middle.v + offset_px * outward[1]);
         let ray = panel.camera.unproject::<Camera>(pixel)?.mm;
-        let (depth_mm, normal) = surface.beside(grid, pixel, &ray)?;
+        let (depth_mm, normal) = surface.beside(grid, pixel)?;
         Some((ray * depth_mm, normal, step.map(|step| step.width_px)))
     };
     let edges: Vec<Option<(Vector3<f64>, Vector3<f64>, Option<f64>)>> =
@@ -257,7 +273,7 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
     let panel_from_camera = Motion::of(&panel.panel_from_camera);
     let count = edges.len();
     let point = |k: usize| {
-        let (here, normal, _) = edges[k];
+        let (here, normal, width_px) = edges[k];
         let mean = |from: usize| (from..from + 3).map(|i| edges[i % count].0).sum::<Vector3<f64>>() / 3.0;
         let along = mean(k + 1) - mean(k + count - 3);
         let apart_mm = ((edges[(k + 1) % count].0 - here).norm() + (edges[(k + count - 1) % count].0 - here).norm()) / 2.0;
@@ -271,6 +287,7 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
             normal: turned(normal),
             outward: turned(outward),
             length_mm: apart_mm.min(10.0),
+            by_colour: width_px.is_some(),
         })
     };
     if count < MIN_OUTLINE {

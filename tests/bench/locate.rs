@@ -48,6 +48,13 @@ fn main() {
                 Ok(fit) => {
                     let judgement = gate::judge(&fit, recipe.locate());
                     let error = trial.error_mm(&fit.base_from_panel);
+                    {
+                        let c = nalgebra::Point3::new(560.0, 0.0, 360.0);
+                        let d = trial.base_from_panel().isometry().inverse() * fit.base_from_panel.isometry();
+                        let s = (d * c) - c;
+                        let r = d.rotation.scaled_axis() * 150.0;
+                        println!("    shift n {:.3} y {:.3} z {:.3}  turn(at 150mm) n {:.3} y {:.3} z {:.3}", s.x, s.y, s.z, r.x, r.y, r.z);
+                    }
                     println!(
                         "{seed:3} {word:12} {l:.0}x{w:.0} hid {:.2} {:6} mean {:.3} max {:.3} of {:.3} ({:.3} {:?}) rms {:.3} out {:.3}px found {:.2} {:.2} {:.2} thr {:.3} abs {:.3} meas {:.2} w {:.2}/{:.2} steps {} {:.4} agr {:.3} cam {:?} riv {:?} {ms:.0} ms {:?}",
                         trial.hidden(), judgement.verdict.word(), error.mean_mm, error.max_mm, fit.uncertainty_mm, fit.weakest_mm, fit.weakest, fit.rms_mm, fit.outline_rms_px,
