@@ -153,7 +153,15 @@ fn no_panel_and_a_wrong_one_are_rejected_in_words() {
         (Scene::NoPanel, ["no_panel"].as_slice()),
         (
             Scene::WrongPanel,
-            &["poor_fit", "low_overlap", "not_converged", "seen_through", "outline_differs", "points_missing", "blurred"],
+            &[
+                "poor_fit",
+                "low_overlap",
+                "not_converged",
+                "seen_through",
+                "outline_differs",
+                "points_missing",
+                "blurred",
+            ],
         ),
     ] {
         for seed in 1..=3 {

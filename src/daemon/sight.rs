@@ -22,6 +22,8 @@ use std::time::Instant;
 pub(super) struct Sight {
     /// By the 3D scan.
     located: Option<Rigid<Base, Panel>>,
+    /// How well that is known, 95 %, mm.
+    located_mm: Option<f64>,
     /// By the corner too.
     place: Option<Rigid<Base, Panel>>,
     /// Which of the taught corners is looked at.
@@ -98,16 +100,17 @@ impl Sight {
         let elapsed_ms = elapsed_ms(begun);
         let (grade, fit) = (grade(&judgement), found.ok());
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
+        let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
             robot_mm: job.calibrations.robot_mm,
-            locate_mm: fit.map(|fit| fit.uncertainty_mm),
+            locate_mm: located_mm,
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()
         })?;
-        (self.located, self.place) = (place, place);
+        (self.located, self.place, self.located_mm) = (place, place, located_mm);
         Ok(Answer::Graded(grade))
     }
 
@@ -132,6 +135,12 @@ impl Sight {
         let (limits, step_mm) = (job.recipe.corner(), place_step_mm(&whole, place, sighting.corner));
         let displaced = step_mm > limits.settled_mm();
         let mut judgement = refine::judge(&whole, limits);
+        let claims = self.located_mm.zip(job.calibrations.hand_eye_mm);
+        let found =
+            claims.and_then(|(located_mm, hand_eye_mm)| refine::disagreement(&whole, &[located_mm, hand_eye_mm]));
+        if let (Some(reason), Verdict::Accept) = (found, judgement.verdict) {
+            judgement = Judgement::of(vec![], vec![reason]);
+        }
         if displaced && usize::from(moves) >= limits.max_moves() && judgement.verdict == Verdict::Accept {
             judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
         }

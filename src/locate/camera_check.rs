@@ -121,7 +121,8 @@ impl Still {
             (depth > 0.0 && !panel.mask.inside[index]).then_some(depth as f32)
         };
         let taught = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
-        let both = |&block: &usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
+        let both =
+            |&block: &usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
         let blocks = (0..grid.columns * grid.rows).filter(both).collect();
         Still { taught, blocks }
     }

@@ -85,11 +85,7 @@ mod tests {
 
     #[test]
     fn the_limit_is_three_medians_and_not_below_the_floor() {
-        let pair = |distance_mm| Pair {
-            taught: Point::at(0.0, 0.0, 0.0),
-            closest: 0,
-            distance_mm,
-        };
+        let pair = |distance_mm| Pair { taught: Point::at(0.0, 0.0, 0.0), closest: 0, distance_mm };
         let pairs = [9.0, 1.0, 2.0].map(pair);
         assert!((distance_limit_mm(&pairs, 1.0) - 6.0).abs() < 1e-12);
         assert!((distance_limit_mm(&pairs, 7.0) - 7.0).abs() < 1e-12);

@@ -54,7 +54,13 @@ enum Depth {
 }
 
 /// Looks for the edge beside a point of the outline.
-pub(super) fn look(motion: &Motion, model: &Model, camera: &PinholeCamera, scan: &Scan, k: usize) -> Option<Looked> {
+pub(super) fn look(
+    motion: &Motion,
+    model: &Model,
+    camera: &PinholeCamera,
+    scan: &Scan,
+    k: usize,
+) -> Option<Looked> {
     let sample = &model.outline[k];
     let point = motion.point(&sample.point);
     let (pixel, slope) = camera.project_with_slope(camera_point(&point))?;
@@ -137,7 +143,6 @@ fn by_depth(depths: &[Depth]) -> Result<(i32, i32), Edge> {
     }
     Ok((last_on, first_off))
 }
-
 
 #[cfg(test)]
 mod tests {

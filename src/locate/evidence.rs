@@ -168,12 +168,16 @@ pub(super) fn weigh(
     let samples = Samples::all(model);
     let residuals = Residuals::at(&placed, seen, &samples);
     let weighing = residuals.weighing(model, &samples);
-    let (covariance, weakest) = covariance(&residuals, &weighing, model, &motion).ok_or(LocateError::Degenerate {
-        surface: residuals.surface.len(),
-        outline: residuals.colour.len() + residuals.depth.len(),
-    })?;
-    let sights: Vec<Sight> =
-        (0..model.points.len()).into_par_iter().with_min_len(1_024).map(|i| sight(&motion, model, grid, i)).collect();
+    let (covariance, weakest) =
+        covariance(&residuals, &weighing, model, &motion).ok_or(LocateError::Degenerate {
+            surface: residuals.surface.len(),
+            outline: residuals.colour.len() + residuals.depth.len(),
+        })?;
+    let sights: Vec<Sight> = (0..model.points.len())
+        .into_par_iter()
+        .with_min_len(1_024)
+        .map(|i| sight(&motion, model, grid, i))
+        .collect();
     let surface = SurfaceShares::of(&sights);
     let outline = OutlineShares::of(&residuals, model);
     let base_from_panel = base_from_camera * placed;
@@ -298,7 +302,9 @@ fn saturated(motion: &Motion, seen: Seen<'_>) -> f64 {
     let (mut asked, mut over) = (0usize, 0usize);
     for point in model.points.iter().step_by(7) {
         let pixel = grid.camera.project(camera_point(&motion.point(point)));
-        let Some((column, row)) = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height())) else { continue };
+        let Some((column, row)) = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height())) else {
+            continue;
+        };
         asked += 1;
         over += usize::from(scan.color_at(row * scan.width() + column).iter().any(|&level| level >= SATURATED));
     }

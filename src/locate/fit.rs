@@ -100,13 +100,16 @@ impl Residuals {
             let (point, gradient) = (looked.point, looked.gradient);
             let constraint = |offset_px: f64| Constraint { point, gradient, residual: -offset_px, sample };
             match looked.edge {
-                Edge::Colour { offset_px, .. } if model.outline[sample].by_colour => colour.push(constraint(offset_px)),
+                Edge::Colour { offset_px, .. } if model.outline[sample].by_colour => {
+                    colour.push(constraint(offset_px))
+                }
                 Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => depth.push(constraint(offset_px)),
                 Edge::Hidden | Edge::OutOfView | Edge::Absent => {}
             }
         }
         let centre = motion.point(&model.centre);
-        let taught_noise_px = TAUGHT_RANGE_NOISE_MM * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+        let taught_noise_px =
+            TAUGHT_RANGE_NOISE_MM * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
         let surface = surface.into_iter().flatten().collect();
         Residuals { surface, colour, depth, edges, centre, taught_noise_px }
     }
@@ -140,7 +143,11 @@ impl Residuals {
     /// The sums of all kinds.
     pub fn sums(&self, weighing: &[Weighing; 3]) -> Sums {
         let kinds = [&self.surface, &self.colour, &self.depth];
-        kinds.iter().zip(weighing).map(|(kind, weighing)| Sums::over(kind, weighing, &self.centre)).fold(Sums::ZERO, Sums::plus)
+        kinds
+            .iter()
+            .zip(weighing)
+            .map(|(kind, weighing)| Sums::over(kind, weighing, &self.centre))
+            .fold(Sums::ZERO, Sums::plus)
     }
 }
 

@@ -16,27 +16,27 @@ const REVIEW_OVERLAP: f64 = 0.1;
 /// So much less of the outline than of the surface may be found: what hides a patch in the middle of a side hides its edge.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 /// Taught points that the scan sees through: the panel is not there. Single ones are flying points.
-const MAX_SEEN_THROUGH: f64 = 0.02;
+pub const MAX_SEEN_THROUGH: f64 = 0.02;
 /// Outline in view that is not where the taught one says.
-const MAX_OUTLINE_ABSENT: f64 = 0.12;
+pub const MAX_OUTLINE_ABSENT: f64 = 0.12;
 /// Outline residual of a panel of the taught shape, px.
 const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Points that a dry panel gives.
-const MIN_MEASURED: f64 = 0.9;
+pub const MIN_MEASURED: f64 = 0.9;
 /// A step of brightness may take this many pixels more than at teaching: of a picture that is sharp and still.
 const MAX_BLUR_PX: f64 = 1.0;
 /// Share of the panel that may be overexposed.
 const MAX_SATURATED: f64 = 0.2;
 /// Fits from independent starts end together, mm.
-const MAX_DISAGREEMENT_MM: f64 = 0.1;
+pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// So many times more must speak for a placement than for any other.
-const MIN_MARGIN: f64 = 2.0;
+pub const MIN_MARGIN: f64 = 2.0;
 /// A camera that has moved the panel by this much is another camera, mm.
 const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 /// Fixture that still lies where it lay: things come and go, the fixture stays.
 const MIN_FIXTURE_SAME: f64 = 0.4;
 /// The stated error of a pose that is fit for use, mm.
-const MAX_UNCERTAINTY_MM: f64 = 0.25;
+pub const MAX_UNCERTAINTY_MM: f64 = 0.25;
 /// The last step of a fit that came to its end, in steps that end it: the last bits may flicker.
 const MAX_LAST_STEPS: f64 = 5.0;
 
@@ -343,7 +343,10 @@ mod tests {
         assert_eq!(camera(0.0, 0.05, 0.3), (Verdict::Reject, vec!["camera_moved".into()]));
         let rival = |for_first_mm, for_rival_mm| {
             let base_from_panel = good().base_from_panel;
-            judged(&Fit { rival: Some(Rival { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }), ..good() })
+            judged(&Fit {
+                rival: Some(Rival { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
+                ..good()
+            })
         };
         assert_eq!(rival(40.0, 20.0), (Verdict::Review, vec!["ambiguous".into()]));
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);

@@ -185,7 +185,12 @@ impl Motion {
 }
 
 /// Which blocks lie in the search box.
-pub(super) fn in_box(grid: &Grid, base_from_camera: &Rigid<Base, Camera>, low: [f64; 3], high: [f64; 3]) -> Vec<bool> {
+pub(super) fn in_box(
+    grid: &Grid,
+    base_from_camera: &Rigid<Base, Camera>,
+    low: [f64; 3],
+    high: [f64; 3],
+) -> Vec<bool> {
     let motion = Motion::of(base_from_camera);
     let mut inside = vec![false; grid.columns * grid.rows];
     inside.par_chunks_mut(grid.columns).enumerate().for_each(|(row, line)| {

@@ -79,14 +79,10 @@ pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) 
     }
     let placements = search::search(&model, &grid, &candidates);
     let seen = Seen { model: &model, grid: &grid, scan: view.scan };
-    let (best, rival) = choose(&placements, seen, view.base_from_camera).ok_or(LocateError::Degenerate {
-        surface: model.points.len(),
-        outline: model.outline.len(),
-    })?;
-    let fitted = fit::fit(&best, seen, &Samples::all(&model)).ok_or(LocateError::Degenerate {
-        surface: model.points.len(),
-        outline: model.outline.len(),
-    })?;
+    let (best, rival) = choose(&placements, seen, view.base_from_camera)
+        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+    let fitted = fit::fit(&best, seen, &Samples::all(&model))
+        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
     let (agreement_mm, camera) = rayon::join(
         || agreement_mm(&fitted, seen),
         || camera_check::check(taught, &model, (&grid, view.scan), &inside, &fitted.camera_from_panel),

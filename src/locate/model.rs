@@ -264,8 +264,11 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
         let (depth_mm, normal) = surface.beside(grid, pixel)?;
         Some((ray * depth_mm, normal, step.map(|step| step.width_px)))
     };
-    let edges: Vec<Option<(Vector3<f64>, Vector3<f64>, Option<f64>)>> =
-        (0..count.div_ceil(CONTOUR_STEP)).into_par_iter().with_min_len(64).map(|k| edge(k * CONTOUR_STEP)).collect();
+    let edges: Vec<Option<(Vector3<f64>, Vector3<f64>, Option<f64>)>> = (0..count.div_ceil(CONTOUR_STEP))
+        .into_par_iter()
+        .with_min_len(64)
+        .map(|k| edge(k * CONTOUR_STEP))
+        .collect();
     let edges: Vec<_> = edges.into_iter().flatten().collect();
     let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.2).collect();
     let middle = widths.len() / 2;
@@ -276,7 +279,8 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
         let (here, normal, width_px) = edges[k];
         let mean = |from: usize| (from..from + 3).map(|i| edges[i % count].0).sum::<Vector3<f64>>() / 3.0;
         let along = mean(k + 1) - mean(k + count - 3);
-        let apart_mm = ((edges[(k + 1) % count].0 - here).norm() + (edges[(k + count - 1) % count].0 - here).norm()) / 2.0;
+        let apart_mm =
+            ((edges[(k + 1) % count].0 - here).norm() + (edges[(k + count - 1) % count].0 - here).norm()) / 2.0;
         let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
         // In the camera's frame v is down as well: the same side.
         let outward = along.cross(&normal) * -side;

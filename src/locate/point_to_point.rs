@@ -18,7 +18,11 @@ const SMALL_STEP_MM: f64 = 0.002;
 const MAX_STEPS: usize = 100;
 
 /// Moves taught points onto scanned ones from a start.
-pub fn thesis_icp(taught: &[Point<Panel>], scanned: &[Point<Base>], start: Rigid<Base, Panel>) -> Rigid<Base, Panel> {
+pub fn thesis_icp(
+    taught: &[Point<Panel>],
+    scanned: &[Point<Base>],
+    start: Rigid<Base, Panel>,
+) -> Rigid<Base, Panel> {
     let Some(tree) = Tree::over(scanned.iter().copied()) else { return start };
     let mut base_from_panel = start;
     for _ in 0..MAX_STEPS {

@@ -108,7 +108,11 @@ fn step_once(line: &Line, expected_px: f64) -> Option<Step> {
     let inside_places: f64 = line[first..=last].iter().map(|gray| (outside - gray) / contrast).sum(); // (1)
     let offset_px = first as f64 - 0.5 + inside_places - REACH as f64;
     // A spot beside the edge, rather than the edge, has this sum.
-    ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| Step { offset_px, contrast, width_px: contrast.abs() / slope })
+    ((offset_px - crossed).abs() < MAX_UNLIKE).then(|| Step {
+        offset_px,
+        contrast,
+        width_px: contrast.abs() / slope,
+    })
 }
 
 #[cfg(test)]

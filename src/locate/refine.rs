@@ -212,10 +212,7 @@ pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
             ),
         )
     });
-    Judgement::of(
-        refined.corners.iter().enumerate().filter_map(too_far).collect(),
-        unlike.into_iter().collect(),
-    )
+    Judgement::of(refined.corners.iter().enumerate().filter_map(too_far).collect(), unlike.into_iter().collect())
 }
 
 /// A corner's own error in the plane of its camera, 95 %: edges to a tenth of a pixel, taught and found, mm.
@@ -274,7 +271,11 @@ mod tests {
     ) -> TaughtCorner {
         let panel_from_camera = crate::panel::panel_from_base_at_teaching() * base_from_camera;
         let reference_px = camera.project(panel_from_camera.inverse() * point).expect("in front");
-        TaughtCorner { teaching: CornerTeaching { reference_px, panel_from_camera }, point }
+        TaughtCorner {
+            teaching: CornerTeaching { reference_px, panel_from_camera },
+            point,
+            normal: Vector::new(-Vector3::x()),
+        }
     }
 
     /// By hand: camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f = 2400 px: 10 px are 1 mm. Found
@@ -312,6 +313,15 @@ mod tests {
         let shift = refined.base_from_panel.origin().mm.coords;
         assert!((shift - Vector3::new(-2.0, -1.0, 1.5)).norm() < 1e-9, "{shift}");
         assert!(refined.corners.iter().all(|corner| (corner.left_mm - 0.5).abs() < 1e-9), "{:?}", refined.corners);
+    }
+
+    /// By hand: a camera 100 mm before the surface and 100 mm aside sees sin 45° of a move along the normal.
+    #[test]
+    fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
+        let corner =
+            |y: f64| taught(Point::at(560.0, 0.0, 360.0), looks_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
+        assert!((corner(100.0).normal_seen() - 0.5f64.sqrt()).abs() < 1e-9);
+        assert!(corner(0.0).normal_seen() < 1e-9);
     }
 
     /// By hand: corners 200 mm apart, both cameras look along X. Turned by 0.01 rad about X the one goes 1 mm up, the other

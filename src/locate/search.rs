@@ -63,7 +63,8 @@ pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
         return (0..count).collect();
     }
     const GOLDEN: f64 = 0.618_033_988_749_895;
-    let mut places: Vec<usize> = (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
+    let mut places: Vec<usize> =
+        (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
     places.sort_unstable();
     places.dedup();
     places
@@ -122,13 +123,7 @@ pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Placem
 }
 
 /// The panel at one turn about the piece's normal, at the shift whose points the scan shows best.
-fn best_shift(
-    model: &Model,
-    grid: &Grid,
-    piece: &Piece,
-    turn: f64,
-    reach_mm: f64,
-) -> Option<Rigid<Camera, Panel>> {
+fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
     let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
         .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
     let about = Unit::new_normalize(piece.normal);
@@ -190,8 +185,7 @@ fn move_onto(
         let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
         let of_surface = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_mm };
         let of_outline = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_blocks };
-        let sums =
-            Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&outline, &of_outline, &centre));
+        let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&outline, &of_outline, &centre));
         placed = twisted(&placed, &centre, &sums.twist()?);
     }
     Some(placed)

@@ -25,7 +25,13 @@ pub(super) struct Met {
 
 impl Slab {
     /// A slab that faces a direction.
-    pub fn facing(centre: Point3<f64>, normal: Vector3<f64>, spin_rad: f64, half_mm: [f64; 2], color: [f64; 3]) -> Slab {
+    pub fn facing(
+        centre: Point3<f64>,
+        normal: Vector3<f64>,
+        spin_rad: f64,
+        half_mm: [f64; 2],
+        color: [f64; 3],
+    ) -> Slab {
         let upright = Isometry3::face_towards(&centre, &(centre + normal), &up(&normal));
         let spin = nalgebra::UnitQuaternion::from_axis_angle(&Vector3::z_axis(), spin_rad);
         Slab { base_from_slab: upright * spin, half_mm, color }

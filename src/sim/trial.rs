@@ -10,10 +10,10 @@ use super::clutter::{Met, Slab};
 use super::fixture::Background;
 use super::noise::{LEVEL, Normal, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
 use super::scanner::measured;
+use super::scene;
 use super::shape::{CENTRE_MM, Shape};
 use super::truth::PlacementError;
 use super::variety::{Panel, generator};
-use super::scene;
 use crate::geometry::{Base, Camera, OrganizedCloud, PinholeCamera, Pixel, Rigid};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
 use rand::RngExt;
@@ -129,7 +129,8 @@ impl Trial {
     fn new(seed: Seed, wrong: Option<Wrong>, reduction: usize) -> Trial {
         let camera = scene::scanner(reduction);
         let mut random = generator(seed, 0);
-        let panel = if wrong == Some(Wrong::Symmetric) { Panel::symmetric(&mut random) } else { Panel::any(&mut random) };
+        let panel =
+            if wrong == Some(Wrong::Symmetric) { Panel::symmetric(&mut random) } else { Panel::any(&mut random) };
         let mut trial = Trial {
             seed,
             taught: panel.shape(),
@@ -177,7 +178,8 @@ impl Trial {
             // What is out of view may be out of the box as well.
             let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
             let stands = points.iter().all(|p| {
-                p.x < FARTHEST_X_MM && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
+                p.x < FARTHEST_X_MM
+                    && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
             });
             if !stands || !self.faces(&lattice) {
                 continue;
@@ -215,9 +217,7 @@ impl Trial {
             _ => self.present.take(),
         };
         if wrong == Wrong::CameraMoved {
-            let axis = |random: &mut Pcg64| {
-                Vector3::from_fn(|_, _| random.random_range(-1.0..1.0f64)).normalize()
-            };
+            let axis = |random: &mut Pcg64| Vector3::from_fn(|_, _| random.random_range(-1.0..1.0f64)).normalize();
             let shift = axis(random) * random.random_range(1.0..10.0);
             let turn = axis(random) * random.random_range(0.0..0.01);
             let moved: Rigid<Camera, Camera> = Rigid::claim(Isometry3::new(shift, turn));
@@ -393,7 +393,9 @@ impl Trial {
 fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
     let (from, to) = (column.saturating_sub(smear_px / 2), (column + smear_px / 2).min(line.len() - 1));
     let count = (to - from + 1) as u32;
-    std::array::from_fn(|channel| (line[from..=to].iter().map(|c| u32::from(c[channel])).sum::<u32>() / count) as u16)
+    std::array::from_fn(|channel| {
+        (line[from..=to].iter().map(|c| u32::from(c[channel])).sum::<u32>() / count) as u16
+    })
 }
 
 /// What a pixel sees with slabs before and behind the panel; and the share that the nearest slab before it fills.
@@ -438,10 +440,16 @@ fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
 }
 
 /// A place by the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
-fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, crate::geometry::Panel> {
+fn placed(
+    centre: Vector3<f64>,
+    turn_deg: f64,
+    tilt_deg: f64,
+    about_rad: f64,
+) -> Rigid<Base, crate::geometry::Panel> {
     let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_deg.to_radians());
     let axis = Unit::new_normalize(Vector3::new(0.0, about_rad.cos(), about_rad.sin()));
-    let rotation = UnitQuaternion::from_rotation_matrix(&(Rotation3::from_axis_angle(&axis, tilt_deg.to_radians()) * turn));
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&(Rotation3::from_axis_angle(&axis, tilt_deg.to_radians()) * turn));
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)), rotation))
 }
 

@@ -146,7 +146,10 @@ fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
     let radius = random.random_range(7.0..0.09 * width);
     let side = if random.random::<bool>() { 1.0 } else { -1.0 };
     let middle = Vector2::new(side * 0.36 * length, random.random_range(-0.2..0.2) * width);
-    (0..8).map(|i| f64::from(i) * std::f64::consts::FRAC_PI_4).map(|a| middle + Vector2::new(a.cos(), a.sin()) * radius).collect()
+    (0..8)
+        .map(|i| f64::from(i) * std::f64::consts::FRAC_PI_4)
+        .map(|a| middle + Vector2::new(a.cos(), a.sin()) * radius)
+        .collect()
 }
 
 /// A notch in a long side.

@@ -33,7 +33,8 @@ const SHORT: &str = "rounding_mm = 4\nedge_mm = 12\n";
 fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
     for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
         let corner = Pixel::at(103.4, 77.8);
-        let found = find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0).expect("a corner");
+        let found =
+            find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0).expect("a corner");
         assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
         // The thesis's mark lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner, or beside it in a turned picture.
         let mark_px = found.nearest_px.distance_px(corner);
