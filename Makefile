@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface
+.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect bench-link bench-calib bench-surface
+bench: bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -80,3 +80,22 @@ bench-surface: setup
 	  rm -rf $(PEERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
 	if test -x $(PEERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(PEERS)/bin/python; fi; \
 	  cargo bench --locked --bench surface -- $(PARTS)
+
+# Localization in three parts, each well below an hour on two cores; the last with the Python packages of others in a venv.
+MATCHERS := target/bench-locate
+.PHONY: bench-locate bench-locate-good bench-locate-bad bench-locate-peers
+bench-locate: bench-locate-good bench-locate-bad bench-locate-peers
+
+bench-locate-good: setup
+	cargo bench --locked --bench locate -- good
+
+bench-locate-bad: setup
+	cargo bench --locked --bench locate -- bad wet
+
+bench-locate-peers: setup
+	@test -x $(MATCHERS)/bin/python || { \
+	  python3 -m venv $(MATCHERS) && \
+	  $(MATCHERS)/bin/pip install --quiet 'open3d==0.20.0' 'small_gicp==1.0.1' 'kiss-matcher==1.0.2'; } || { \
+	  rm -rf $(MATCHERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
+	if test -x $(MATCHERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(MATCHERS)/bin/python; fi; \
+	  cargo bench --locked --bench locate -- peers

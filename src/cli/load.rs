@@ -273,14 +273,14 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
-    for corner in &teaching.corners {
+    for (index, corner) in teaching.corners.iter().enumerate() {
         let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
         let flange_from_camera =
             MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
         let base_from_flange: Rigid<Base, Flange> = corner.base_from_flange.to_rigid();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
         let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
-        let reference_px = super::refine::find_corner(&picture, recipe, &camera, &panel, panel_from_camera)?;
+        let reference_px = super::refine::find_corner(&picture, (recipe, index), &camera, &panel, panel_from_camera)?;
         let taught = panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera);
         corners.push(taught.map_err(Fault::stage)?);
     }

@@ -59,7 +59,8 @@ pub fn stage(
     recipe: &Recipe,
 ) -> Result<Located, Fault> {
     let begin = Instant::now();
-    let found = locate::locate(&taught.panel, scan, base_from_camera, recipe.locate());
+    let view = locate::View { scan, camera: &camera, base_from_camera };
+    let found = locate::locate(&taught.panel, &view, recipe.locate());
     let (fit, judgement) = match found {
         Ok(fit) => {
             let judgement = gate::judge(&fit, recipe.locate());
@@ -110,11 +111,32 @@ impl Located {
         if let (Some(fit), Some(pose)) = (fit, pose) {
             outcome.say(format!("base from panel: {pose}"));
             outcome.say(format!(
-                "rms {:.3} mm, overlap {:.3}, within {:.2} mm (95 %), weakest direction {:.2} mm",
+                "rms {:.3} mm, outline {:.2} px, overlap {:.3}, within {:.2} mm (95 %); weakest {}, {:.2} mm",
                 fit.rms_mm,
+                fit.outline_rms_px,
                 fit.overlap(),
                 fit.uncertainty_mm,
+                fit.weakest.words(),
                 fit.weakest_mm
+            ));
+            outcome.say(format!(
+                "independent starts end {:.3} mm apart; {}; {}",
+                fit.agreement_mm,
+                fit.rival.map_or_else(
+                    || "no other placement comes near".to_owned(),
+                    |rival| format!(
+                        "the next best is turned by {:.0}°, {:.0} times less speaks for it",
+                        rival.turned.0,
+                        rival.margin()
+                    )
+                ),
+                fit.camera.map_or_else(
+                    || "too little fixture is seen to check the camera".to_owned(),
+                    |camera| format!(
+                        "by the fixture the camera has moved the panel by {:.2} ± {:.2} mm",
+                        camera.moved_mm, camera.uncertainty_mm
+                    )
+                )
             ));
             outcome.say(format!(
                 "shift {:.1} mm, turn {:.2}°, tilt {:.2}° at the panel's centre; {:.0} ms",

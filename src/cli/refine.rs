@@ -61,19 +61,20 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     Ok(place.outcome())
 }
 
-/// The corner's pixel in a picture taken from where the camera should see it.
+/// The pixel of a taught corner, counted from 0, in a picture taken from where the camera should see it.
 ///
 /// # Errors
 /// Where the picture shows no such corner.
 pub fn find_corner(
     picture: &ColorPicture,
-    recipe: &Recipe,
+    (recipe, index): (&Recipe, usize),
     camera: &PinholeCamera,
     panel: &TaughtPanel,
     panel_from_camera: Rigid<Panel, FlangeCamera>,
 ) -> Result<Pixel, Fault> {
     let depth_mm = (panel_from_camera.inverse() * panel.centre()).mm.z;
-    let found = corner::find(&picture.to_gray(), recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+    let which = recipe.corner().which().of(index);
+    let found = corner::find(&picture.to_gray(), recipe.corner(), which, camera.px_per_mm_at(depth_mm).0);
     Ok(found.map_err(Fault::stage)?.corner_px)
 }
 
@@ -93,11 +94,11 @@ pub fn stage(
         return Err(Fault::CornersNotTaught { found: shots.len(), taught: taught.corners.len() });
     }
     let mut sightings = Vec::with_capacity(shots.len());
-    for (shot, corner) in shots.iter().zip(&taught.corners) {
+    for (index, (shot, corner)) in shots.iter().zip(&taught.corners).enumerate() {
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let base_from_camera = base_from_flange * flange_from_camera;
         let panel_from_camera = located.inverse() * base_from_camera;
-        let found_px = find_corner(&shot.picture, recipe, camera, &taught.panel, panel_from_camera)
+        let found_px = find_corner(&shot.picture, (recipe, index), camera, &taught.panel, panel_from_camera)
             .map_err(|fault| Fault::file(&shot.file, fault))?;
         sightings.push(Sighting { corner: *corner, base_from_camera, found_px });
     }
@@ -139,6 +140,10 @@ impl RefinedPlace {
             "the corner was {:.2} px from where it was expected: corrected by {x_mm:.3} mm in camera x, {y_mm:.3} mm in y",
             self.refined.error_px
         ));
+        if self.refined.corners.len() > 1 {
+            let left_mm = self.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
+            outcome.say(format!("turned by {:.3}°; the corners are left {left_mm:.3} mm off, at most", self.refined.turned.0));
+        }
         outcome.put("base_from_panel", json!(pose));
         outcome.put("shift_mm", json!(self.refined.shift_mm));
         outcome.put("error_px", json!(self.refined.error_px));

@@ -6,6 +6,8 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::Point;
+use crate::locate::{self, gate};
+use crate::recipe::Recipe;
 use crate::report::View;
 use crate::store::{TaughtCorner, Teaching};
 use crate::verdict::{Judgement, Verdict};
@@ -19,7 +21,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
-    load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
+    let scan = load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
     let mut teaching = Teaching {
         name: recipe.panel().to_owned(),
         scan: super::disk::read(&args.scan)?,
@@ -44,7 +46,47 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         pictures::save(folder, "taught", &picture(&taught)?)?;
     }
     taught.version = files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
-    Ok(outcome(&taught, recipe.panel()))
+    let mut outcome = outcome(&taught, recipe.panel());
+    let view = locate::View { scan: &scan, camera: &scanner.value, base_from_camera: base_from_camera.value };
+    say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
+    Ok(outcome)
+}
+
+/// Says how well the panel's shape holds it, by locating it in its own scan, and what its corners see of a move along the
+/// normal.
+fn say_how_it_is_held(taught: &Taught, view: &locate::View<'_>, recipe: &Recipe, outcome: &mut Outcome) {
+    let mut warnings: Vec<String> = Vec::new();
+    match locate::locate(&taught.panel, view, recipe.locate()) {
+        Ok(fit) => {
+            let weakest = fit.weakest.words();
+            outcome.say(format!(
+                "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
+                fit.uncertainty_mm, fit.weakest_mm
+            ));
+            outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
+            outcome.put("weakest_mm", json!(fit.weakest_mm));
+            outcome.put("weakest", json!(weakest));
+            warnings.extend(gate::judge(&fit, recipe.locate()).reasons.into_iter().map(|reason| reason.message));
+        }
+        Err(error) => warnings.push(format!("the panel is not found in its own scan: {error}")),
+    }
+    let verify_mm = recipe.corner().verify_mm();
+    for (index, corner) in taught.corners.iter().enumerate() {
+        let seen = corner.normal_seen();
+        // At an angle below a hundredth the lens's own errors are as large.
+        let least = if seen > 0.01 { format!("{:.1} mm", verify_mm / seen) } else { "no".to_owned() };
+        outcome.say(format!(
+            "corner {}: its view shows {:.0} % of a move along the normal; {least} move along it is found before contact",
+            index + 1,
+            100.0 * seen
+        ));
+    }
+    let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::normal_seen).collect();
+    outcome.put("normal_seen", json!(seen));
+    for warning in &warnings {
+        outcome.say(format!("warning: {warning}"));
+    }
+    outcome.put("warnings", json!(warnings));
 }
 
 /// What was learnt, drawn.

@@ -46,6 +46,8 @@ pub(super) fn located(job: &Job<'_>, scan: &ColorPicture, place: Option<Rigid<Ba
 pub(super) struct Sighting {
     pub base_from_camera: Rigid<Base, FlangeCamera>,
     pub found_px: crate::geometry::Pixel,
+    /// Where the corner was taught.
+    pub corner: Point<Panel>,
 }
 
 /// The corner with where it was found and where a place puts it.
@@ -56,7 +58,7 @@ pub(super) fn corner(
     (name, title): (&str, &str),
 ) -> Option<Figure> {
     let camera = &job.calibrations.flange_camera;
-    let in_camera = sighting.base_from_camera.inverse() * (place * job.corners.first()?.point);
+    let in_camera = sighting.base_from_camera.inverse() * (place * sighting.corner);
     let view = CornerView {
         picture,
         expected_px: camera.project(in_camera)?,

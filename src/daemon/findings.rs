@@ -39,7 +39,14 @@ pub(super) fn located(fit: Option<&locate::Fit>, judgement: Judgement, elapsed_m
         at_most("shift of the panel's centre", "mm", fit.shift_mm, limits.max_shift_mm()),
         at_most("turn in the panel's plane, either way", "°", fit.turn.0.abs(), limits.turn_limit_deg()),
         at_most("tilt of the panel's normal", "°", fit.tilt.0, limits.max_tilt_deg()),
-        Number::new("error at the worst place, 95 %", "mm", fit.uncertainty_mm),
+        at_most("taught surface that is seen through", "", fit.seen_through, gate::MAX_SEEN_THROUGH),
+        at_most("outline in view that is elsewhere", "", fit.outline_absent, gate::MAX_OUTLINE_ABSENT),
+        Number::new("panel in view that gave points", "", fit.measured).within(Limit::AtLeast(gate::MIN_MEASURED)),
+        at_most("fits from independent starts, apart", "mm", fit.agreement_mm, gate::MAX_DISAGREEMENT_MM),
+        Number::new("for this placement against the next best, times", "", fit.rival.map(|rival| rival.margin()))
+            .within(Limit::AtLeast(gate::MIN_MARGIN)),
+        Number::new("camera since teaching, by the fixture", "mm", fit.camera.map(|camera| camera.moved_mm)),
+        at_most("error at the worst place, 95 %", "mm", fit.uncertainty_mm, gate::MAX_UNCERTAINTY_MM),
         Number::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
         elapsed,
     ])

@@ -95,8 +95,27 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
+    /// The route of a motion. To the first look at a corner it is that of the first taught corner whose way passes the
+    /// gate; where none does, that of the first.
+    fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
+        let first_look = matches!(motion.path, Path::Corner { view: 0 });
+        if !first_look {
+            return self.route(motion);
+        }
+        let corners = self.job()?.corners.len();
+        for index in 0..corners {
+            self.sight.look_at_corner(index);
+            let gated = self.route(motion)?;
+            if gated.is_good() {
+                return Some(gated);
+            }
+        }
+        self.sight.look_at_corner(0);
+        self.route(motion)
+    }
+
     pub(super) fn by_lines(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
-        let Some(gated) = self.route(motion) else {
+        let Some(gated) = self.chosen_route(motion) else {
             self.note(Kind::Gate, vec![Reason::new("no_route", "place, plan or pose of the arm is not known")])?;
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());

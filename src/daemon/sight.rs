@@ -6,7 +6,7 @@ use super::ports::{Eyes, Record, SightError};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::eki::Time;
-use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
+use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Point, Rigid};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::refine::{self, CornerView, Refined};
 use crate::locate::{self, corner, gate};
@@ -22,8 +22,12 @@ use std::time::Instant;
 pub(super) struct Sight {
     /// By the 3D scan.
     located: Option<Rigid<Base, Panel>>,
+    /// How well that is known, 95 %, mm.
+    located_mm: Option<f64>,
     /// By the corner too.
     place: Option<Rigid<Base, Panel>>,
+    /// Which of the taught corners is looked at.
+    corner: usize,
     dry: Option<(ColorPicture, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -55,7 +59,12 @@ impl Sight {
 
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
-        Some(self.place? * job.corners.first()?.teaching.panel_from_camera)
+        Some(self.place? * job.corners.get(self.corner)?.teaching.panel_from_camera)
+    }
+
+    /// Chooses the taught corner that is looked at from now on.
+    pub fn look_at_corner(&mut self, index: usize) {
+        self.corner = index;
     }
 
     /// Adds what a film that was watched on its own left.
@@ -82,7 +91,8 @@ impl Sight {
         record.picture("scan", &picture)?;
         let begun = Instant::now();
         let settings = job.recipe.locate();
-        let found = locate::locate(job.panel, &scan, job.calibrations.base_from_camera, settings);
+        let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
+        let found = locate::locate(job.panel, &locate::View { scan: &scan, camera, base_from_camera }, settings);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),
@@ -90,16 +100,17 @@ impl Sight {
         let elapsed_ms = elapsed_ms(begun);
         let (grade, fit) = (grade(&judgement), found.ok());
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
+        let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
             robot_mm: job.calibrations.robot_mm,
-            locate_mm: fit.map(|fit| fit.uncertainty_mm),
+            locate_mm: located_mm,
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()
         })?;
-        (self.located, self.place) = (place, place);
+        (self.located, self.place, self.located_mm) = (place, place, located_mm);
         Ok(Answer::Graded(grade))
     }
 
@@ -117,13 +128,19 @@ impl Sight {
             Err(error) => return blind(Kind::Refine, 0, &error, record),
         };
         record.picture(&format!("corner{moves}"), &picture)?;
-        let (whole, sighting) = match look(job, &picture, located, (place, base_from_camera)) {
+        let (whole, sighting) = match look((job, self.corner), &picture, located, (place, base_from_camera)) {
             Ok(seen) => seen,
             Err(reason) => return unseen(Kind::Refine, 0, reason, record),
         };
-        let (limits, step_mm) = (job.recipe.corner(), place_step_mm(&whole, place, job));
+        let (limits, step_mm) = (job.recipe.corner(), place_step_mm(&whole, place, sighting.corner));
         let displaced = step_mm > limits.settled_mm();
         let mut judgement = refine::judge(&whole, limits);
+        let claims = self.located_mm.zip(job.calibrations.hand_eye_mm);
+        let found =
+            claims.and_then(|(located_mm, hand_eye_mm)| refine::disagreement(&whole, &[located_mm, hand_eye_mm]));
+        if let (Some(reason), Verdict::Accept) = (found, judgement.verdict) {
+            judgement = Judgement::of(vec![], vec![reason]);
+        }
         if displaced && usize::from(moves) >= limits.max_moves() && judgement.verdict == Verdict::Accept {
             judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
         }
@@ -154,7 +171,7 @@ impl Sight {
             Err(error) => return blind(Kind::Verify, pass, &error, record),
         };
         record.picture("verify", &picture)?;
-        let (seen, sighting) = match look(job, &picture, place, (place, base_from_camera)) {
+        let (seen, sighting) = match look((job, self.corner), &picture, place, (place, base_from_camera)) {
             Ok(seen) => seen,
             Err(reason) => return unseen(Kind::Verify, pass, reason, record),
         };
@@ -302,26 +319,26 @@ fn not_settled(step_mm: f64, job: &Job<'_>) -> Reason {
 /// What a corner picture says about a place: the correction of `place` by the corner as it is seen by a camera that
 /// expects it at `expected`.
 fn look(
-    job: &Job<'_>,
+    (job, index): (&Job<'_>, usize),
     picture: &ColorPicture,
     place: Rigid<Base, Panel>,
     (expected, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
 ) -> Result<(Refined, Sighting), Reason> {
     let camera = &job.calibrations.flange_camera;
     let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
-    let taught: &TaughtCorner = job.corners.first().ok_or_else(no_corner)?;
+    let taught: &TaughtCorner = job.corners.get(index).ok_or_else(no_corner)?;
     let depth_mm = (base_from_camera.inverse() * (expected * taught.point)).mm.z;
-    let found = corner::find(&picture.to_gray(), job.recipe.corner(), camera.px_per_mm_at(depth_mm).0)
+    let (settings, px_per_mm) = (job.recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+    let found = corner::find(&picture.to_gray(), settings, settings.which().of(index), px_per_mm)
         .map_err(|error| reason("no_corner", &error))?;
     let view = CornerView { taught, base_from_camera, found_px: found.corner_px };
     let refined = refine::refine(place, camera, &[view]).map_err(|error| reason("not_in_view", &error))?;
-    Ok((refined, Sighting { base_from_camera, found_px: found.corner_px }))
+    Ok((refined, Sighting { base_from_camera, found_px: found.corner_px, corner: taught.point }))
 }
 
 /// How far the corner's new place is from the one that the camera was sent to, mm.
-fn place_step_mm(whole: &Refined, before: Rigid<Base, Panel>, job: &Job<'_>) -> f64 {
-    let at_corner = |corner: &TaughtCorner| whole.base_from_panel.distance_at_mm(before, corner.point);
-    job.corners.first().map_or(0.0, at_corner)
+fn place_step_mm(whole: &Refined, before: Rigid<Base, Panel>, corner: Point<Panel>) -> f64 {
+    whole.base_from_panel.distance_at_mm(before, corner)
 }
 
 /// A gate's word for the table.

@@ -95,15 +95,20 @@ pub struct CornerFound {
     pub edges: [EdgeLine; 2],
 }
 
-/// Finds the panel's corner. `px_per_mm` is the picture's scale at the corner, focal length over depth.
+/// Finds the panel's corner that lies in this direction. `px_per_mm` is the picture's scale at the corner, focal length over depth.
 ///
 /// # Errors
 /// Where the picture shows no corner of the panel; each says what to do.
-pub fn find(picture: &GrayPicture, settings: &recipe::Corner, px_per_mm: f64) -> Result<CornerFound, CornerError> {
+pub fn find(
+    picture: &GrayPicture,
+    settings: &recipe::Corner,
+    which: CornerName,
+    px_per_mm: f64,
+) -> Result<CornerFound, CornerError> {
     let filtered = bilateral_filter(picture, settings.bilateral_diameter_px(), settings.bilateral_sigma_gray())?;
     let contour = panel_contour(&filtered, settings)?;
     let box_px = min_area_box(&contour)?;
-    let nearest = nearest_to(&contour, meant_corner(&box_px, settings.which()));
+    let nearest = nearest_to(&contour, meant_corner(&box_px, which));
     let nearest_px = contour[nearest];
     let inside = |pixel: Pixel| {
         let (right, bottom) = (picture.width as f64 - 1.0, picture.height as f64 - 1.0);

@@ -1,7 +1,6 @@
 //! Who belongs to whom: the correspondence set K of thesis Eq. 3.20, by the closest point.
 //!
-//! Two kinds of pairs: a taught point of the surface with the closest point of the scan's piece, and a taught point
-//! of the outline with the closest point of the piece's outline. Pairs farther apart than a limit are dropped; the
+//! Pairs farther apart than a limit are dropped; the
 //! limit follows the median distance of all pairs down to a floor, so that it shrinks as the fit gets better.
 
 use crate::geometry::{Base, Panel, Point, Rigid};
@@ -33,13 +32,11 @@ impl Tree {
     }
 }
 
-/// A taught point, where it is now, and its closest point.
+/// A taught point and its closest point.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pair {
     /// The taught point, q of Eq. 3.20.
     pub taught: Point<Panel>,
-    /// The taught point at the present guess.
-    pub moved: Point<Base>,
     /// Index of its closest point, p of Eq. 3.20.
     pub closest: usize,
     /// Distance between the two, mm.
@@ -51,7 +48,7 @@ pub(super) fn pairs(tree: &Tree, taught: &[Point<Panel>], base_from_panel: Rigid
     let pair = |&taught: &Point<Panel>| {
         let moved = base_from_panel * taught;
         let (closest, distance_mm) = tree.closest(moved);
-        Pair { taught, moved, closest, distance_mm }
+        Pair { taught, closest, distance_mm }
     };
     taught.par_iter().with_min_len(CHUNK).map(pair).collect()
 }
@@ -88,12 +85,7 @@ mod tests {
 
     #[test]
     fn the_limit_is_three_medians_and_not_below_the_floor() {
-        let pair = |distance_mm| Pair {
-            taught: Point::at(0.0, 0.0, 0.0),
-            moved: Point::at(0.0, 0.0, 0.0),
-            closest: 0,
-            distance_mm,
-        };
+        let pair = |distance_mm| Pair { taught: Point::at(0.0, 0.0, 0.0), closest: 0, distance_mm };
         let pairs = [9.0, 1.0, 2.0].map(pair);
         assert!((distance_limit_mm(&pairs, 1.0) - 6.0).abs() < 1e-12);
         assert!((distance_limit_mm(&pairs, 7.0) - 7.0).abs() < 1e-12);

@@ -1,53 +1,164 @@
 //! Where the panel stands: 3D registration of a scan (thesis 3.8) and its correction by a corner (thesis 3.9).
 //!
-//! The scan, moved to the base, is cut to the search box; the connected piece of the panel's size is the panel. Taught
-//! and scanned centroids laid upon each other are the start. Point-to-point ICP (Eq. 3.20, 3.21) brings the taught
-//! panel near, point-to-plane with the outline brings it home. The result is evidence, a [`Fit`]; [`gate`] judges it.
+//! No start value: wherever the panel stands in the search box, it is found or not found. The scan is made small
+//! ([`grid`]) and cut to connected pieces in the box ([`pieces`]); the taught panel is laid upon them at every turn
+//! ([`search`]); the best placements are fitted to the surface and to the outline's edges in the colour picture together
+//! ([`fit`], [`edges`]), and weighed against each other ([`rivals`]). The result is evidence, a [`Fit`], with its covariance,
+//! the agreement of independent starts, and what the fixture says of the camera's place; [`gate`] judges it.
 //! [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
-//! Does not search from any placement: the panel may stand some 60 mm and 15° from its nominal place.
+//! [`thesis_icp`] is the thesis's own method, to be compared with.
+//! Does not know the error of the camera's calibration, which moves taught and located panel alike.
 
+mod camera_check;
 pub mod corner;
 mod correspond;
+mod edges;
 mod error;
 mod evidence;
+mod fit;
 pub mod gate;
-mod piece;
-mod point_to_plane;
+mod grid;
+mod model;
+mod pieces;
 mod point_to_point;
+mod profile;
 pub mod refine;
-mod samples;
+mod rivals;
+mod search;
+mod solve;
 
+pub use camera_check::CameraCheck;
 pub use error::LocateError;
-pub use evidence::Fit;
+pub use evidence::{Fit, Rival, Weakest};
+pub use point_to_point::thesis_icp;
 pub use refine::refine;
 
-use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
-use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
+use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Rigid};
+use crate::panel::TaughtPanel;
 use crate::recipe;
+use evidence::Beside;
+use fit::{Fitted, Samples, Seen};
+use grid::{Grid, Motion};
+use model::Model;
+use nalgebra::{Rotation3, Vector3, Vector6};
+use rayon::prelude::*;
+use rivals::Votes;
+use search::Placement;
+
+/// A scan and where its camera stands.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// What the camera saw.
+    pub scan: &'a OrganizedCloud<Camera>,
+    /// Its lens.
+    pub camera: &'a PinholeCamera,
+    /// Its place.
+    pub base_from_camera: Rigid<Base, Camera>,
+}
+
+/// Placements that are fitted to the end; the others explain the scan much worse.
+const FITTED: usize = 4;
+/// Samples of a fit that only weighs a placement, and of the independent starts.
+const WEIGHING_SAMPLES: usize = 3_000;
+/// How far the independent starts are from the end: a shift as a share of the panel's reach, and a turn, rad.
+const START_SHIFT: f64 = 0.02;
+const START_TURN_RAD: f64 = 0.015;
 
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
 /// Where nothing of the panel's size and shape lies in the search box; [`gate::refusal`] makes it a verdict.
-pub fn locate(
-    taught: &TaughtPanel,
-    scan: &OrganizedCloud<Camera>,
-    base_from_camera: Rigid<Base, Camera>,
-    settings: &recipe::Locate,
-) -> Result<Fit, LocateError> {
-    let scan = scan.moved(&base_from_camera);
-    let size = piece::Size::of(&taught.scan, &taught.mask).ok_or(LocateError::EmptyBox { found: 0, needed: 1 })?;
-    let (mask, piece_size) = piece::find(&scan, &size, settings)?;
-    let samples = samples::Taught::of(taught, size.area_mm2)?;
-    let scanned = samples::Scanned::of(&scan, &mask, piece_size.area_mm2, base_from_camera.origin())?;
-    let start = centroids_together(&samples, &scanned);
-    let near = point_to_point::align(start, &samples, &scanned);
-    let aligned = point_to_plane::align(near, &samples, &scanned, size.area_mm2)?;
-    evidence::weigh(aligned, taught, &samples, &scanned, size.area_mm2)
+pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
+    let (model, grid) = rayon::join(|| Model::of(taught), || Grid::of(view.scan, view.camera));
+    let model = model?;
+    let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
+    let pieces = pieces::pieces(&grid, &inside);
+    let candidates = search::candidates(&model, &grid, &pieces);
+    if candidates.is_empty() {
+        return Err(nothing_fits(&model, &pieces, inside.iter().filter(|inside| **inside).count()));
+    }
+    let placements = search::search(&model, &grid, &candidates);
+    let seen = Seen { model: &model, grid: &grid, scan: view.scan };
+    let (best, rival) = choose(&placements, seen, view.base_from_camera)
+        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+    let fitted = fit::fit(&best, seen, &Samples::all(&model))
+        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+    let (agreement_mm, camera) = rayon::join(
+        || agreement_mm(&fitted, seen),
+        || camera_check::check(taught, &model, (&grid, view.scan), &inside, &fitted.camera_from_panel),
+    );
+    let beside = Beside { agreement_mm, rival, camera };
+    evidence::weigh(&fitted, seen, &pieces, view.base_from_camera, beside)
 }
 
-/// The taught panel, not turned, with its middle where the scan's piece has its own.
-fn centroids_together(taught: &samples::Taught, scanned: &samples::Scanned) -> Rigid<Base, Panel> {
-    let nominal = panel_from_base_at_teaching().inverse();
-    nominal.displaced(scanned.centre() - nominal * taught.centre)
+/// Fits the placements and finds the one that no other beats, with the one that comes nearest to it.
+fn choose(
+    placements: &[Placement],
+    seen: Seen<'_>,
+    base_from_camera: Rigid<Base, Camera>,
+) -> Option<(Rigid<Camera, Panel>, Option<Rival>)> {
+    let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
+    let fitted: Vec<Option<(Rigid<Camera, Panel>, Votes)>> = placements
+        .par_iter()
+        .take(FITTED)
+        .map(|placement| {
+            let end = fit::fit(&placement.camera_from_panel, seen, &samples)?.camera_from_panel;
+            Some((end, Votes::of(&end, seen)))
+        })
+        .collect();
+    let mut fitted: Vec<(Rigid<Camera, Panel>, Votes)> = fitted.into_iter().flatten().collect();
+    let beats = |a: &Votes, b: &Votes| {
+        let [for_a, for_b] = a.against(b);
+        for_a > for_b
+    };
+    let mut best = 0;
+    for other in 1..fitted.len() {
+        if beats(&fitted[other].1, &fitted[best].1) {
+            best = other;
+        }
+    }
+    if fitted.is_empty() {
+        return None;
+    }
+    let (first, votes) = fitted.swap_remove(best);
+    let same_mm = 0.05 * search::reach_mm(seen.model);
+    let rivals = fitted.iter().filter(|(other, _)| seen.model.largest_distance_mm(&first, other) > same_mm);
+    let rival = rivals.map(|(other, against)| {
+        let [for_first_mm, for_rival_mm] = votes.against(against);
+        let turned = (first.inverse() * *other).turn();
+        Rival { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
+    });
+    Some((first, rival.min_by(|a, b| a.margin().total_cmp(&b.margin()))))
+}
+
+/// How far apart fits from other starts end, mm; infinite where one goes elsewhere.
+fn agreement_mm(fitted: &Fitted, seen: Seen<'_>) -> f64 {
+    let shift_mm = START_SHIFT * search::reach_mm(seen.model);
+    let centre = Motion::of(&fitted.camera_from_panel).point(&seen.model.centre);
+    // Three starts around the end, each aside and turned about another axis.
+    let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
+        let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
+        let shift = around * Vector3::new(shift_mm, 0.0, 0.5 * shift_mm);
+        let turn = around * Vector3::new(0.0, START_TURN_RAD, START_TURN_RAD);
+        let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+        solve::twisted(&fitted.camera_from_panel, &centre, &twist)
+    });
+    let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
+    let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, seen, &samples)).collect();
+    let Some(ends) = ends.into_iter().collect::<Option<Vec<Fitted>>>() else { return f64::INFINITY };
+    let apart = |a: &Fitted, b: &Fitted| seen.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);
+    let pairs = (0..ends.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    pairs.map(|(i, j)| apart(&ends[i], &ends[j])).fold(0.0, f64::max)
+}
+
+fn nothing_fits(model: &Model, pieces: &[pieces::Piece], found: usize) -> LocateError {
+    let alike = |piece: &&pieces::Piece| (piece.area_mm2 / model.area_mm2).ln().abs();
+    match pieces.iter().min_by(|a, b| alike(a).total_cmp(&alike(b))) {
+        None => LocateError::EmptyBox { found, needed: pieces::MIN_BLOCKS },
+        Some(piece) => LocateError::NoPieceFits {
+            pieces: pieces.len(),
+            area_mm2: piece.area_mm2,
+            taught_area_mm2: model.area_mm2,
+        },
+    }
 }

@@ -1,41 +1,37 @@
-//! Point-to-point ICP, the thesis's method: brings the taught panel near the scan's piece.
+//! Point-to-point ICP, the thesis's method (3.8): kept to be compared with, and for nothing else.
 //!
 //! Minimises  E(ᵇT_w) = Σ ‖p − ᵇT_w q‖²  over the pairs (p, q) of K, q taught and p scanned.                     (3.21)
 //! With the centroids p̄, q̄ and the singular value decomposition U S Vᵀ = Σ (p − p̄)(q − q̄)ᵀ,
 //!     R = U diag(1, 1, det(U Vᵀ)) Vᵀ,   t = p̄ − R q̄,                                                        (1)
 //! where the determinant keeps R a rotation where the pairs would rather have a reflection.
-//! A smooth panel slides along itself under this cost: the end of it is a start for `point_to_plane`, never a result.
+//! A smooth panel slides along itself under this cost: it ends millimetres off, and does not say so.
 //! Source: thesis 3.8; (1) from Umeyama, IEEE PAMI 13(4), 1991, without scale.
 
-use super::correspond::{distance_limit_mm, pairs};
-use super::samples::{Scanned, Taught};
+use super::correspond::{Tree, distance_limit_mm, pairs};
 use crate::geometry::{Base, Panel, Point, Rigid, Vector};
 use nalgebra::{Matrix3, Vector3};
 
 /// Pairs at this distance or less are kept however good the fit is, mm.
 const FLOOR_MM: f64 = 5.0;
-/// Smaller steps are left to `point_to_plane`, mm.
-const SMALL_STEP_MM: f64 = 0.2;
-const MAX_STEPS: usize = 25;
-/// Of the surface every so many points are used: only a start is looked for.
-const STRIDE: usize = 4;
+/// Smaller steps end the iteration, mm.
+const SMALL_STEP_MM: f64 = 0.002;
+const MAX_STEPS: usize = 100;
 
-/// Moves the guess until steps get small.
-pub(super) fn align(guess: Rigid<Base, Panel>, taught: &Taught, scanned: &Scanned) -> Rigid<Base, Panel> {
-    let surface: Vec<Point<Panel>> = taught.surface.iter().copied().step_by(STRIDE).collect();
-    let mut base_from_panel = guess;
+/// Moves taught points onto scanned ones from a start.
+pub fn thesis_icp(
+    taught: &[Point<Panel>],
+    scanned: &[Point<Base>],
+    start: Rigid<Base, Panel>,
+) -> Rigid<Base, Panel> {
+    let Some(tree) = Tree::over(scanned.iter().copied()) else { return start };
+    let mut base_from_panel = start;
     for _ in 0..MAX_STEPS {
-        let mut matched = Vec::with_capacity(surface.len() + taught.outline.len());
-        let on_surface = pairs(&scanned.surface_tree, &surface, base_from_panel);
-        let limit_mm = distance_limit_mm(&on_surface, FLOOR_MM);
-        let near = on_surface.iter().filter(|pair| pair.distance_mm <= limit_mm);
-        matched.extend(near.map(|pair| (scanned.surface[pair.closest].point, pair.taught)));
-        let on_outline = pairs(&scanned.outline_tree, &taught.outline, base_from_panel);
-        let limit_mm = distance_limit_mm(&on_outline, FLOOR_MM);
-        let near = on_outline.iter().filter(|pair| pair.distance_mm <= limit_mm);
-        matched.extend(near.map(|pair| (scanned.outline[pair.closest].point, pair.taught)));
+        let all = pairs(&tree, taught, base_from_panel);
+        let limit_mm = distance_limit_mm(&all, FLOOR_MM);
+        let near = all.iter().filter(|pair| pair.distance_mm <= limit_mm);
+        let matched: Vec<_> = near.map(|pair| (scanned[pair.closest], pair.taught)).collect();
         let Some(next) = umeyama(&matched) else { break };
-        let step_mm = taught.largest_distance_mm(base_from_panel, next);
+        let step_mm = taught.iter().map(|&point| base_from_panel.distance_at_mm(next, point)).fold(0.0, f64::max);
         base_from_panel = next;
         if step_mm < SMALL_STEP_MM {
             break;

@@ -9,18 +9,26 @@
 //! A corner found to the right of where it is expected asks the camera to move right to see it in its place, and the
 //! panel stands to the right by as much:
 //!     ᵇT_w' = ᵇT_w · ʷR_newCP · T(Δ) · ʷR_newCPᵀ,   ʷR_newCP the rotation of  ʷT_newCP = ᵇT_w⁻¹ · ᵇT_newCP.  (3.24, 3.25)
-//! This shifts the panel by Δ along the camera's axes and turns nothing. Several corners give the shift that fits all in
-//! the sense of least squares; a direction along which every camera looks stays as it was.
+//! This shifts the panel by Δ along the camera's axes and turns nothing. Several corners give the shift v that fits all in
+//! the sense of least squares, and where they lie apart the turn φ about the direction f in which the cameras look as well:
+//! a corner p then moves by  v + φ f × (p − p̄).  A direction along which every camera looks stays as it was.
+//! What the corners leave of their own errors says whether they are corners of one rigid panel; what they ask for, whether
+//! they agree with the 3D scan. Neither is averaged away: see [`judge`] and [`disagreement`].
 
-use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
+use crate::geometry::{Base, Degrees, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector4};
 
 /// A direction that the cameras see with less than this weight (1 for each camera that looks across it) is not corrected:
 /// two cameras that look almost the same way would turn a pixel's error into millimetres of depth.
 const MIN_WEIGHT: f64 = 0.2;
+
+/// Corners nearer to their middle than this turn nothing, mm, root mean square: a pixel would become degrees.
+const MIN_APART_MM: f64 = 25.0;
+/// After the correction the corners of one rigid panel stand where they are seen within this, mm.
+const MAX_LEFT_MM: f64 = 0.3;
 
 /// One corner picture.
 #[derive(Debug, Clone, Copy)]
@@ -72,6 +80,8 @@ pub struct Refined {
     pub base_from_panel: Rigid<Base, Panel>,
     /// The correction along X and Y of the first camera, mm.
     pub shift_mm: [f64; 2],
+    /// How far the panel was turned, with corners that lie apart.
+    pub turned: Degrees,
     /// The largest distance between found and expected corner, px.
     pub error_px: f64,
     /// Each corner, in the order of the views.
@@ -95,8 +105,9 @@ pub fn refine(
         })
         .collect::<Result<Vec<_>, _>>()?;
     let first = seen.first().ok_or(RefineError::NoView)?;
-    let shift: Vector<Base> = common_shift(&seen);
-    let along = |seen: &Seen| [shift.mm.dot(&seen.right.mm), shift.mm.dot(&seen.down.mm)];
+    let base_from_base = common_motion(&seen);
+    let moved = |seen: &Seen| (base_from_base * seen.point - seen.point).mm;
+    let along = |seen: &Seen| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
     let report = |seen: &Seen| {
         let [right, down] = along(seen);
         CornerReport {
@@ -107,14 +118,17 @@ pub fn refine(
         }
     };
     Ok(Refined {
-        base_from_panel: located.displaced(shift),
+        base_from_panel: base_from_base * located,
         shift_mm: along(first),
+        turned: base_from_base.turn(),
         error_px: seen.iter().map(|seen| seen.error_px).fold(0.0, f64::max),
         corners: seen.iter().map(report).collect(),
     })
 }
 
 struct Seen {
+    point: Point<Base>,
+    forward: Vector<Base>,
     expected_px: Pixel,
     error_px: f64,
     shift_mm: [f64; 2],
@@ -131,6 +145,8 @@ fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'
     let shift_mm = [depth_mm * found.mm.x - expected.mm.x, depth_mm * found.mm.y - expected.mm.y]; // Eq. 3.23
     let axis = |axis: Vector3<f64>| view.base_from_camera * Vector::new(axis);
     Ok(Seen {
+        point: located * view.taught.point,
+        forward: axis(Vector3::z()),
         expected_px,
         error_px: view.found_px.distance_px(expected_px),
         shift_mm,
@@ -139,22 +155,34 @@ fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'
     })
 }
 
-/// The shift that fits all corners best; for one corner, Δ along its camera's axes (Eq. 3.24, seen from the base).
-fn common_shift(seen: &[Seen]) -> Vector<Base> {
-    let (mut weight, mut wanted) = (Matrix3::zeros(), Vector3::zeros());
+/// The motion that fits all corners best; for one corner, the shift by Δ along its camera's axes (Eq. 3.24, seen from the
+/// base).
+fn common_motion(seen: &[Seen]) -> Rigid<Base, Base> {
+    let count = seen.len().max(1) as f64;
+    let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;
+    let about = seen.iter().map(|view| view.forward.mm).sum::<Vector3<f64>>().try_normalize(1e-6);
+    let apart_mm =
+        (seen.iter().map(|view| (view.point.mm.coords - middle).norm_squared()).sum::<f64>() / count).sqrt();
+    let about = about.filter(|_| apart_mm >= MIN_APART_MM).unwrap_or_else(Vector3::zeros);
+    let radius_mm = apart_mm.max(MIN_APART_MM);
+    let (mut weight, mut wanted) = (Matrix4::zeros(), Vector4::zeros());
     for view in seen {
+        let turned = about.cross(&(view.point.mm.coords - middle)) / radius_mm;
         for (axis, shift_mm) in [(view.right.mm, view.shift_mm[0]), (view.down.mm, view.shift_mm[1])] {
-            weight += axis * axis.transpose();
-            wanted += axis * shift_mm;
+            let row = Vector4::new(axis.x, axis.y, axis.z, axis.dot(&turned));
+            weight += row * row.transpose();
+            wanted += row * shift_mm;
         }
     }
     let eigen = weight.symmetric_eigen();
     let part = |i: usize| {
         let direction = eigen.eigenvectors.column(i).into_owned();
         let seen = eigen.eigenvalues[i] >= MIN_WEIGHT;
-        if seen { direction * (direction.dot(&wanted) / eigen.eigenvalues[i]) } else { Vector3::zeros() }
+        if seen { direction * (direction.dot(&wanted) / eigen.eigenvalues[i]) } else { Vector4::zeros() }
     };
-    Vector::new((0..3).map(part).sum())
+    let motion: Vector4<f64> = (0..4).map(part).sum();
+    let turn = UnitQuaternion::from_scaled_axis(about * (motion.w / radius_mm));
+    Rigid::claim(Isometry3::from_parts(Translation3::from(middle + motion.xyz() - turn * middle), turn))
 }
 
 /// Judges a correction by the recipe's limit.
@@ -174,13 +202,46 @@ pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
             )
         })
     };
-    Judgement::of(refined.corners.iter().enumerate().filter_map(too_far).collect(), Vec::new())
+    let left_mm = refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
+    let unlike = (left_mm.is_nan() || left_mm > MAX_LEFT_MM).then(|| {
+        Reason::new(
+            "corners_disagree",
+            format!(
+                "with the best correction a corner still stands {left_mm:.2} mm from where it is seen, allowed are \
+                 {MAX_LEFT_MM} mm; is each picture of its own corner, are the flange poses theirs?"
+            ),
+        )
+    });
+    Judgement::of(refined.corners.iter().enumerate().filter_map(too_far).collect(), unlike.into_iter().collect())
+}
+
+/// A corner's own error in the plane of its camera, 95 %: edges to a tenth of a pixel, taught and found, mm.
+const CORNER_CLAIM_MM: f64 = 0.05;
+
+/// Where a corner stands farther from where the 3D scan puts it than both claim, that is a finding and not a mean.
+/// `claims_mm` are what else is claimed, 95 % each: the localization's and both calibrations'.
+pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Reason> {
+    let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
+    let asked = refined.corners.iter().map(|corner| corner.shift_mm[0].hypot(corner.shift_mm[1]));
+    let (index, asked_mm) = asked.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Twice what 95 % stay below: one in ten thousand is beyond it by chance.
+    (asked_mm > 2.0 * claimed_mm).then(|| {
+        Reason::new(
+            "corner_disagrees",
+            format!(
+                "corner {} stands {asked_mm:.2} mm from where the 3D scan puts it; scan, corner and calibrations together \
+                 claim {claimed_mm:.2} mm (95 %): one of them is wrong, verify the calibrations",
+                index + 1
+            ),
+        )
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::panel::CornerTeaching;
+    use crate::verdict::Verdict;
     use nalgebra::Isometry3;
     use proptest::prelude::*;
 
@@ -210,7 +271,11 @@ mod tests {
     ) -> TaughtCorner {
         let panel_from_camera = crate::panel::panel_from_base_at_teaching() * base_from_camera;
         let reference_px = camera.project(panel_from_camera.inverse() * point).expect("in front");
-        TaughtCorner { teaching: CornerTeaching { reference_px, panel_from_camera }, point }
+        TaughtCorner {
+            teaching: CornerTeaching { reference_px, panel_from_camera },
+            point,
+            normal: Vector::new(-Vector3::x()),
+        }
     }
 
     /// By hand: camera at (320, 0, 360) looks along the base's X at a corner 240 mm away, f = 2400 px: 10 px are 1 mm. Found
@@ -248,6 +313,57 @@ mod tests {
         let shift = refined.base_from_panel.origin().mm.coords;
         assert!((shift - Vector3::new(-2.0, -1.0, 1.5)).norm() < 1e-9, "{shift}");
         assert!(refined.corners.iter().all(|corner| (corner.left_mm - 0.5).abs() < 1e-9), "{:?}", refined.corners);
+    }
+
+    /// By hand: a camera 100 mm before the surface and 100 mm aside sees sin 45° of a move along the normal.
+    #[test]
+    fn a_slanted_view_sees_a_part_of_a_move_along_the_normal() {
+        let corner =
+            |y: f64| taught(Point::at(560.0, 0.0, 360.0), looks_along_x(Point::at(460.0, y, 360.0)), &CAMERA);
+        assert!((corner(100.0).normal_seen() - 0.5f64.sqrt()).abs() < 1e-9);
+        assert!(corner(0.0).normal_seen() < 1e-9);
+    }
+
+    /// By hand: corners 200 mm apart, both cameras look along X. Turned by 0.01 rad about X the one goes 1 mm up, the other
+    /// 1 mm down; both go 0.5 mm to the right.
+    #[test]
+    fn two_corners_apart_turn_the_panel() {
+        let nominal = crate::panel::panel_from_base_at_teaching().inverse();
+        let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
+        let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
+        let seen = |index: usize, y: f64, up_px: f64| CornerView {
+            taught: &corners[index],
+            base_from_camera: at(y),
+            found_px: Pixel::at(1024.0 + 5.0, 768.0 - up_px),
+        };
+        let refined = refine(nominal, &CAMERA, &[seen(0, 100.0, 10.0), seen(1, -100.0, -10.0)]).expect("in view");
+        assert!((refined.turned.rad() - 0.01).abs() < 1e-6, "{refined:?}");
+        let first = (refined.base_from_panel * corners[0].point).mm;
+        assert!((first.y - 99.5).abs() < 0.01 && (first.z - 361.0).abs() < 0.01, "{first}");
+        assert!(refined.corners.iter().all(|corner| corner.left_mm < 0.01), "{refined:?}");
+        // 1 mm and 0.2 mm claimed together are 1.02 mm; √(1² + 0.5²) = 1.118 mm is not twice that, of 0.3 mm it is.
+        assert_eq!(disagreement(&refined, &[1.0, 0.2]), None);
+        assert_eq!(disagreement(&refined, &[0.3]).expect("a finding").code, "corner_disagrees");
+    }
+
+    /// By hand: the same two corners, each seen 1 mm towards the other: no rigid panel does that.
+    #[test]
+    fn corners_that_no_rigid_panel_has_are_a_finding() {
+        let nominal = crate::panel::panel_from_base_at_teaching().inverse();
+        let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
+        let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
+        let seen = |index: usize, y: f64, right_px: f64| CornerView {
+            taught: &corners[index],
+            base_from_camera: at(y),
+            found_px: Pixel::at(1024.0 + right_px, 768.0),
+        };
+        let refined = refine(nominal, &CAMERA, &[seen(0, 100.0, 10.0), seen(1, -100.0, -10.0)]).expect("in view");
+        assert!(refined.corners.iter().all(|corner| (corner.left_mm - 1.0).abs() < 1e-6), "{refined:?}");
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        let judgement = judge(&refined, recipe.corner());
+        assert_eq!((judgement.verdict, judgement.reasons[0].code.as_ref()), (Verdict::Review, "corners_disagree"));
     }
 
     #[test]

@@ -28,6 +28,16 @@ pub struct TaughtCorner {
     pub teaching: CornerTeaching,
     /// The corner: the intersection of its two edges, on the surface.
     pub point: Point<Panel>,
+    /// The surface's normal beside it, a direction.
+    pub normal: Vector<Panel>,
+}
+
+impl TaughtCorner {
+    /// How much of a move along the panel's normal the taught view shows aside, 0…1: the sine of the angle between them.
+    pub fn normal_seen(&self) -> f64 {
+        let towards = (self.point - self.teaching.panel_from_camera.origin()).mm.normalize();
+        towards.cross(&self.normal.mm).norm()
+    }
 }
 
 impl TaughtPanel {
@@ -56,6 +66,6 @@ impl TaughtPanel {
         let at = (pixel.u as usize, pixel.v as usize);
         let plane = self.plane_at(at, BESIDE_HALF_WIDTH_PX).ok_or_else(|| off.clone())?;
         let point = plane.meet(origin, ray).ok_or(off)?;
-        Ok(TaughtCorner { teaching, point })
+        Ok(TaughtCorner { teaching, point, normal: plane.normal })
     }
 }

@@ -1,6 +1,7 @@
 //! The tables of a recipe: every key with its range, default and meaning.
 
-use crate::config::{Choice, Section, settings};
+use crate::config::{Choice, Section, Setting, settings};
+use toml::de::DeValue;
 
 settings! {
     /// `[process]`: the water-break test and the abrasion as a process.
@@ -37,8 +38,9 @@ settings! {
         max_tilt_deg: f64, 0.0..=45.0, default 15.0;
         /// Largest root mean square of the point-to-plane residuals, mm.
         max_rms_mm: f64, 0.001..=5.0, default 0.25;
-        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1.
-        min_overlap: f64, 0.0..=1.0, default 0.9;
+        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1; a fifth of
+        /// the panel may be hidden.
+        min_overlap: f64, 0.0..=1.0, default 0.75;
     }
 }
 
@@ -74,11 +76,40 @@ impl Choice for CornerName {
     ];
 }
 
+/// Which corner each of the taught pictures shows: one word for all of them, or a list in the order of teaching.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CornerNames(Vec<CornerName>);
+
+impl CornerNames {
+    /// The corner of a taught picture, counted from 0; pictures beyond the list show the last one named.
+    pub fn of(&self, picture: usize) -> CornerName {
+        self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
+    }
+}
+
+impl From<CornerName> for CornerNames {
+    fn from(name: CornerName) -> CornerNames {
+        CornerNames(vec![name])
+    }
+}
+
+impl Setting for CornerNames {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let Some(list) = value.as_array() else { return CornerName::parse(value, &()).map(CornerNames::from) };
+        if list.is_empty() {
+            return Err("found an empty list, allowed is a corner for each taught picture".to_owned());
+        }
+        list.iter().map(|item| CornerName::parse(item.get_ref(), &())).collect::<Result<_, _>>().map(CornerNames)
+    }
+}
+
 settings! {
     /// `[corner]`: how the corner picture is read (thesis 3.9, Fig. 3.17).
     pub struct Corner {
-        /// Which corner of the panel the taught picture shows.
-        which: CornerName, (), default CornerName::TopLeft;
+        /// Which corner of the panel each taught picture shows.
+        which: CornerNames, (), default CornerName::TopLeft.into();
         /// Neighbourhood of the bilateral filter, px.
         bilateral_diameter_px: usize, 3..=31, default 9;
         /// How far two brightnesses may differ and still be averaged.
@@ -98,7 +129,7 @@ settings! {
         /// Moves after the first picture, at most.
         max_moves: usize, 0..=10, default 3;
         /// Farthest that the corner may stand from where the localization puts it just before contact, mm.
-        verify_mm: f64, 0.05..=5.0, default 1.0;
+        verify_mm: f64, 0.05..=5.0, default 0.2;
     }
 }
 

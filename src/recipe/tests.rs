@@ -19,7 +19,7 @@ fn the_least_recipe_names_panel_box_and_region() {
     let recipe = Recipe::check("f", LEAST).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
     assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
-    assert_eq!((recipe.corner().which(), recipe.inspect().method()), (CornerName::TopLeft, Method::Thesis));
+    assert_eq!((recipe.corner().which().of(0), recipe.inspect().method()), (CornerName::TopLeft, Method::Thesis));
     assert_eq!((recipe.path().disc_diameter_mm(), recipe.surface().max_rms_mm()), (30.0, 0.2));
     assert_eq!(
         says(""),
@@ -29,6 +29,19 @@ fn the_least_recipe_names_panel_box_and_region() {
             "1: region: this table is missing; it needs corners_px, rows, columns"
         ]
     );
+}
+
+/// One word holds for every taught picture; a list names each.
+#[test]
+fn corners_are_named_for_each_picture() {
+    let which = |corner: &str| {
+        let recipe = Recipe::check("f", &format!("{LEAST}corner.which = {corner}\n"));
+        recipe.unwrap_or_else(|problems| panic!("{problems}")).corner().which()
+    };
+    assert_eq!(which("'top-right'").of(1), CornerName::TopRight);
+    let two = which("['top-left', 'bottom-right']");
+    assert_eq!((two.of(0), two.of(1)), (CornerName::TopLeft, CornerName::BottomRight));
+    assert!(Recipe::check("f", &format!("{LEAST}corner.which = []\n")).is_err());
 }
 
 #[test]

@@ -6,15 +6,17 @@
 //! - `shape`, `outline`: the panel as a height field cut along an outline
 //! - `scene`, `fixture`: where everything stands
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
+//! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
-//! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
+//! - `scanner`, `flange`, `wet_flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
 //!
-//! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
+//! Not simulated: glints, shadows, drifting light, focus, the arm in view.
 
 mod appearance;
 mod board;
 mod board_cell;
 mod cast;
+mod clutter;
 mod film;
 mod fixture;
 mod flange;
@@ -26,7 +28,10 @@ mod scene;
 mod shape;
 mod spots;
 mod target;
+mod trial;
 mod truth;
+mod variety;
+mod wet_flange;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
@@ -35,6 +40,7 @@ pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::Spot;
 pub use target::Target;
+pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
 
 use crate::geometry::{
@@ -184,6 +190,23 @@ impl Cell {
         base_from_panel: &Rigid<Base, Panel>,
     ) -> ColorPicture {
         self.flange_shot(base_from_flange, self.present.as_ref().map(|shape| (shape, base_from_panel)))
+    }
+
+    /// The same of a wet panel, with drops on it.
+    pub fn wet_flange_picture_at(
+        &self,
+        base_from_flange: &Rigid<Base, Flange>,
+        base_from_panel: &Rigid<Base, Panel>,
+    ) -> ColorPicture {
+        let base_from_camera = *base_from_flange * scene::flange_from_camera();
+        let panel = self.present.as_ref().map(|shape| (shape, base_from_panel));
+        let view = View::new(&self.flange_camera.0, &self.flange_camera.1, &base_from_camera, panel);
+        let place = KukaPose::from_rigid(base_from_panel);
+        wet_flange::capture(
+            &view,
+            &self.pixels,
+            self.seed.child(Purpose::FlangePicture, Seed::index_of(&[place.x_mm, place.y_mm])),
+        )
     }
 
     fn flange_shot(

@@ -22,6 +22,7 @@ pub(super) enum Purpose {
     BoardCorners,
     BoardScan,
     Touch,
+    Trial,
 }
 
 /// The seed from which everything is drawn.

@@ -18,6 +18,8 @@ pub(super) struct Outline {
     rounding_mm: f64,
     edges: Vec<Edge>,
     core: Vec<Vector2<f64>>,
+    /// Windows, and what is cut off.
+    cuts: Vec<Outline>,
 }
 
 impl Outline {
@@ -31,7 +33,13 @@ impl Outline {
             })
             .collect();
         let core = inset(&edges, rounding_mm);
-        Outline { corners, rounding_mm, edges, core }
+        Outline { corners, rounding_mm, edges, core, cuts: Vec::new() }
+    }
+
+    /// The same without what lies inside of another outline.
+    pub fn without(mut self, cut: Outline) -> Self {
+        self.cuts.push(cut);
+        self
     }
 
     /// Where the straight edges would meet without rounding.
@@ -44,8 +52,17 @@ impl Outline {
         inset(&self.edges, by_mm)
     }
 
-    /// Signed distance to the outline, negative inside, mm; and the direction in which it grows.
+    /// Signed distance to the outline, negative inside, mm; and the direction in which it grows. Beside cuts it is the
+    /// distance to the nearest of all edges.
     pub fn distance(&self, point: Vector2<f64>) -> (f64, Vector2<f64>) {
+        let outer = self.outer_distance(point);
+        self.cuts.iter().fold(outer, |farthest, cut| {
+            let (distance, direction) = cut.distance(point);
+            if -distance > farthest.0 { (-distance, -direction) } else { farthest }
+        })
+    }
+
+    fn outer_distance(&self, point: Vector2<f64>) -> (f64, Vector2<f64>) {
         let (mut deepest, mut normal) = (f64::NEG_INFINITY, Vector2::zeros());
         for edge in &self.edges {
             let distance = edge.normal.dot(&point) - edge.offset_mm;
@@ -84,7 +101,7 @@ impl Outline {
         // Near a corner the straight edges lie outside of the rounding: step back along the distance's direction.
         dense
             .map(|point| {
-                let (distance, direction) = self.distance(point);
+                let (distance, direction) = self.outer_distance(point);
                 point - direction * distance
             })
             .collect()
@@ -131,6 +148,16 @@ mod tests {
         for point in square().polyline(1.0) {
             assert!(square().distance(point).0.abs() < 1e-9, "{point}");
         }
+    }
+
+    /// By hand: a window of 4 mm about the middle; (4, 0) is 2 mm from its edge, (0, 0) is 2 mm off the panel.
+    #[test]
+    fn a_window_is_not_panel() {
+        let window = [(-2.0, -2.0), (2.0, -2.0), (2.0, 2.0), (-2.0, 2.0)].map(|(s, t)| Vector2::new(s, t));
+        let outline = square().without(Outline::new(window.to_vec(), 0.5));
+        assert!((outline.distance(Vector2::new(4.0, 0.0)).0 + 2.0).abs() < 1e-12);
+        assert!((outline.distance(Vector2::zeros()).0 - 2.0).abs() < 1e-12);
+        assert!((outline.distance(Vector2::new(4.0, 0.0)).1 + Vector2::x()).norm() < 1e-12, "grows inwards");
     }
 
     #[test]

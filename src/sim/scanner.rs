@@ -87,7 +87,7 @@ struct Surface {
     correlated_mm: f64,
 }
 
-fn measured(sight: &Sight, correlated: &ValueNoise, normal: &mut Normal) -> Option<[f32; 3]> {
+pub(super) fn measured(sight: &Sight, correlated: &ValueNoise, normal: &mut Normal) -> Option<[f32; 3]> {
     // Drawn for every pixel, so that what one pixel sees does not shift the noise of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
     let background = sight.background.depth_mm.map(|depth_mm| Surface {

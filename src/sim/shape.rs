@@ -15,22 +15,64 @@ use rand_pcg::Pcg64;
 pub(super) const CENTRE_MM: [f64; 3] = [560.0, 0.0, 360.0];
 
 /// Radius of the outline's corners, mm.
-const ROUNDING_MM: f64 = 6.0;
+pub(super) const ROUNDING_MM: f64 = 6.0;
 
 /// The coefficients of (1); curvatures in 1/mm, wave numbers in rad/mm.
 #[derive(Debug, Clone, Copy)]
-struct Relief {
-    lift_mm: f64,
-    bend_ss: f64,
-    twist_st: f64,
-    bend_tt: f64,
-    cubic_sss: f64,
-    cubic_stt: f64,
-    wave_mm: f64,
-    wave_s: f64,
-    wave_t: f64,
-    phase_s_rad: f64,
-    phase_t_rad: f64,
+pub(super) struct Relief {
+    pub lift_mm: f64,
+    pub bend_ss: f64,
+    pub twist_st: f64,
+    pub bend_tt: f64,
+    pub cubic_sss: f64,
+    pub cubic_stt: f64,
+    pub wave_mm: f64,
+    pub wave_s: f64,
+    pub wave_t: f64,
+    pub phase_s_rad: f64,
+    pub phase_t_rad: f64,
+}
+
+impl Relief {
+    /// No relief.
+    pub const FLAT: Relief = Relief {
+        lift_mm: 0.0,
+        bend_ss: 0.0,
+        twist_st: 0.0,
+        bend_tt: 0.0,
+        cubic_sss: 0.0,
+        cubic_stt: 0.0,
+        wave_mm: 0.0,
+        wave_s: 0.0,
+        wave_t: 0.0,
+        phase_s_rad: 0.0,
+        phase_t_rad: 0.0,
+    };
+
+    /// h(−s, t).
+    pub fn mirrored(self) -> Relief {
+        Relief {
+            twist_st: -self.twist_st,
+            cubic_sss: -self.cubic_sss,
+            cubic_stt: -self.cubic_stt,
+            wave_s: -self.wave_s,
+            ..self
+        }
+    }
+
+    /// −h(s, t).
+    pub fn inverted(self) -> Relief {
+        Relief {
+            lift_mm: -self.lift_mm,
+            bend_ss: -self.bend_ss,
+            twist_st: -self.twist_st,
+            bend_tt: -self.bend_tt,
+            cubic_sss: -self.cubic_sss,
+            cubic_stt: -self.cubic_stt,
+            wave_mm: -self.wave_mm,
+            ..self
+        }
+    }
 }
 
 /// A panel: surface and outline.
@@ -88,11 +130,16 @@ impl Shape {
     fn new(relief: Relief, corners_mm: &[(f64, f64)], random: &mut Pcg64) -> Self {
         let mut near = |mm: f64| mm + random.random_range(-2.0..2.0);
         let corners = corners_mm.iter().map(|&(s, t)| Vector2::new(near(s), near(t))).collect();
+        Shape::of(relief, Outline::new(corners, ROUNDING_MM))
+    }
+
+    /// A panel from its parts.
+    pub fn of(relief: Relief, outline: Outline) -> Self {
         let [x, y, z] = CENTRE_MM;
         let axes = Rotation3::from_basis_unchecked(&[-Vector3::y(), Vector3::z(), -Vector3::x()]);
         let panel_from_sheet =
             Isometry3::from_parts(Translation3::new(x, y, z), UnitQuaternion::from_rotation_matrix(&axes));
-        Shape { relief, outline: Outline::new(corners, ROUNDING_MM), panel_from_sheet }
+        Shape { relief, outline, panel_from_sheet }
     }
 
     /// The outline on the sheet.

@@ -302,7 +302,12 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
         panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
     let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
     let camera = sim.flange_camera();
-    let found = crate::locate::corner::find(&picture, recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+    let found = crate::locate::corner::find(
+        &picture,
+        recipe.corner(),
+        recipe.corner().which().of(0),
+        camera.px_per_mm_at(depth_mm).0,
+    );
     let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
     let corner = panel.corner(teaching, camera).expect("on the panel");
     ((panel, vec![corner]), recipe)

@@ -33,7 +33,8 @@ const SHORT: &str = "rounding_mm = 4\nedge_mm = 12\n";
 fn a_rounded_turned_corner_is_found_to_a_tenth_of_a_pixel() {
     for turn_deg in [-14.0, 0.0, 3.0, 12.0] {
         let corner = Pixel::at(103.4, 77.8);
-        let found = find(&picture(corner, turn_deg, 22.0), &settings(SHORT), 5.0).expect("a corner");
+        let found =
+            find(&picture(corner, turn_deg, 22.0), &settings(SHORT), CornerName::TopLeft, 5.0).expect("a corner");
         assert!(found.corner_px.distance_px(corner) < 0.1, "{turn_deg}°: {:?}", found.corner_px);
         // The thesis's mark lies on the rounding, (√2 − 1)·22 = 9.1 px from the corner, or beside it in a turned picture.
         let mark_px = found.nearest_px.distance_px(corner);
@@ -48,8 +49,7 @@ fn the_named_corner_is_found() {
     let upright = picture(Pixel::at(103.0, 77.0), 2.0, 10.0);
     let (width, height) = (upright.width, upright.height);
     let turned = GrayPicture { gray: upright.gray.iter().rev().copied().collect(), ..upright };
-    let settings = settings(&format!("which = \"bottom-right\"\n{SHORT}"));
-    let found = find(&turned, &settings, 5.0).expect("a corner");
+    let found = find(&turned, &settings(SHORT), CornerName::BottomRight, 5.0).expect("a corner");
     let expected = Pixel::at(width as f64 - 1.0 - 103.0, height as f64 - 1.0 - 77.0);
     assert!(found.corner_px.distance_px(expected) < 0.1, "{:?}", found.corner_px);
 }
@@ -57,12 +57,12 @@ fn the_named_corner_is_found() {
 #[test]
 fn what_is_no_corner_is_refused_in_words() {
     let settings = settings(SHORT);
-    let nothing = find(&GrayPicture::filled(320, 240, 200), &settings, 5.0);
+    let nothing = find(&GrayPicture::filled(320, 240, 200), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(nothing, Err(CornerError::NoContour { min: 0, max: 110 })), "{nothing:?}");
-    let speck = find(&picture(Pixel::at(310.0, 230.0), 0.0, 1.0), &settings, 5.0);
+    let speck = find(&picture(Pixel::at(310.0, 230.0), 0.0, 1.0), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(speck, Err(CornerError::ContourTooSmall { .. })), "{speck:?}");
-    let cut = find(&picture(Pixel::at(-20.0, 77.0), 0.0, 5.0), &settings, 5.0);
+    let cut = find(&picture(Pixel::at(-20.0, 77.0), 0.0, 5.0), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(cut, Err(CornerError::CornerAtBorder { .. })), "{cut:?}");
-    let short = find(&picture(Pixel::at(290.0, 77.0), 0.0, 5.0), &settings, 5.0);
+    let short = find(&picture(Pixel::at(290.0, 77.0), 0.0, 5.0), &settings, CornerName::TopLeft, 5.0);
     assert!(matches!(short, Err(CornerError::EdgeTooShort { .. })), "{short:?}");
 }

@@ -1,0 +1,187 @@
+//! Has the camera moved since teaching? The fixture answers, for it stands still.
+//!
+//! Outside of the search box both scans show the same things at the same pixels, as long as the camera stands where it
+//! stood. A small twist of the camera shows as a change of depth on the fixture's faces and as a shift of its edges in
+//! the picture; both are constraints of one robust least-squares fit (`solve`). Things that were put there or taken away
+//! are outliers. A direction that the fixture does not show is said to be unseen, not unmoved.
+
+use super::grid::{Grid, Look, Motion, camera_point};
+use super::model::{Model, Scan};
+use super::profile;
+use super::search::spread_over;
+use super::solve::{Constraint, Sums, Weighing, spread, twisted};
+use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Rigid};
+use crate::panel::TaughtPanel;
+use nalgebra::{Matrix6, Vector2, Vector3};
+use rayon::prelude::*;
+
+/// Faces and edges that are compared, at most.
+const FACES: usize = 3_000;
+const EDGES: usize = 700;
+/// Fewer say nothing.
+const MIN_FACES: usize = 150;
+/// What range noise makes of the depth of a face, over what area it is alike, and how far away it is still the same face.
+const FACE_NOISE_MM: f64 = 0.06;
+const FACE_SHARING: f64 = 60.0;
+const FACE_FLOOR_MM: f64 = 0.5;
+const SAME_FACE_MM: f64 = 1.0;
+const EDGE_NOISE_PX: f64 = 0.15;
+const EDGE_SHARING: f64 = 8.0;
+const EDGE_FLOOR_PX: f64 = 0.6;
+/// A change of brightness over two pixels that makes an edge.
+const EDGE_GRAY: f64 = 30.0;
+/// A camera does not move farther than this unnoticed: what holds a direction that the fixture does not.
+const PRIOR_MM: f64 = 3.0;
+const PRIOR_RAD: f64 = 0.004;
+const ROUNDS: usize = 4;
+const WITHIN_95_PERCENT: f64 = 1.96;
+
+/// What the fixture says of the camera's place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CameraCheck {
+    /// How far the camera's motion since teaching moves the panel, at most, mm.
+    pub moved_mm: f64,
+    /// 95 % of the errors of that are smaller, mm.
+    pub uncertainty_mm: f64,
+    /// The share of the fixture that lies where it lay at teaching, 0…1.
+    pub same: f64,
+}
+
+/// Compares the fixture in both scans; `None` where too little of it is seen.
+pub(super) fn check(
+    panel: &TaughtPanel,
+    model: &Model,
+    (grid, scan): (&Grid, &Scan),
+    inside: &[bool],
+    placed: &Rigid<Camera, Panel>,
+) -> Option<CameraCheck> {
+    // Another camera, or another picture of it, has other pixels.
+    if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
+        return None;
+    }
+    let still = Still::of(panel, model, grid, inside);
+    let faces = still.faces(grid);
+    if faces.len() < MIN_FACES {
+        return None;
+    }
+    let same = faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
+    let edges = still.edges(panel, scan);
+    let centre = Motion::of(placed).point(&model.centre);
+    let identity: Rigid<Camera, Panel> = *placed;
+    let (mut moved, mut information) = (identity, Matrix6::zeros());
+    let mut twist = nalgebra::Vector6::zeros();
+    for _ in 0..ROUNDS {
+        let at = |constraint: &Constraint| Constraint {
+            residual: constraint.residual + constraint.jacobian(&centre).dot(&twist),
+            ..*constraint
+        };
+        let (faces, edges): (Vec<_>, Vec<_>) = (faces.iter().map(at).collect(), edges.iter().map(at).collect());
+        let of_faces = Weighing {
+            sigma: FACE_NOISE_MM,
+            sharing: FACE_SHARING,
+            reach: (4.7 * spread(&faces)).max(FACE_FLOOR_MM),
+        };
+        let of_edges = Weighing {
+            sigma: EDGE_NOISE_PX,
+            sharing: EDGE_SHARING,
+            reach: (4.7 * spread(&edges)).max(EDGE_FLOOR_PX),
+        };
+        let mut sums = Sums::over(&faces, &of_faces, &centre).plus(Sums::over(&edges, &of_edges, &centre));
+        for axis in 0..6 {
+            let sigma = if axis < 3 { PRIOR_RAD } else { PRIOR_MM };
+            sums.information[(axis, axis)] += 1.0 / (sigma * sigma);
+            sums.gradient[axis] += twist[axis] / (sigma * sigma);
+        }
+        twist += sums.twist()?;
+        moved = twisted(&identity, &centre, &twist);
+        information = sums.information;
+    }
+    let covariance = information.try_inverse()?;
+    Some(CameraCheck {
+        moved_mm: model.largest_distance_mm(&identity, &moved),
+        uncertainty_mm: WITHIN_95_PERCENT * super::evidence::worst_mm(&covariance, model, &Motion::of(placed)),
+        same,
+    })
+}
+
+/// The blocks outside of the search box in both scans.
+struct Still {
+    taught: Grid,
+    blocks: Vec<usize>,
+}
+
+impl Still {
+    fn of(panel: &TaughtPanel, model: &Model, grid: &Grid, inside: &[bool]) -> Still {
+        let motion = Motion::of(&model.camera_from_panel);
+        let depth_row = motion.turn.row(2).into_owned();
+        let raw = panel.scan.raw_points_mm();
+        let depth = |index: usize| {
+            let [x, y, z] = raw[index];
+            let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
+            (depth > 0.0 && !panel.mask.inside[index]).then_some(depth as f32)
+        };
+        let taught = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
+        let both =
+            |&block: &usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
+        let blocks = (0..grid.columns * grid.rows).filter(both).collect();
+        Still { taught, blocks }
+    }
+
+    /// How far the taught faces stand before the scan's, along their normals.
+    fn faces(&self, grid: &Grid) -> Vec<Constraint> {
+        let chosen = spread_over(self.blocks.len(), FACES);
+        let face = |&k: &usize| {
+            let block = self.blocks[k];
+            let (column, row) = (block % grid.columns, block / grid.columns);
+            let point = self.taught.point(column, row)?;
+            let beside = |i: usize, j: usize| {
+                let (x, y) = (column + i, row + j);
+                let far = (x < grid.columns && y < grid.rows).then(|| self.taught.point(x, y)).flatten()?;
+                self.taught.joined(point.z, point.z + (far.z - point.z) / 4.0).then(|| far - point)
+            };
+            let normal = beside(4, 0)?.cross(&beside(0, 4)?).try_normalize(1e-9)?;
+            let Look::Smooth(depth_mm) = grid.look(grid.pixel(column, row)) else { return None };
+            let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
+            Some(Constraint { point, gradient: normal, residual, sample: k })
+        };
+        let faces: Vec<Option<Constraint>> = chosen.par_iter().with_min_len(256).map(face).collect();
+        faces.into_iter().flatten().collect()
+    }
+
+    /// How far the taught edges lie from the scan's in the picture.
+    fn edges(&self, panel: &TaughtPanel, scan: &Scan) -> Vec<Constraint> {
+        let steep = |&block: &usize| steepest(&panel.scan, self.pixel(block)).map(|across| (block, across));
+        let found: Vec<Option<(usize, Vector2<f64>)>> =
+            self.blocks.par_iter().with_min_len(4_096).map(steep).collect();
+        let found: Vec<(usize, Vector2<f64>)> = found.into_iter().flatten().collect();
+        let edge = |k: &usize| {
+            let (block, across) = found[*k];
+            let (pixel, outward) = (self.pixel(block), [across.x, across.y]);
+            let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
+            let now = profile::step(&profile::line(scan, pixel, outward)?, taught.offset_px)?;
+            let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
+            let (_, slope) = self.taught.camera.project_with_slope(camera_point(&point))?;
+            let same_side = taught.contrast * now.contrast > 0.0;
+            same_side.then(|| Constraint {
+                point,
+                gradient: slope.transpose() * across,
+                residual: taught.offset_px - now.offset_px,
+                sample: *k,
+            })
+        };
+        let chosen = spread_over(found.len(), EDGES);
+        let edges: Vec<Option<Constraint>> = chosen.par_iter().with_min_len(64).map(edge).collect();
+        edges.into_iter().flatten().collect()
+    }
+
+    fn pixel(&self, block: usize) -> Pixel {
+        self.taught.pixel(block % self.taught.columns, block / self.taught.columns)
+    }
+}
+
+/// The direction in which the brightness rises most at a pixel, where it rises by much.
+fn steepest(scan: &OrganizedCloud<Panel>, pixel: Pixel) -> Option<Vector2<f64>> {
+    let at = |u: f64, v: f64| profile::brightness(scan, Pixel::at(pixel.u + u, pixel.v + v));
+    let rise = Vector2::new(at(1.0, 0.0)? - at(-1.0, 0.0)?, at(0.0, 1.0)? - at(0.0, -1.0)?);
+    (rise.norm() >= EDGE_GRAY).then(|| rise.normalize())
+}

@@ -1,0 +1,175 @@
+//! The fit: moves the panel by its surface and its outline together until no point of it moves any more.
+//!
+//! The surface holds the panel along its normal and hardly sideways: a smooth panel slides along itself. The outline holds
+//! it sideways, and through the picture's perspective a little along the normal as well. Both are residuals of one
+//! Gauss–Newton iteration (`solve`), each kind weighed by its noise and by how many neighbours share one error: a scanner's
+//! range noise is alike over centimetres, so that thousands of points tell no more than a few dozen would.
+
+use super::edges::{self, Edge};
+use super::grid::{Grid, Motion};
+use super::model::{Model, Scan};
+use super::search::{spread_over, surface_residual};
+use super::solve::{Constraint, Sums, Weighing, spread, twisted};
+use crate::geometry::{Camera, Panel, Rigid};
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+/// Steps that move no point of the panel farther end the iteration, mm.
+pub(super) const CONVERGED_MM: f64 = 0.002;
+const MAX_STEPS: usize = 20;
+/// A scanner's range noise is alike over squares of about this side, mm.
+pub(super) const RANGE_CORRELATION_MM: f64 = 65.0;
+/// What it makes of a surface residual between two scans, one standard deviation of such a square's mean, mm.
+pub(super) const RANGE_NOISE_MM: f64 = 0.085;
+/// One scan's part of it, over a length as below: the taught outline lies so far off along the taught rays, which another
+/// view shows aside.
+const TAUGHT_RANGE_NOISE_MM: f64 = 0.09;
+/// Errors of an edge in the picture, its own, the taught depth's and what a lens model leaves, are alike over this length.
+pub(super) const EDGE_CORRELATION_MM: f64 = 30.0;
+/// One standard deviation of the mean over such a length, px: of the edge alone, by colour and by depth.
+const EDGE_NOISE_PX: f64 = 0.05;
+const DEPTH_EDGE_NOISE_PX: f64 = 0.5;
+/// Residuals of this many standard deviations have no weight, but none below the floors.
+const REACH_SIGMAS: f64 = 4.7;
+const SURFACE_FLOOR_MM: f64 = 0.4;
+const EDGE_FLOOR_PX: f64 = 0.5;
+const DEPTH_EDGE_FLOOR_PX: f64 = 2.0;
+
+/// Everything that holds the panel at a placement.
+pub(super) struct Residuals {
+    pub surface: Vec<Constraint>,
+    pub colour: Vec<Constraint>,
+    pub depth: Vec<Constraint>,
+    /// What was found beside each point of the outline that was looked at.
+    pub edges: Vec<(usize, Edge)>,
+    /// The middle of the panel.
+    pub centre: Vector3<f64>,
+    /// What the taught depth's noise makes of an edge in this view, px.
+    taught_noise_px: f64,
+}
+
+/// What takes part in a fit.
+#[derive(Clone, Copy)]
+pub(super) struct Seen<'a> {
+    pub model: &'a Model,
+    pub grid: &'a Grid,
+    pub scan: &'a Scan,
+}
+
+/// The samples of a fit: all of them, or a part.
+pub(super) struct Samples {
+    surface: Vec<usize>,
+    outline: Vec<usize>,
+}
+
+impl Samples {
+    pub fn all(model: &Model) -> Samples {
+        Samples { surface: (0..model.points.len()).collect(), outline: (0..model.outline.len()).collect() }
+    }
+
+    /// About so many of the surface, and a tenth as many of the outline.
+    pub fn some(model: &Model, wanted: usize) -> Samples {
+        Samples {
+            surface: spread_over(model.points.len(), wanted),
+            outline: spread_over(model.outline.len(), wanted / 8),
+        }
+    }
+}
+
+impl Residuals {
+    /// At a placement.
+    pub fn at(placed: &Rigid<Camera, Panel>, seen: Seen<'_>, samples: &Samples) -> Residuals {
+        let motion = Motion::of(placed);
+        let Seen { model, grid, scan } = seen;
+        let surface: Vec<Option<Constraint>> = samples
+            .surface
+            .par_iter()
+            .with_min_len(1_024)
+            .map(|&sample| surface_residual(&motion, model, grid, sample))
+            .collect();
+        let looked: Vec<Option<edges::Looked>> = samples
+            .outline
+            .par_iter()
+            .with_min_len(64)
+            .map(|&k| edges::look(&motion, model, &grid.camera, scan, k))
+            .collect();
+        let (mut colour, mut depth, mut edges) = (Vec::new(), Vec::new(), Vec::new());
+        for (&sample, looked) in samples.outline.iter().zip(looked) {
+            let Some(looked) = looked else { continue };
+            edges.push((sample, looked.edge));
+            let (point, gradient) = (looked.point, looked.gradient);
+            let constraint = |offset_px: f64| Constraint { point, gradient, residual: -offset_px, sample };
+            match looked.edge {
+                Edge::Colour { offset_px, .. } if model.outline[sample].by_colour => {
+                    colour.push(constraint(offset_px))
+                }
+                Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => depth.push(constraint(offset_px)),
+                Edge::Hidden | Edge::OutOfView | Edge::Absent => {}
+            }
+        }
+        let centre = motion.point(&model.centre);
+        let taught_noise_px =
+            TAUGHT_RANGE_NOISE_MM * model.view_change(&motion) * grid.camera.px_per_mm_at(centre.z).0;
+        let surface = surface.into_iter().flatten().collect();
+        Residuals { surface, colour, depth, edges, centre, taught_noise_px }
+    }
+
+    /// How each kind is weighed: surface, edges by colour, edges by depth.
+    pub fn weighing(&self, model: &Model, samples: &Samples) -> [Weighing; 3] {
+        let point_mm2 = model.area_mm2 / samples.surface.len().max(1) as f64;
+        let length_mm: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
+        let edge_mm = length_mm / samples.outline.len().max(1) as f64;
+        let edge_sharing = (EDGE_CORRELATION_MM / edge_mm).max(1.0);
+        let reach = |constraints: &[Constraint], floor: f64| (REACH_SIGMAS * spread(constraints)).max(floor);
+        [
+            Weighing {
+                sigma: RANGE_NOISE_MM,
+                sharing: (RANGE_CORRELATION_MM.powi(2) / point_mm2).max(1.0),
+                reach: reach(&self.surface, SURFACE_FLOOR_MM),
+            },
+            Weighing {
+                sigma: EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                sharing: edge_sharing,
+                reach: reach(&self.colour, EDGE_FLOOR_PX),
+            },
+            Weighing {
+                sigma: DEPTH_EDGE_NOISE_PX.hypot(self.taught_noise_px),
+                sharing: edge_sharing,
+                reach: reach(&self.depth, DEPTH_EDGE_FLOOR_PX),
+            },
+        ]
+    }
+
+    /// The sums of all kinds.
+    pub fn sums(&self, weighing: &[Weighing; 3]) -> Sums {
+        let kinds = [&self.surface, &self.colour, &self.depth];
+        kinds
+            .iter()
+            .zip(weighing)
+            .map(|(kind, weighing)| Sums::over(kind, weighing, &self.centre))
+            .fold(Sums::ZERO, Sums::plus)
+    }
+}
+
+/// Where an iteration ended.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fitted {
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    pub iterations: usize,
+    pub last_step_mm: f64,
+}
+
+/// Moves the guess until no point of the panel moves any more; `None` where a direction is free.
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, seen: Seen<'_>, samples: &Samples) -> Option<Fitted> {
+    let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
+    while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
+        let residuals = Residuals::at(&fitted.camera_from_panel, seen, samples);
+        let weighing = residuals.weighing(seen.model, samples);
+        let twist = residuals.sums(&weighing).twist()?;
+        let next = twisted(&fitted.camera_from_panel, &residuals.centre, &twist);
+        fitted.last_step_mm = seen.model.largest_distance_mm(&fitted.camera_from_panel, &next);
+        fitted.camera_from_panel = next;
+        fitted.iterations += 1;
+    }
+    Some(fitted)
+}

@@ -1,0 +1,225 @@
+//! What stands in the search box: connected smooth pieces of the scan, and how far each place of the picture is from
+//! their edge.
+//!
+//! Neighbouring blocks belong together where their depths do not jump. A piece's border is true where something farther
+//! or nothing is seen beyond it; it is not where something nearer hides what goes on behind, or where the picture ends.
+//! The nearest true border of every block comes from two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
+//! Process. 14, 1980).
+
+use super::grid::{Grid, Motion};
+use super::model::middle_and_thinnest;
+use nalgebra::Vector3;
+
+/// A piece smaller than this is a speck, blocks.
+pub(super) const MIN_BLOCKS: usize = 40;
+/// Depth is compared this far beyond the border, blocks: between, pixels have no depth or a flying one.
+const BEYOND: isize = 3;
+const NONE: u32 = u32::MAX;
+
+/// A connected smooth piece.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    /// Its blocks.
+    pub blocks: Vec<u32>,
+    /// Its middle, in the camera's frame, mm.
+    pub centre: Vector3<f64>,
+    /// The direction in which it scatters least, towards the camera.
+    pub normal: Vector3<f64>,
+    /// Its area, mm².
+    pub area_mm2: f64,
+    /// Half the diagonal of what it spans, mm.
+    pub reach_mm: f64,
+}
+
+/// The pieces among these blocks, largest area first.
+pub(super) fn pieces(grid: &Grid, inside: &[bool]) -> Vec<Piece> {
+    let mut free = inside.to_vec();
+    let mut found = Vec::new();
+    for start in 0..free.len() {
+        if !free[start] {
+            continue;
+        }
+        free[start] = false;
+        let mut blocks = vec![start as u32];
+        let mut next = 0;
+        while let Some(&block) = blocks.get(next) {
+            next += 1;
+            let Some(here_mm) = grid.depth_mm(block as usize) else { continue };
+            for neighbour in neighbours(block as usize, grid).into_iter().flatten() {
+                let joined = free[neighbour] && grid.depth_mm(neighbour).is_some_and(|z| grid.joined(here_mm, z));
+                if joined {
+                    free[neighbour] = false;
+                    blocks.push(neighbour as u32);
+                }
+            }
+        }
+        if blocks.len() >= MIN_BLOCKS {
+            found.extend(Piece::of(grid, blocks));
+        }
+    }
+    found.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
+    found
+}
+
+impl Piece {
+    fn of(grid: &Grid, blocks: Vec<u32>) -> Option<Piece> {
+        let stride = (blocks.len() / 600).max(1);
+        let at = |&block: &u32| grid.point(block as usize % grid.columns, block as usize / grid.columns);
+        let points: Vec<Vector3<f64>> = blocks.iter().step_by(stride).filter_map(at).collect();
+        let (centre, axis) = middle_and_thinnest(&points)?;
+        let normal = if axis.dot(&centre) > 0.0 { -axis } else { axis };
+        let block_rad2 = (grid.factor * grid.factor) as f64 / (grid.camera.fx_px * grid.camera.fy_px);
+        let area = |point: &Vector3<f64>| {
+            let slant = (-normal.dot(point) / point.norm()).max(0.15);
+            point.z * point.z * block_rad2 / slant * (point.z / point.norm())
+        };
+        let area_mm2 = points.iter().map(area).sum::<f64>() / points.len() as f64 * blocks.len() as f64;
+        let reach_mm = points.iter().map(|point| (point - centre).norm()).fold(0.0, f64::max);
+        Some(Piece { blocks, centre, normal, area_mm2, reach_mm })
+    }
+
+    /// Several pieces as one.
+    pub fn joined(grid: &Grid, pieces: &[&Piece]) -> Option<Piece> {
+        Piece::of(grid, pieces.iter().flat_map(|piece| piece.blocks.iter().copied()).collect())
+    }
+}
+
+fn neighbours(block: usize, grid: &Grid) -> [Option<usize>; 4] {
+    let (column, row) = (block % grid.columns, block / grid.columns);
+    [
+        (column > 0).then(|| block - 1),
+        (column + 1 < grid.columns).then(|| block + 1),
+        (row > 0).then(|| block.wrapping_sub(grid.columns)),
+        (row + 1 < grid.rows).then(|| block + grid.columns),
+    ]
+}
+
+/// The nearest true border of a piece for every block.
+pub(super) struct Border {
+    columns: usize,
+    rows: usize,
+    nearest: Vec<u32>,
+}
+
+impl Border {
+    /// Of a piece.
+    pub fn of(grid: &Grid, piece: &Piece) -> Border {
+        let (columns, rows) = (grid.columns, grid.rows);
+        let mut inside = vec![false; columns * rows];
+        for &block in &piece.blocks {
+            inside[block as usize] = true;
+        }
+        let mut nearest = vec![NONE; columns * rows];
+        for &block in &piece.blocks {
+            if is_true_border(grid, &inside, block as usize) {
+                nearest[block as usize] = block;
+            }
+        }
+        let mut border = Border { columns, rows, nearest };
+        border.sweep();
+        border
+    }
+
+    fn sweep(&mut self) {
+        let (columns, rows) = (self.columns, self.rows);
+        for row in 0..rows {
+            for column in 0..columns {
+                for (i, j) in [(-1, 0), (0, -1), (-1, -1), (1, -1)] {
+                    self.relax(column, row, i, j);
+                }
+            }
+            for column in (0..columns).rev() {
+                self.relax(column, row, 1, 0);
+            }
+        }
+        for row in (0..rows).rev() {
+            for column in (0..columns).rev() {
+                for (i, j) in [(1, 0), (0, 1), (1, 1), (-1, 1)] {
+                    self.relax(column, row, i, j);
+                }
+            }
+            for column in 0..columns {
+                self.relax(column, row, -1, 0);
+            }
+        }
+    }
+
+    fn relax(&mut self, column: usize, row: usize, i: isize, j: isize) {
+        let (x, y) = (column as isize + i, row as isize + j);
+        if x < 0 || y < 0 || x >= self.columns as isize || y >= self.rows as isize {
+            return;
+        }
+        let candidate = self.nearest[y as usize * self.columns + x as usize];
+        if candidate == NONE {
+            return;
+        }
+        let here = row * self.columns + column;
+        let square = |block: u32| {
+            let (u, v) = (block as usize % self.columns, block as usize / self.columns);
+            let (du, dv) = (u as i64 - column as i64, v as i64 - row as i64);
+            du * du + dv * dv
+        };
+        if self.nearest[here] == NONE || square(candidate) < square(self.nearest[here]) {
+            self.nearest[here] = candidate;
+        }
+    }
+
+    /// From a place of the grid to the nearest true border, blocks; `None` outside of the picture, or without a border.
+    pub fn way(&self, [x, y]: [f64; 2]) -> Option<[f64; 2]> {
+        let (column, row) = (x.round(), y.round());
+        let inside = column >= 0.0 && row >= 0.0 && column < self.columns as f64 && row < self.rows as f64;
+        let nearest = inside.then(|| self.nearest[row as usize * self.columns + column as usize])?;
+        (nearest != NONE).then(|| {
+            let nearest = nearest as usize;
+            [(nearest % self.columns) as f64 - x, (nearest / self.columns) as f64 - y]
+        })
+    }
+}
+
+/// Is a block on the piece's border, with something farther or nothing beyond it?
+fn is_true_border(grid: &Grid, inside: &[bool], block: usize) -> bool {
+    let (column, row) = ((block % grid.columns) as isize, (block / grid.columns) as isize);
+    let Some(here_mm) = grid.depth_mm(block) else { return false };
+    let at = |i: isize, j: isize| {
+        let (x, y) = (column + i, row + j);
+        let valid = x >= 0 && y >= 0 && x < grid.columns as isize && y < grid.rows as isize;
+        valid.then(|| y as usize * grid.columns + x as usize)
+    };
+    let mut border = false;
+    for (i, j) in [(-1, 0), (1, 0), (0, -1), (0, 1)] {
+        match at(i, j) {
+            Some(beside) if inside[beside] => continue,
+            None => return false,
+            Some(_) => {}
+        }
+        // Beyond the edge's own pixels: nearer things hide what goes on behind them.
+        let nearer = (1..=BEYOND).filter_map(|far| at(i * far, j * far)).any(|beyond| {
+            !inside[beyond] && grid.depth_mm(beyond).is_some_and(|z| z < here_mm && !grid.joined(here_mm, z))
+        });
+        if nearer {
+            return false;
+        }
+        border = true;
+    }
+    border
+}
+
+/// Some of a piece's points.
+pub(super) fn points<'a>(
+    grid: &'a Grid,
+    piece: &'a Piece,
+    stride: usize,
+) -> impl Iterator<Item = Vector3<f64>> + 'a {
+    piece
+        .blocks
+        .iter()
+        .step_by(stride.max(1))
+        .filter_map(|&block| grid.point(block as usize % grid.columns, block as usize / grid.columns))
+}
+
+/// A point's place in the grid of another view; `None` behind that camera.
+pub(super) fn seen_from(grid: &Grid, motion: &Motion, point: &Vector3<f64>) -> Option<(Vector3<f64>, [f64; 2])> {
+    let there = motion.point(point);
+    let pixel = grid.camera.project(super::grid::camera_point(&there))?;
+    Some((there, grid.place(pixel)))
+}

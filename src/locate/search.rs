@@ -1,0 +1,315 @@
+//! Every placement that a scan might show, without a start value.
+//!
+//! A piece of the scan has a middle and a mean normal; the taught panel's are laid upon them, at every turn about the
+//! normal and at some shifts, since part of the piece may be hidden. Each of these starts is moved by the surface and by
+//! the piece's true border until it fits as it can, and scored both ways: taught points that the scan has, against those
+//! that the scan sees through; the outline on the border; the piece's points that the taught panel has. No features: a
+//! smooth panel has none.
+
+use super::grid::{Grid, Look, Motion, camera_point};
+use super::model::Model;
+use super::pieces::{Border, Piece, points, seen_from};
+use super::solve::{Constraint, Sums, Weighing, twisted};
+use crate::geometry::{Camera, Panel, Rigid};
+use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+/// Turns about the normal.
+const TURNS: usize = 36;
+/// Shifts to each side along both axes, and their step as a share of the panel's reach.
+const SHIFTS: i32 = 2;
+const SHIFT_STEP: f64 = 0.13;
+/// Points of the surface for a first look, for moving a start, and for its score.
+const LOOK_POINTS: usize = 110;
+const MOVE_POINTS: usize = 360;
+const SCORE_POINTS: usize = 900;
+/// Points of the outline for moving a start, and for its score.
+const MOVE_OUTLINE: usize = 160;
+const SCORE_OUTLINE: usize = 300;
+/// A first look lets the surfaces be this far apart, as a share of the panel's reach: the piece's normal is rough.
+const LOOK_NEAR: f64 = 0.09;
+/// Rounds of moving, each letting residuals be smaller.
+const ROUNDS: usize = 14;
+const SHRINK: f64 = 0.82;
+const FIRST_REACH_MM: f64 = 20.0;
+const LAST_REACH_MM: f64 = 2.0;
+const FIRST_REACH_BLOCKS: f64 = 30.0;
+const LAST_REACH_BLOCKS: f64 = 3.0;
+/// A taught point lies on the scan within this, mm; a point of the outline on a border within this, blocks.
+const ON_MM: f64 = 1.5;
+const ON_BLOCKS: f64 = 1.8;
+/// Placements nearer than this are one, as a share of the panel's reach.
+const SAME: f64 = 0.06;
+/// So much worse than the best, of 3, a placement is none.
+const WORSE: f64 = 1.2;
+/// Placements that are kept.
+const KEPT: usize = 5;
+/// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
+const ALONE: f64 = 0.3;
+const PART: f64 = 0.05;
+/// A piece this many times as large as the panel is something else.
+const TOO_LARGE: f64 = 3.5;
+
+/// A placement and how well it explains the scan, −2…3.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placement {
+    pub camera_from_panel: Rigid<Camera, Panel>,
+    pub score: f64,
+}
+
+/// Evenly spread places of a list: multiples of the golden section, which leave no rows out.
+pub(super) fn spread_over(count: usize, wanted: usize) -> Vec<usize> {
+    if wanted >= count {
+        return (0..count).collect();
+    }
+    const GOLDEN: f64 = 0.618_033_988_749_895;
+    let mut places: Vec<usize> =
+        (0..wanted).map(|k| ((k as f64 * GOLDEN).fract() * count as f64) as usize).collect();
+    places.sort_unstable();
+    places.dedup();
+    places
+}
+
+/// Starts: single pieces, and several as one where something parts the panel.
+pub(super) fn candidates(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Piece> {
+    let parts: Vec<&Piece> =
+        pieces.iter().filter(|piece| (PART..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2))).collect();
+    let reach_mm = reach_mm(model);
+    let mut joined = Vec::new();
+    for count in 2..=parts.len().min(4) {
+        let whole = Piece::joined(grid, &parts[..count]);
+        let fits = |whole: &Piece| whole.area_mm2 < 1.3 * model.area_mm2 && whole.reach_mm < 1.4 * reach_mm;
+        joined.extend(whole.filter(fits));
+    }
+    let large = |piece: &Piece| (ALONE..TOO_LARGE).contains(&(piece.area_mm2 / model.area_mm2));
+    let mut found: Vec<Piece> = pieces.iter().filter(|piece| large(piece)).take(3).cloned().collect();
+    found.extend(joined);
+    found
+}
+
+/// From the panel's middle to its farthest point, mm.
+pub(super) fn reach_mm(model: &Model) -> f64 {
+    model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
+}
+
+/// The placements that these pieces allow, best first, no two alike.
+pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Placement> {
+    let reach_mm = reach_mm(model);
+    let mut found: Vec<Placement> = Vec::new();
+    for piece in pieces {
+        let border = Border::of(grid, piece);
+        let of_piece: Vec<Option<Placement>> = (0..TURNS)
+            .into_par_iter()
+            .map(|turn| {
+                let start = best_shift(model, grid, piece, turn as f64 / TURNS as f64, reach_mm)?;
+                let moved = move_onto(start, model, grid, &border)?;
+                Some(Placement { camera_from_panel: moved, score: score(&moved, model, grid, piece, &border) })
+            })
+            .collect();
+        found.extend(of_piece.into_iter().flatten());
+    }
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    let mut distinct: Vec<Placement> = Vec::new();
+    for placement in found {
+        let best = distinct.first().map_or(placement.score, |best| best.score);
+        let far = |other: &Placement| {
+            model.largest_distance_mm(&other.camera_from_panel, &placement.camera_from_panel) > SAME * reach_mm
+        };
+        if distinct.len() < KEPT && placement.score > best - WORSE && distinct.iter().all(far) {
+            distinct.push(placement);
+        }
+    }
+    distinct
+}
+
+/// The panel at one turn about the piece's normal, at the shift whose points the scan shows best.
+fn best_shift(model: &Model, grid: &Grid, piece: &Piece, turn: f64, reach_mm: f64) -> Option<Rigid<Camera, Panel>> {
+    let upright = Rotation3::rotation_between(&model.normal, &piece.normal)
+        .unwrap_or_else(|| Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    let about = Unit::new_normalize(piece.normal);
+    let rotation = Rotation3::from_axis_angle(&about, turn * std::f64::consts::TAU) * upright;
+    let right = rotation * any_across(&model.normal);
+    let up = piece.normal.cross(&right);
+    let chosen = spread_over(model.points.len(), LOOK_POINTS);
+    let turned: Vec<Vector3<f64>> = chosen.iter().map(|&i| rotation * (model.points[i] - model.centre)).collect();
+    let near_mm = LOOK_NEAR * reach_mm;
+    let step_mm = SHIFT_STEP * reach_mm;
+    let look = |shift: Vector3<f64>| -> f64 {
+        let value = |offset: &Vector3<f64>| {
+            let point = piece.centre + shift + offset;
+            match grid.camera.project(camera_point(&point)).map(|pixel| grid.look(pixel)) {
+                Some(Look::Smooth(z) | Look::Rough(z)) if (z - point.z).abs() < near_mm => 1.0,
+                Some(Look::Smooth(z) | Look::Rough(z)) if z > point.z => -1.0,
+                Some(Look::Smooth(_) | Look::Rough(_)) => -0.5,
+                _ => -0.3,
+            }
+        };
+        turned.iter().map(value).sum()
+    };
+    let shifts = (-SHIFTS..=SHIFTS).flat_map(|i| (-SHIFTS..=SHIFTS).map(move |j| (f64::from(i), f64::from(j))));
+    let (_, shift) = shifts
+        .map(|(i, j)| right * (i * step_mm) + up * (j * step_mm))
+        .map(|shift| (look(shift), shift))
+        .fold((f64::NEG_INFINITY, Vector3::zeros()), |best, next| if next.0 > best.0 { next } else { best });
+    let turn = UnitQuaternion::from_rotation_matrix(&rotation);
+    let origin = piece.centre + shift - rotation * model.centre;
+    Some(Rigid::claim(Isometry3::from_parts(Translation3::from(origin), turn)))
+}
+
+/// Some direction across another.
+fn any_across(direction: &Vector3<f64>) -> Vector3<f64> {
+    let least = direction.iamin();
+    let mut axis = Vector3::zeros();
+    axis[least] = 1.0;
+    direction.cross(&axis).normalize()
+}
+
+/// Moves a start by surface and border until residuals are small or not.
+fn move_onto(
+    start: Rigid<Camera, Panel>,
+    model: &Model,
+    grid: &Grid,
+    border: &Border,
+) -> Option<Rigid<Camera, Panel>> {
+    let on_surface = spread_over(model.points.len(), MOVE_POINTS);
+    let on_outline = spread_over(model.outline.len(), MOVE_OUTLINE);
+    let mut placed = start;
+    for round in 0..ROUNDS {
+        let shrunk = SHRINK.powi(round as i32);
+        let motion = Motion::of(&placed);
+        let centre = motion.point(&model.centre);
+        let surface = surface_at(&motion, model, grid, &on_surface);
+        let outline: Vec<Constraint> =
+            on_outline.iter().filter_map(|&k| border_at(&motion, model, grid, border, k)).collect();
+        let reach_mm = (FIRST_REACH_MM * shrunk).max(LAST_REACH_MM);
+        let reach_blocks = (FIRST_REACH_BLOCKS * shrunk).max(LAST_REACH_BLOCKS);
+        let of_surface = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_mm };
+        let of_outline = Weighing { sigma: 1.0, sharing: 1.0, reach: reach_blocks };
+        let sums = Sums::over(&surface, &of_surface, &centre).plus(Sums::over(&outline, &of_outline, &centre));
+        placed = twisted(&placed, &centre, &sums.twist()?);
+    }
+    Some(placed)
+}
+
+/// Residuals of taught surface points at a placement.
+pub(super) fn surface_at(motion: &Motion, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
+    chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
+}
+
+/// (1) of `grid` at one taught point; `None` where the scan shows no smooth surface, or the point looks away.
+pub(super) fn surface_residual(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> Option<Constraint> {
+    let point = motion.point(&model.points[sample]);
+    let normal = motion.turn * model.normals[sample];
+    if normal.dot(&point) >= 0.0 {
+        return None;
+    }
+    let pixel = grid.camera.project(camera_point(&point))?;
+    let Look::Smooth(depth_mm) = grid.look(pixel) else { return None };
+    let residual = normal.dot(&point) * (1.0 - depth_mm / point.z);
+    Some(Constraint { point, gradient: normal, residual, sample })
+}
+
+/// How far an outline's point lies outside of the nearest true border, blocks.
+fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: usize) -> Option<Constraint> {
+    let sample = &model.outline[k];
+    let point = motion.point(&sample.point);
+    if (motion.turn * sample.normal).dot(&point) >= 0.0 {
+        return None;
+    }
+    let (pixel, slope) = grid.camera.project_with_slope(camera_point(&point))?;
+    let way = border.way(grid.place(pixel))?;
+    let across = outward_px(&(slope * (motion.turn * sample.along)), &(slope * (motion.turn * sample.outward)))?;
+    let residual = -(way[0] * across.x + way[1] * across.y);
+    let gradient = slope.transpose() * across / grid.factor as f64;
+    Some(Constraint { point, gradient, residual, sample: k })
+}
+
+/// The unit vector of the picture across an outline's direction, outwards.
+pub(super) fn outward_px(
+    along: &nalgebra::Vector2<f64>,
+    outward: &nalgebra::Vector2<f64>,
+) -> Option<nalgebra::Vector2<f64>> {
+    let across = nalgebra::Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
+    Some(if across.dot(outward) < 0.0 { -across } else { across })
+}
+
+/// How a placement explains the scan, both ways.
+fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, border: &Border) -> f64 {
+    let motion = Motion::of(placed);
+    let chosen = spread_over(model.points.len(), SCORE_POINTS);
+    let of_point = |&i: &usize| match sight(&motion, model, grid, i) {
+        Sight::On(_) => 1.0,
+        Sight::Through => -2.0,
+        Sight::Hidden | Sight::Unknown => 0.0,
+    };
+    let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
+    let edges = spread_over(model.outline.len(), SCORE_OUTLINE);
+    let of_edge = |&k: &usize| {
+        border_at(&motion, model, grid, border, k).map_or(0.0, |at| {
+            if at.residual.abs() <= ON_BLOCKS {
+                1.0
+            } else if at.residual > 0.0 {
+                -1.0
+            } else {
+                -0.5
+            }
+        })
+    };
+    let outline = edges.iter().map(of_edge).sum::<f64>() / edges.len() as f64;
+    let covered = covered(&motion, model, grid, piece, 400);
+    surface + outline + covered
+}
+
+/// What a scan says of a taught point at a placement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Sight {
+    /// It has it, so far along the normal, mm.
+    On(f64),
+    /// It sees something behind: the panel is not there.
+    Through,
+    /// Something nearer is seen, or the point looks away.
+    Hidden,
+    /// Nothing was measured there, or it lies outside of the picture.
+    Unknown,
+}
+
+/// What the scan says of one taught point.
+pub(super) fn sight(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> Sight {
+    let point = motion.point(&model.points[sample]);
+    let normal = motion.turn * model.normals[sample];
+    if normal.dot(&point) >= 0.0 {
+        return Sight::Hidden;
+    }
+    let look = grid.camera.project(camera_point(&point)).map_or(Look::OutOfView, |pixel| grid.look(pixel));
+    let residual = |depth_mm: f64| normal.dot(&point) * (1.0 - depth_mm / point.z);
+    match look {
+        Look::Smooth(z) if residual(z).abs() <= ON_MM => Sight::On(residual(z)),
+        Look::Rough(z) if residual(z).abs() <= 2.0 * ON_MM => Sight::Unknown,
+        Look::Smooth(z) | Look::Rough(z) if z > point.z => Sight::Through,
+        Look::Smooth(_) | Look::Rough(_) => Sight::Hidden,
+        Look::Nothing | Look::OutOfView => Sight::Unknown,
+    }
+}
+
+/// The share of a piece's points that the taught panel has at a placement.
+pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
+    let back = Motion::of(&Rigid::<Panel, Camera>::claim(
+        Isometry3::from_parts(
+            Translation3::from(motion.shift),
+            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(motion.turn)),
+        )
+        .inverse(),
+    ));
+    let taught = Motion::of(&model.camera_from_panel);
+    let (mut asked, mut held) = (0usize, 0usize);
+    for point in points(grid, piece, piece.blocks.len() / wanted) {
+        asked += 1;
+        let in_panel = back.point(&point);
+        let Some((there, place)) = seen_from(&model.grid, &taught, &in_panel) else { continue };
+        held += usize::from(match model.grid.look_at(place) {
+            Look::Smooth(z) | Look::Rough(z) => (z - there.z).abs() <= 2.0 * ON_MM,
+            Look::Nothing | Look::OutOfView => false,
+        });
+    }
+    held as f64 / asked.max(1) as f64
+}

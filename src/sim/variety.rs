@@ -1,0 +1,224 @@
+//! Panels of many shapes: outlines of four to eight straight sides with windows and notches, surfaces from flat to deeply
+//! bent. Drawn from a seed; each has a corner cut off that no other has, so that no two placements are alike.
+
+use super::noise::Seed;
+use super::outline::Outline;
+use super::shape::{ROUNDING_MM, Relief, Shape};
+use nalgebra::Vector2;
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// Smallest and largest length and width, mm.
+const LENGTH_MM: [f64; 2] = [140.0, 390.0];
+const WIDTH_MM: [f64; 2] = [100.0, 260.0];
+/// A surface bends up by no more than this at its ends, mm.
+const MAX_RISE_MM: f64 = 22.0;
+
+/// A panel with what it was made from.
+#[derive(Debug, Clone)]
+pub(super) struct Panel {
+    relief: Relief,
+    corners: Vec<Vector2<f64>>,
+    cuts: Vec<Vec<Vector2<f64>>>,
+    /// Length and width of the rectangle that it was cut from, mm.
+    pub size_mm: [f64; 2],
+}
+
+impl Panel {
+    /// A panel of any shape.
+    pub fn any(random: &mut Pcg64) -> Panel {
+        let length = random.random_range(LENGTH_MM[0]..LENGTH_MM[1]);
+        let width = random.random_range(WIDTH_MM[0]..WIDTH_MM[1]).min(0.95 * length);
+        let mut panel = Panel {
+            relief: relief(random, [length, width]),
+            corners: corners(random, [length, width]),
+            cuts: Vec::new(),
+            size_mm: [length, width],
+        };
+        if random.random::<f64>() < 0.35 {
+            panel.cuts.push(window(random, panel.size_mm));
+        }
+        if random.random::<f64>() < 0.25 {
+            panel.cuts.push(notch(random, panel.size_mm));
+        }
+        panel
+    }
+
+    /// A flat rectangle, which looks the same turned by half a turn.
+    pub fn symmetric(random: &mut Pcg64) -> Panel {
+        let length = random.random_range(200.0..360.0);
+        let width = random.random_range(120.0..180.0);
+        let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+        let corners = corners.map(|[s, t]: [f64; 2]| Vector2::new(s * length / 2.0, t * width / 2.0)).to_vec();
+        let bend = random.random_range(-1.0..1.0) / 1_500.0;
+        let relief = Relief { bend_ss: bend, ..Relief::FLAT };
+        Panel { relief, corners, cuts: Vec::new(), size_mm: [length, width] }
+    }
+
+    /// The renderer's shape.
+    pub fn shape(&self) -> Shape {
+        let mut outline = Outline::new(self.corners.clone(), ROUNDING_MM);
+        for cut in &self.cuts {
+            outline = outline.without(Outline::new(cut.clone(), 3.0));
+        }
+        Shape::of(self.relief, outline)
+    }
+
+    /// The same in a mirror.
+    pub fn mirrored(&self) -> Panel {
+        let mirror = |corners: &[Vector2<f64>]| {
+            corners.iter().rev().map(|corner| Vector2::new(-corner.x, corner.y)).collect::<Vec<_>>()
+        };
+        Panel {
+            relief: self.relief.mirrored(),
+            corners: mirror(&self.corners),
+            cuts: self.cuts.iter().map(|cut| mirror(cut)).collect(),
+            size_mm: self.size_mm,
+        }
+    }
+
+    /// Its back, turned to the viewer.
+    pub fn back(&self) -> Panel {
+        Panel { relief: self.relief.mirrored().inverted(), ..self.mirrored() }
+    }
+
+    /// The same outline made larger.
+    pub fn scaled(&self, factor: f64) -> Panel {
+        let larger = |corners: &[Vector2<f64>]| corners.iter().map(|corner| corner * factor).collect::<Vec<_>>();
+        Panel {
+            corners: larger(&self.corners),
+            cuts: self.cuts.iter().map(|cut| larger(cut)).collect(),
+            size_mm: self.size_mm.map(|mm| mm * factor),
+            ..self.clone()
+        }
+    }
+
+    /// The same, bent up by so much at both ends of its length, mm.
+    pub fn bent(&self, rise_mm: f64) -> Panel {
+        let bend = 8.0 * rise_mm / (self.size_mm[0] * self.size_mm[0]);
+        Panel { relief: Relief { bend_ss: self.relief.bend_ss + bend, ..self.relief }, ..self.clone() }
+    }
+
+    /// The same with so much of its length cut off, mm.
+    pub fn trimmed(&self, cut_mm: f64) -> Panel {
+        let [length, width] = self.size_mm;
+        let (from, half) = (length / 2.0 - cut_mm, width);
+        let cut = [[from, -half], [length, -half], [length, half], [from, half]];
+        let mut panel = self.clone();
+        panel.cuts.push(cut.map(|[s, t]| Vector2::new(s, t)).to_vec());
+        panel
+    }
+}
+
+fn corners(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+    // One corner is cut off by more than any other.
+    let marked = random.random_range(0..4);
+    let mut corners = Vec::new();
+    for (index, [s, t]) in [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]].into_iter().enumerate() {
+        let inset = |random: &mut Pcg64, size: f64| size * (0.5 - random.random_range(0.0..0.05));
+        let corner = Vector2::new(s * inset(random, length), t * inset(random, width));
+        let cut_mm = if index == marked {
+            random.random_range(0.24..0.38) * width
+        } else if random.random::<f64>() < 0.35 {
+            random.random_range(0.08..0.14) * width
+        } else {
+            0.0
+        };
+        let slant = random.random_range(0.7..1.4);
+        let (along_s, along_t) = (Vector2::new(-s * cut_mm * slant, 0.0), Vector2::new(0.0, -t * cut_mm / slant));
+        if cut_mm == 0.0 {
+            corners.push(corner);
+        } else {
+            corners.extend([corner + along_s, corner + along_t]);
+        }
+    }
+    ordered(corners)
+}
+
+/// Counter-clockwise about the middle: convex outlines have one such order.
+fn ordered(mut corners: Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
+    corners.sort_by(|a, b| a.y.atan2(a.x).total_cmp(&b.y.atan2(b.x)));
+    corners
+}
+
+/// An eight-sided window outside of the panel's middle.
+fn window(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+    let radius = random.random_range(7.0..0.09 * width);
+    let side = if random.random::<bool>() { 1.0 } else { -1.0 };
+    let middle = Vector2::new(side * 0.36 * length, random.random_range(-0.2..0.2) * width);
+    (0..8)
+        .map(|i| f64::from(i) * std::f64::consts::FRAC_PI_4)
+        .map(|a| middle + Vector2::new(a.cos(), a.sin()) * radius)
+        .collect()
+}
+
+/// A notch in a long side.
+fn notch(random: &mut Pcg64, [length, width]: [f64; 2]) -> Vec<Vector2<f64>> {
+    let side = if random.random::<bool>() { 1.0 } else { -1.0 };
+    let (middle, half) = (random.random_range(-0.3..0.3) * length, random.random_range(0.04..0.08) * length);
+    let depth = random.random_range(0.06..0.13) * width;
+    let (inner, outer) = (side * (0.47 * width - depth), side * width);
+    let (low, high) = (inner.min(outer), inner.max(outer));
+    [[middle - half, low], [middle + half, low], [middle + half, high], [middle - half, high]]
+        .map(|[s, t]| Vector2::new(s, t))
+        .to_vec()
+}
+
+fn relief(random: &mut Pcg64, [length, width]: [f64; 2]) -> Relief {
+    if random.random::<f64>() < 0.15 {
+        return Relief { wave_mm: random.random_range(0.0..0.3), wave_s: 0.03, wave_t: 0.028, ..Relief::FLAT };
+    }
+    let within = |random: &mut Pcg64, size: f64| {
+        let most = (8.0 * MAX_RISE_MM / (size * size)).min(1.0 / 350.0);
+        random.random_range(-most..most)
+    };
+    Relief {
+        lift_mm: 0.0,
+        bend_ss: within(random, length),
+        twist_st: random.random_range(-1.0..1.0) / 1_500.0,
+        bend_tt: within(random, width),
+        cubic_sss: random.random_range(-2.0e-6..2.0e-6),
+        cubic_stt: random.random_range(-4.0e-6..4.0e-6),
+        wave_mm: random.random_range(0.0..1.5),
+        wave_s: 1.0 / random.random_range(28.0..60.0),
+        wave_t: 1.0 / random.random_range(28.0..60.0),
+        phase_s_rad: random.random_range(0.0..6.0),
+        phase_t_rad: random.random_range(0.0..6.0),
+    }
+}
+
+/// A generator for a trial's panel.
+pub(super) fn generator(seed: Seed, index: u64) -> Pcg64 {
+    seed.stream(super::noise::Purpose::Trial, index)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A polygon that turns left at every corner is convex.
+    #[test]
+    fn outlines_are_convex_and_have_their_size() {
+        for seed in 0..200 {
+            let panel = Panel::any(&mut generator(Seed(seed), 0));
+            let (corners, count) = (&panel.corners, panel.corners.len());
+            for i in 0..count {
+                let [a, b, c] = [corners[i], corners[(i + 1) % count], corners[(i + 2) % count]];
+                assert!((b - a).perp(&(c - b)) > 0.0, "seed {seed}: {corners:?}");
+            }
+            let reach = corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
+            assert!(reach <= panel.size_mm[0] / 2.0 && reach > 0.3 * panel.size_mm[0], "seed {seed}: {reach}");
+            let rise = panel.shape().height(panel.size_mm[0] / 2.0, 0.0)[0].abs();
+            assert!(rise < MAX_RISE_MM + 8.0, "seed {seed}: {rise}");
+        }
+    }
+
+    /// By hand: in the mirror the place (30, 10) has the height of (−30, 10); its back has minus that.
+    #[test]
+    fn mirror_and_back() {
+        let panel = Panel::any(&mut generator(Seed(3), 0));
+        let height = |panel: &Panel, s: f64| panel.shape().height(s, 10.0)[0];
+        assert!((height(&panel.mirrored(), 30.0) - height(&panel, -30.0)).abs() < 1e-12);
+        assert!((height(&panel.back(), 30.0) + height(&panel, -30.0)).abs() < 1e-12);
+    }
+}
