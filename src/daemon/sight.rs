@@ -246,7 +246,7 @@ impl Sight {
         filming.elapsed_ms.push(elapsed_ms(begun));
         filming.kept.see(job, filming.place, &picture, &step);
         filming.last = Some(picture);
-        if since_s < demands.observation_s {
+        if since_s < demands.filmed_s() {
             return Ok(Ok(filming));
         }
         self.finish(job, filming, pass, record).map(Err)

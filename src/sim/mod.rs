@@ -7,17 +7,20 @@
 //! - `scene`, `fixture`: where everything stands
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
 //! - `board`, `board_cell`: calibration boards before both cameras
-//! - `scanner`, `flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
+//! - `scanner`, `flange`, `film`, `runoff`, `lamp`, `travellers`: what the cameras deliver · `film_spec`: how hard it is
+//!   to read · `spots`: grease · `truth`: what is true of it all
 //!
-//! Not simulated: glints, shadows, drifting light, focus, the arm in view, a wet panel before the flange camera.
+//! Not simulated: focus, the arm in view, a wet panel before the flange camera; glints and drops on the fixture.
 
 mod appearance;
 mod board;
 mod board_cell;
 mod cast;
 mod film;
+mod film_spec;
 mod fixture;
 mod flange;
+mod lamp;
 mod noise;
 mod outline;
 mod runoff;
@@ -25,14 +28,16 @@ mod scanner;
 mod scene;
 mod shape;
 mod spots;
+mod travellers;
 mod truth;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use film_spec::FilmSpec;
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
-pub use spots::Spot;
+pub use spots::{Grease, Spot, SpotKind};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
 
 use crate::geometry::{
@@ -203,8 +208,20 @@ impl Cell {
 
     /// The same test with other spots: an abraded one is left out.
     pub fn film_of(&self, spots: &[Spot]) -> Film {
+        self.film_as(spots, &FilmSpec::CALM, 0)
+    }
+
+    /// A test of the panel with these spots, as hard to read as `spec` says; `index` tells films of one cell apart.
+    pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
-        Film::new(&view, spots, &self.pixels, self.seed.child(Purpose::Film, spots.len() as u64))
+        let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
+        Film::new(&view, spots, spec, &self.pixels, seed)
+    }
+
+    /// Other grease on this panel than its scene's; `index` tells drawings of one cell apart.
+    pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
+        let shape = self.present.as_ref().unwrap_or(&self.taught);
+        spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
     /// The greasy spots.

@@ -22,6 +22,10 @@ pub(super) enum Purpose {
     BoardCorners,
     BoardScan,
     Touch,
+    Grease,
+    Light,
+    Glints,
+    Drops,
 }
 
 /// The seed from which everything is drawn.
