@@ -12,6 +12,7 @@ use super::{DaemonError, Job, Site, Task};
 use crate::cycle::{Act, Answer, Id, Trouble};
 use crate::eki::Time;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
+use crate::phase::Phase;
 use crate::record::Budget;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
@@ -62,6 +63,7 @@ pub(super) enum Found {
 pub(super) enum Note {
     Finding(Finding),
     Picture(String, ColorPicture),
+    Frame(Arc<ColorPicture>, f64, Phase),
     Figure(Figure),
     Budget(Budget),
 }
@@ -78,6 +80,11 @@ impl Record for Notes {
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         self.0.push(Note::Picture(name.to_owned(), picture.clone()));
+        Ok(())
+    }
+
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        self.0.push(Note::Frame(picture.clone(), time_s, phase));
         Ok(())
     }
 

@@ -51,6 +51,7 @@ impl Demands {
 
     /// Pictures that must show a place dry.
     pub fn persist_frames(&self) -> u8 {
+        // Of so many pictures the first is what the second is held against.
         (self.persist_s * self.frames_per_second).round().clamp(2.0, 250.0) as u8
     }
 
@@ -63,6 +64,11 @@ impl Demands {
     /// The fewest wet pictures.
     pub fn min_frames(&self) -> f64 {
         (MIN_FRAME_SHARE * self.observation_s * self.frames_per_second).ceil()
+    }
+
+    /// The fewest of so many wet pictures that must be fit to judge by.
+    pub fn min_usable(&self, frames: usize) -> f64 {
+        (MIN_FRAME_SHARE * frames as f64).ceil()
     }
 
     /// The longest time between two wet pictures, s.
@@ -214,7 +220,7 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
         );
         reasons.push(Reason::new("focus", message));
     }
-    let enough = quality.usable as f64 >= MIN_FRAME_SHARE * *frames as f64;
+    let enough = quality.usable as f64 >= demands.min_usable(*frames);
     let (unseen_s, allowed_s) = (quality.longest_unseen_s, demands.max_gap_s());
     if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
         return reasons;

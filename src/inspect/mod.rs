@@ -12,6 +12,7 @@
 //!
 //! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
 
+mod advice;
 mod film;
 mod footprint;
 mod gate;
@@ -30,11 +31,13 @@ mod tests;
 mod thesis;
 mod watch;
 
+pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
 pub use quality::{Flaw, Quality};
 pub use score::{Confusion, Score, score, score_within};
+pub use settle::pieces_of;
 pub use watch::{Inspection, Step, Watch};
 
 use crate::imaging::ImagingError;

@@ -64,6 +64,8 @@ pub struct Model {
     film: f64,
     film_known: bool,
     watching: bool,
+    /// The time of the last picture that was judged, s.
+    followed_s: f64,
 }
 
 impl Model {
@@ -96,6 +98,7 @@ impl Model {
             film: FILM_ASSUMED,
             film_known: false,
             watching: false,
+            followed_s: 0.0,
         };
         model.count_inside();
         model
@@ -174,8 +177,11 @@ impl Model {
         if let Some(film) = self.film_left() {
             (self.film, self.film_known) = (film, true);
         }
-        let rule = Rule { film_q15: self.film_q15(), persist: 1, now_s: 0.0, notes: 0 };
+        let rule = Rule { film_q15: self.film_q15(), persist: 1, before_s: 0.0, brighter_q12: 4096, notes: 0 };
+        // Whether it is steady plays no part yet.
+        let before = std::mem::replace(&mut self.before, self.brightness.clone());
         self.judge(rule);
+        self.before = before;
         self.run.iter_mut().for_each(|run| *run = 0);
     }
 
@@ -209,6 +215,8 @@ impl Model {
         let frozen = self.read(picture) && self.watching;
         if !self.watching {
             self.begin();
+            // The first picture stands for the one before it.
+            self.before.clone_from(&self.brightness);
         }
         let (light, hidden) = self.light_now();
         let look = Look { light: light.global, told: light.share, hidden, frozen };
@@ -219,9 +227,17 @@ impl Model {
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
     pub fn follow(&mut self, since_wet_s: f64) -> Vec<usize> {
         let Some(light) = self.next_light.take() else { return Vec::new() };
+        let brighter = light.global / self.light.global.max(f64::MIN_POSITIVE);
         self.light = light;
-        let now_s = since_wet_s as f32;
-        self.judge(Rule { film_q15: self.film_q15(), persist: self.persist, now_s, notes: BROKE | NEW })
+        let rule = Rule {
+            film_q15: self.film_q15(),
+            persist: self.persist,
+            before_s: self.followed_s as f32,
+            brighter_q12: (brighter * 4096.0).round().clamp(0.0, 16_384.0) as u32,
+            notes: BROKE | NEW,
+        };
+        self.followed_s = since_wet_s;
+        self.judge(rule)
     }
 
     /// The first fully wet picture: without a dry one it is the best that is known.
@@ -285,12 +301,12 @@ impl Model {
         let (stride, window) = (self.stride, self.window);
         let band = stride * TILE_PX;
         let (light, watching) = (&self.light, self.watching);
-        let given = self.brightness.par_chunks(band).zip(self.dry.par_chunks(band));
+        let given = self.brightness.par_chunks(band).zip(self.before.par_chunks(band)).zip(self.dry.par_chunks(band));
         let kept = self.state.par_chunks_mut(band).zip(self.run.par_chunks_mut(band));
         let rows = given.zip(kept).zip(self.since_s.par_chunks_mut(band)).enumerate();
         let broke: Vec<Vec<usize>> = rows
-            .map(|(index, (((brightness, dry), (state, run)), since_s))| {
-                let mut band = Band { brightness, dry, state, run, since_s };
+            .map(|(index, ((((brightness, before), dry), (state, run)), since_s))| {
+                let mut band = Band { brightness, before, dry, state, run, since_s };
                 let mut broke = Vec::new();
                 band.judge(light, (index, stride), rule, watching, |at| {
                     let (row, column) = (index * TILE_PX + at / stride, at % stride);
@@ -349,6 +365,7 @@ impl Model {
 /// A row of tiles.
 struct Band<'a> {
     brightness: &'a [u16],
+    before: &'a [u16],
     dry: &'a [u16],
     state: &'a mut [u8],
     run: &'a mut [u8],
@@ -381,6 +398,7 @@ impl Band<'_> {
             let part = row * stride..(row + 1) * stride;
             let mut line = Line {
                 light: &self.brightness[part.clone()],
+                before: &self.before[part.clone()],
                 dry: &self.dry[part.clone()],
                 gain_q12: &gain_q12,
                 doubtful: &doubtful,

@@ -23,6 +23,16 @@ pub struct Break {
     pub contour_px: Vec<Pixel>,
 }
 
+/// Of a break this share must be closed to say that it closed again.
+const CLOSED_SHARE: f64 = 0.8;
+
+impl Break {
+    /// Whether the film had closed over it again at the end.
+    pub fn closed_again(&self) -> bool {
+        self.closed_share >= CLOSED_SHARE
+    }
+}
+
 /// The breaks of a window, largest first. A piece that holds no surface is none.
 pub fn breaks(
     footprint: &Footprint,

@@ -6,6 +6,8 @@ use crate::recipe;
 
 /// Of the region this share must be as bright as its state lets expect.
 const MIN_TOLD: f64 = 0.5;
+/// More light than this looks too much like a film that broke everywhere.
+pub const MOST_BRIGHTER_PERCENT: f64 = 25.0;
 /// A picture with less of the first one's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
 /// Less is no sharp picture to begin with: the largest step from pixel to pixel, of the whole edge.
@@ -106,14 +108,16 @@ impl Quality {
 }
 
 fn flaw(look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<Flaw> {
-    let change_percent = (look.light - 1.0).abs() * 100.0;
+    let limit_percent = settings.max_light_change_percent();
+    let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
+    let is_other_light = darker > limit_percent || brighter > limit_percent.min(MOST_BRIGHTER_PERCENT);
     if look.frozen {
         Some(Flaw::Frozen)
     } else if steady.is_some_and(|steady| steady.sharpness < MIN_SHARPNESS && steady.sharpness > 0.0) {
         Some(Flaw::Focus)
     } else if look.hidden * 100.0 > settings.max_bright_percent() {
         Some(Flaw::Bright)
-    } else if change_percent > settings.max_light_change_percent() || look.told < MIN_TOLD {
+    } else if is_other_light || look.told < MIN_TOLD {
         Some(Flaw::Light)
     } else if steady.is_some_and(|steady| steady.moved_px > settings.max_moved_px()) {
         Some(Flaw::Moved)

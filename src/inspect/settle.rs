@@ -5,6 +5,7 @@
 
 use super::film::NEVER;
 use super::footprint::Window;
+use crate::geometry::Mask;
 use std::collections::VecDeque;
 
 /// Fewer connected pixels are noise.
@@ -34,6 +35,12 @@ pub fn settled(
         }
     }
     broke_s
+}
+
+/// The connected pieces of a mask, as indices of its pixels.
+pub fn pieces_of(mask: &Mask) -> Vec<Vec<usize>> {
+    let window = Window { left: 0, top: 0, width: mask.width, height: mask.height };
+    components(&window, |index| mask.inside[index], &AROUND)
 }
 
 fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) -> Option<f32>) {

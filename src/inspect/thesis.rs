@@ -38,6 +38,19 @@ fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
     part.reshape_def(3)?.try_clone()
 }
 
+/// The adjusted difference of two pictures, row by row: what the threshold is held against.
+pub fn levels(settings: &recipe::Inspect, reference: &ColorPicture, test: &ColorPicture) -> Result<Vec<u8>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
+    let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
+    named("the difference to the reference", adjusted_difference(settings, &reference, &test))
+}
+
+/// Hue, saturation and value of a picture's pixels.
+pub fn hsv_of(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
+    named("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
+}
+
 /// Which pixels of `test` differ from `reference`, row by row.
 pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let largest = named("the difference to the reference", adjusted_difference(settings, reference, test))?;

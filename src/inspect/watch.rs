@@ -212,6 +212,11 @@ impl Watch {
         }
     }
 
+    /// The region's pixels in the picture.
+    pub fn region(&self) -> Mask {
+        self.footprint.region()
+    }
+
     /// The pixels of the picture that broke so far.
     pub fn mask(&self) -> Mask {
         self.footprint.to_picture(|index| self.broke_s(index) < NEVER)

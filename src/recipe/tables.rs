@@ -167,11 +167,11 @@ settings! {
         /// the panel little adds noise alone (thesis 4.2).
         channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];
         /// How long a place must be seen dry before it counts as broken, s. It broke when it was first seen so.
-        persist_s: f64, 0.1..=10.0, default 1.0;
+        persist_s: f64, 0.1..=10.0, default 1.2;
         /// Share of the region that may be wet in no picture, percent; more is no test.
         max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
-        /// Change of the light since the dry picture that is made up for, percent.
-        max_light_change_percent: f64, 1.0..=30.0, default 25.0;
+        /// Change of the light since the dry picture that is made up for, percent; of more light 25 at most.
+        max_light_change_percent: f64, 1.0..=45.0, default 40.0;
         /// Share of the region that glints and overexposure may hide in a picture, percent.
         max_bright_percent: f64, 0.0..=50.0, default 5.0;
         /// How far the panel may move in the picture while it is watched, px.

@@ -82,6 +82,7 @@ pub struct Cell {
     /// The panel of the scene, unless there is none.
     present: Option<Shape>,
     spots: Vec<Spot>,
+    film: FilmSpec,
     base_from_panel: Rigid<Base, Panel>,
     scanner: (PinholeCamera, Rays),
     flange_camera: (PinholeCamera, Rays),
@@ -110,11 +111,17 @@ impl Cell {
             taught,
             present,
             spots,
+            film: FilmSpec::CALM,
             base_from_panel: scene::displaced(seed),
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
         }
+    }
+
+    /// The same cell with films that are as hard to read as `spec` says.
+    pub fn with_films(self, spec: FilmSpec) -> Self {
+        Cell { film: spec, ..self }
     }
 
     /// The 3D camera; its calibration finds these numbers.
@@ -208,7 +215,7 @@ impl Cell {
 
     /// The same test with other spots: an abraded one is left out.
     pub fn film_of(&self, spots: &[Spot]) -> Film {
-        self.film_as(spots, &FilmSpec::CALM, 0)
+        self.film_as(spots, &self.film, 0)
     }
 
     /// A test of the panel with these spots, as hard to read as `spec` says; `index` tells films of one cell apart.

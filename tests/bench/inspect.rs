@@ -6,6 +6,8 @@
 mod clips;
 #[path = "inspect/damage.rs"]
 mod damage;
+#[path = "inspect/speed.rs"]
+mod speed;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
@@ -20,5 +22,9 @@ fn main() {
     }
     if asked("damage") {
         damage::run(if all { 4 } else { clips.min(4) }, reduction);
+    }
+    if asked("speed") {
+        speed::run(reduction);
+        speed::memory(reduction);
     }
 }

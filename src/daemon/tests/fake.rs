@@ -5,6 +5,7 @@ use crate::cell;
 use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
+use crate::phase::Phase;
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
@@ -496,6 +497,10 @@ impl Record for Memory {
     }
 
     fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn frame(&mut self, _: &Arc<ColorPicture>, _: f64, _: Phase) -> Result<(), RecordError> {
         self.written()
     }
 

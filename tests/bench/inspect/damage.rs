@@ -21,8 +21,8 @@ const DAMAGES: [(&str, &str, Damage); 12] = [
     ("no dry picture", "no_dry_picture", |picture, time_s| (time_s >= 1.0).then_some(picture)),
     ("a film that changes little", "dark", |picture, _| Some(scaled(picture, 0.15))),
     ("overexposed", "not_seen", |picture, _| Some(scaled(picture, 4.5))),
-    ("lamp down by a third", "light", |picture, time_s| {
-        Some(scaled(picture, if time_s > MIDDLE_S { 0.67 } else { 1.0 }))
+    ("lamp down by a half", "light", |picture, time_s| {
+        Some(scaled(picture, if time_s > MIDDLE_S { 0.5 } else { 1.0 }))
     }),
     ("lamp up by a half", "light", |picture, time_s| Some(scaled(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))),
     ("out of focus from the middle on", "focus", |picture, time_s| {
@@ -30,7 +30,7 @@ const DAMAGES: [(&str, &str, Damage); 12] = [
     }),
     ("out of focus throughout", "focus", |picture, _| Some(blurred(&picture, 4))),
     ("moved by 3 px", "moved", |picture, time_s| Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })),
-    ("covered for 2 s", "light", |picture, time_s| {
+    ("covered for 2 s", "bright", |picture, time_s| {
         Some(if (MIDDLE_S..MIDDLE_S + 2.0).contains(&time_s) { covered(picture) } else { picture })
     }),
 ];
