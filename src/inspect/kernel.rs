@@ -96,6 +96,8 @@ pub struct Line<'a> {
     pub state: &'a mut [u8],
     pub run: &'a mut [u8],
     pub since_s: &'a mut [f32],
+    /// When its film closed again, where it broke before.
+    pub until_s: &'a mut [f32],
 }
 
 /// How a row is judged.
@@ -107,6 +109,8 @@ pub struct Rule {
     pub persist: u8,
     /// The time of the picture before: what is steady was so then.
     pub before_s: f32,
+    /// The time of this picture.
+    pub now_s: f32,
     /// How much brighter the light is than before, 1/4096.
     pub brighter_q12: u32,
     /// [`BROKE`] | [`NEW`] while the film is watched, else 0.
@@ -115,22 +119,23 @@ pub struct Rule {
 
 /// Judges one row; says whether a pixel of it broke now.
 pub fn judge(line: &mut Line<'_>, rule: Rule) -> bool {
-    let Line { light, before, dry, gain_q12, doubtful, state, run, since_s } = line;
-    judge_slices((light, before, dry, gain_q12, doubtful), (state, run, since_s), rule) & NEW > 0
+    let Line { light, before, dry, gain_q12, doubtful, state, run, since_s, until_s } = line;
+    judge_slices((light, before, dry, gain_q12, doubtful), (state, run, since_s, until_s), rule) & NEW > 0
 }
 
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 fn judge_slices(
     given: (&[u16], &[u16], &[u16], &[u16], &[u8]),
-    kept: (&mut [u8], &mut [u8], &mut [f32]),
+    kept: (&mut [u8], &mut [u8], &mut [f32], &mut [f32]),
     rule: Rule,
 ) -> u8 {
     let (light, before, dry, gain_q12, doubtful) = given;
-    let (state, run, since_s) = kept;
+    let (state, run, since_s, until_s) = kept;
     let count = light.len();
     // One length for all, so that no bound is checked within the loop.
     let (before, dry, gain_q12, doubtful) = (&before[..count], &dry[..count], &gain_q12[..count], &doubtful[..count]);
-    let (state, run, since_s) = (&mut state[..count], &mut run[..count], &mut since_s[..count]);
+    let (state, run) = (&mut state[..count], &mut run[..count]);
+    let (since_s, until_s) = (&mut since_s[..count], &mut until_s[..count]);
     let mut any = 0_u8;
     for i in 0..count {
         let s = u32::from(light[i] & BRIGHTNESS);
@@ -147,6 +152,7 @@ fn judge_slices(
         let now = was + up - down;
         run[i] = now;
         since_s[i] = if (was == 0) & (up == 1) & (state[i] & BROKE == 0) { rule.before_s } else { since_s[i] };
+        until_s[i] = if (was == 1) & (down == 1) { rule.now_s } else { until_s[i] };
         // A third of the way from wet to dry: beyond doubt it is wet.
         let surely_wet = (3 * s < 2 * wl + dl) & !glint;
         let inside = state[i] & INSIDE;
@@ -167,7 +173,7 @@ mod tests {
     use super::*;
 
     const DRY: u16 = 100 * 64;
-    const RULE: Rule = Rule { film_q15: 32_768 * 6 / 10, persist: 3, before_s: 0.0, brighter_q12: 4096, notes: BROKE | NEW };
+    const RULE: Rule = Rule { film_q15: 32_768 * 6 / 10, persist: 3, before_s: 0.0, now_s: 0.0, brighter_q12: 4096, notes: BROKE | NEW };
 
     /// By hand, weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
     #[test]
@@ -192,6 +198,7 @@ mod tests {
                 state: &mut state,
                 run: &mut runs,
                 since_s: &mut since,
+                until_s: &mut [0.0],
             };
             judge(&mut line, RULE);
             runs[0]
@@ -206,7 +213,7 @@ mod tests {
     /// three pictures it closes.
     #[test]
     fn a_break_counts_from_its_first_picture_and_may_close() {
-        let (mut state, mut run, mut since) = ([INSIDE], [0], [0.0]);
+        let (mut state, mut run, mut since, mut until) = ([INSIDE], [0], [0.0], [0.0]);
         let levels = [60, 100, 100, 200, 100, 100, 100, 60, 60, 60];
         let broke: Vec<bool> = levels
             .iter()
@@ -221,12 +228,13 @@ mod tests {
                     state: &mut state,
                     run: &mut run,
                     since_s: &mut since,
+                    until_s: &mut until,
                 };
-                judge(&mut line, Rule { before_s: time as f32 - 1.0, ..RULE })
+                judge(&mut line, Rule { before_s: time as f32 - 1.0, now_s: time as f32, ..RULE })
             })
             .collect();
         assert_eq!(broke.iter().position(|broke| *broke), Some(6));
-        assert_eq!((since[0], state[0] & (OPEN | BROKE)), (1.0, BROKE));
+        assert_eq!((since[0], until[0], state[0] & (OPEN | BROKE)), (1.0, 9.0, BROKE));
     }
 
     /// By hand: of 60, 100 and 30 levels the second is far from the 60 that are expected, the third too.

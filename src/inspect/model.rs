@@ -6,7 +6,7 @@
 //! ([`super::light`]) from each picture, by the pixels whose state is known. What looks dry long enough has broken since
 //! it first did ([`super::kernel`]).
 //!
-//! Memory is fixed: some 14 bytes for each pixel of the window. Does not know grids or verdicts.
+//! Memory is fixed: some 20 bytes for each pixel of the window. Does not know grids or verdicts.
 
 use super::footprint::Window;
 use super::kernel::{self, BROKE, EVER_WET, HIDDEN, INSIDE, LEVEL, Line, NEW, OPEN, Rule, Sum};
@@ -58,6 +58,7 @@ pub struct Model {
     state: Vec<u8>,
     run: Vec<u8>,
     since_s: Vec<f32>,
+    until_s: Vec<f32>,
     inside: Vec<u32>,
     light: Light,
     next_light: Option<Light>,
@@ -92,6 +93,7 @@ impl Model {
             state,
             run: vec![0; pixels],
             since_s: vec![0.0; pixels],
+            until_s: vec![0.0; pixels],
             inside: Vec::new(),
             light: Light::even(columns, tile_rows),
             next_light: None,
@@ -177,7 +179,7 @@ impl Model {
         if let Some(film) = self.film_left() {
             (self.film, self.film_known) = (film, true);
         }
-        let rule = Rule { film_q15: self.film_q15(), persist: 1, before_s: 0.0, brighter_q12: 4096, notes: 0 };
+        let rule = Rule { film_q15: self.film_q15(), persist: 1, before_s: 0.0, now_s: 0.0, brighter_q12: 4096, notes: 0 };
         // Whether it is steady plays no part yet.
         let before = std::mem::replace(&mut self.before, self.brightness.clone());
         self.judge(rule);
@@ -233,6 +235,7 @@ impl Model {
             film_q15: self.film_q15(),
             persist: self.persist,
             before_s: self.followed_s as f32,
+            now_s: since_wet_s as f32,
             brighter_q12: (brighter * 4096.0).round().clamp(0.0, 16_384.0) as u32,
             notes: BROKE | NEW,
         };
@@ -303,10 +306,11 @@ impl Model {
         let (light, watching) = (&self.light, self.watching);
         let given = self.brightness.par_chunks(band).zip(self.before.par_chunks(band)).zip(self.dry.par_chunks(band));
         let kept = self.state.par_chunks_mut(band).zip(self.run.par_chunks_mut(band));
-        let rows = given.zip(kept).zip(self.since_s.par_chunks_mut(band)).enumerate();
+        let times = self.since_s.par_chunks_mut(band).zip(self.until_s.par_chunks_mut(band));
+        let rows = given.zip(kept).zip(times).enumerate();
         let broke: Vec<Vec<usize>> = rows
-            .map(|(index, ((((brightness, before), dry), (state, run)), since_s))| {
-                let mut band = Band { brightness, before, dry, state, run, since_s };
+            .map(|(index, ((((brightness, before), dry), (state, run)), (since_s, until_s)))| {
+                let mut band = Band { brightness, before, dry, state, run, since_s, until_s };
                 let mut broke = Vec::new();
                 band.judge(light, (index, stride), rule, watching, |at| {
                     let (row, column) = (index * TILE_PX + at / stride, at % stride);
@@ -349,6 +353,12 @@ impl Model {
         self.state[self.at(index)] & OPEN > 0
     }
 
+    /// How long its film was open, where it broke and closed again, s.
+    pub fn was_open_s(&self, index: usize) -> Option<f32> {
+        let at = self.at(index);
+        (self.state[at] & (BROKE | OPEN) == BROKE).then(|| self.until_s[at] - self.since_s[at])
+    }
+
     /// When its film broke, s; `None` where it did not.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
         let at = self.at(index);
@@ -370,6 +380,7 @@ struct Band<'a> {
     state: &'a mut [u8],
     run: &'a mut [u8],
     since_s: &'a mut [f32],
+    until_s: &'a mut [f32],
 }
 
 impl Band<'_> {
@@ -405,6 +416,7 @@ impl Band<'_> {
                 state: &mut self.state[part.clone()],
                 run: &mut self.run[part.clone()],
                 since_s: &mut self.since_s[part.clone()],
+                until_s: &mut self.until_s[part.clone()],
             };
             if kernel::judge(&mut line, rule) {
                 let new = self.state[part.clone()].iter().enumerate().filter(|(_, state)| **state & NEW > 0);

@@ -1,7 +1,8 @@
 //! From pixels that broke to places that broke, once the film is over.
 //!
-//! What looked dry at the end, though not long enough, belongs to the break that it touches. A few pixels alone are noise.
-//! A small wet place within a break is a bead of water on grease, no film: it belongs to the break.
+//! What looked dry at the end, though not long enough, belongs to the break that it touches. A few pixels alone are noise;
+//! a place no larger than a glint's rim that was open for some seconds alone was one that lingered. A small wet place
+//! within a break is a bead of water on grease, no film: it belongs to the break.
 
 use super::film::NEVER;
 use super::footprint::Window;
@@ -10,24 +11,36 @@ use std::collections::VecDeque;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
+/// A glint that lingers at one place is gone after this time, s, the time to notice it included.
+const GLINT_S: f32 = 5.0;
 
-/// When each pixel of the window broke, s; [`NEVER`] where its film holds. `looks_dry_since_s` tells of pixels that are
-/// not in `broke_s`; `inside` is the region; a wet place of up to `bead_px` pixels within a break is filled.
-pub fn settled(
-    window: &Window,
-    broke_s: Vec<f32>,
-    looks_dry_since_s: impl Fn(usize) -> Option<f32>,
-    inside: &[bool],
-    bead_px: usize,
-) -> Vec<f32> {
+/// What is known of the window's pixels besides when they broke.
+pub struct Seen<'a> {
+    /// Since when a pixel that did not break has looked dry, s.
+    pub looks_dry_since_s: &'a dyn Fn(usize) -> Option<f32>,
+    /// How long a pixel that broke was open, s, where it closed again.
+    pub was_open_s: &'a dyn Fn(usize) -> Option<f32>,
+    /// The region.
+    pub inside: &'a [bool],
+    /// The largest glint and the largest bead, px.
+    pub small_px: usize,
+}
+
+/// When each pixel of the window broke, s; [`NEVER`] where its film holds.
+pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &Seen<'_>) -> Vec<f32> {
+    let Seen { inside, small_px, .. } = *seen;
     let mut broke_s = broke_s;
-    grow(window, &mut broke_s, looks_dry_since_s);
+    grow(window, &mut broke_s, seen.looks_dry_since_s);
     let pieces = components(window, |i| broke_s[i] < NEVER, &AROUND);
-    for noise in pieces.iter().filter(|piece| piece.len() < MIN_PIECE_PX) {
+    let was_glint = |piece: &Vec<usize>| {
+        let gone = |&i: &usize| (seen.was_open_s)(i).is_some_and(|open_s| open_s < GLINT_S);
+        piece.len() <= small_px && piece.iter().all(gone)
+    };
+    for noise in pieces.iter().filter(|piece| piece.len() < MIN_PIECE_PX || was_glint(piece)) {
         noise.iter().for_each(|&i| broke_s[i] = NEVER);
     }
     for wet in components(window, |i| broke_s[i] == NEVER, &BESIDE) {
-        let enclosed = wet.len() <= bead_px && wet.iter().all(|&i| inside[i] && !at_rim(window, i));
+        let enclosed = wet.len() <= small_px && wet.iter().all(|&i| inside[i] && !at_rim(window, i));
         if enclosed {
             let rim = wet.iter().flat_map(|&i| neighbours(window, i, &BESIDE)).map(|i| broke_s[i]);
             let closed_in_s = rim.filter(|time_s| *time_s < NEVER).fold(0.0, f32::max);
@@ -114,8 +127,21 @@ mod tests {
         let broke = times(["........", ".1111..7", ".1.21...", ".1111...", "........", "77......"]);
         let late = |i: usize| (i == 8 + 5 || i == 6).then_some(9.0);
         let expected = times(["......9.", ".11119..", ".1221...", ".1111...", "........", "........"]);
-        assert_eq!(settled(&WINDOW, broke.clone(), late, &[true; 48], 1), expected);
-        let without_filling = settled(&WINDOW, broke, |_| None, &[true; 48], 0);
+        let seen = |late, open, small_px| Seen {
+            looks_dry_since_s: late,
+            was_open_s: open,
+            inside: &[true; 48],
+            small_px,
+        };
+        assert_eq!(settled(&WINDOW, broke.clone(), &seen(&late, &|_| None, 1)), expected);
+        let without_filling = settled(&WINDOW, broke.clone(), &seen(&|_| None, &|_| None, 0));
         assert_eq!(without_filling[2 * 8 + 2], NEVER);
+        // Eleven pixels that were open for 4 s: a glint where it may be as large as that, a break where not.
+        for (small_px, left) in [(11, 0), (10, 12)] {
+            let found = settled(&WINDOW, broke.clone(), &seen(&|_| None, &|_| Some(4.0), small_px));
+            assert_eq!(found.iter().filter(|time_s| **time_s < NEVER).count(), left, "{small_px}");
+        }
+        let long = settled(&WINDOW, broke, &seen(&|_| None, &|_| Some(6.0), 11));
+        assert_eq!(long.iter().filter(|time_s| **time_s < NEVER).count(), 12);
     }
 }

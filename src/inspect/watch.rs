@@ -6,7 +6,7 @@ use super::gate::{Demands, GridInspection, Observation, judge};
 use super::model::Model;
 use super::pieces::{Break, breaks};
 use super::quality::Quality;
-use super::settle::settled;
+use super::settle::{Seen, settled};
 use super::steady::Outline;
 use super::{InspectError, thesis};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
@@ -16,8 +16,9 @@ use crate::recipe::{self, Method};
 use crate::verdict::Judgement;
 use opencv::core::Mat;
 
-/// A wet place within a break is a bead on grease up to this area, mm².
-const BEAD_MM2: f64 = 25.0;
+/// A wet place within a break is a bead on grease, and a break that closed soon a glint that lingered, up to this area,
+/// mm².
+const SMALL_MM2: f64 = 20.0;
 
 /// Watches a film break.
 #[derive(Debug)]
@@ -237,8 +238,13 @@ impl Watch {
             Some(_) => broke_s,
             None => {
                 let looks_dry = |index: usize| self.model.looks_dry_since_s(index).filter(|_| inside[index]);
-                let bead_px = self.footprint.pixels_of(BEAD_MM2);
-                settled(self.footprint.window(), broke_s, looks_dry, &inside, bead_px)
+                let seen = Seen {
+                    looks_dry_since_s: &looks_dry,
+                    was_open_s: &|index| self.model.was_open_s(index),
+                    inside: &inside,
+                    small_px: self.footprint.pixels_of(SMALL_MM2),
+                };
+                settled(self.footprint.window(), broke_s, &seen)
             }
         };
         let model = &self.model;
