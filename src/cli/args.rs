@@ -105,9 +105,11 @@ pub enum Command {
     Inspect(Inspect),
     /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
     /// weights and thresholds fit (thesis 4.2, 4.3).
-    #[command(after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(
+        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json --truth target/cell/truth")]
+        --located target/cell/located.json --truth target/cell/truth"
+    )]
     Tune(Tune),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \

@@ -3,9 +3,9 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::Fault;
+use super::labels::{self, Labels};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
-use super::labels::{self, Labels};
 use super::pictures;
 use super::validate;
 use crate::files::{self, Clip, ClipEntry};
@@ -78,7 +78,11 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
         disk::write(&file, bytes)?;
         mask = Some(file);
         let drawn = [
-            ("inspected", "What broke by the end of the film, and the grids that failed", inspected.drawn(&taught)?),
+            (
+                "inspected",
+                "What broke by the end of the film, and the grids that failed",
+                inspected.drawn(&taught)?,
+            ),
             ("break_times", "When it broke", inspected.break_times(&taught)?),
             ("film", "The film in time, with what had broken by then", inspected.strip()?),
         ];
@@ -88,7 +92,8 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
             let jpeg = files::write_color_jpeg(picture).map_err(Fault::stage)?;
             figures.push(Figure { caption: (*caption).to_owned(), jpeg });
         }
-        let page = inspection_page(&inspected.inspection, (&recipe, &demands), &clip.display().to_string(), figures);
+        let page =
+            inspection_page(&inspected.inspection, (&recipe, &demands), &clip.display().to_string(), figures);
         disk::write(&folder.join("inspection.html"), page.html())?;
     }
     Ok(inspected.outcome(mask))

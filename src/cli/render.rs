@@ -90,12 +90,7 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn write(
-    cell: &sim::Cell,
-    folder: &Path,
-    seconds: u32,
-    progress: &dyn Fn(&str),
-) -> Result<Rendered, Fault> {
+pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
     let rendered = write_taught_for(cell, folder, seconds, progress)?;
     progress("rendering the scan and the corner picture");
     disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;

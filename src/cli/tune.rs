@@ -58,7 +58,10 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     }
     let settings = recipe.inspect();
     let Some((advice, reference)) = sampler.advice(settings).zip(reference) else {
-        return Err(Fault::file(&list, std::io::Error::other("it has no picture of phase dry; without one nothing is compared")));
+        return Err(Fault::file(
+            &list,
+            std::io::Error::other("it has no picture of phase dry; without one nothing is compared"),
+        ));
     };
     let mut outcome = told(&advice);
     if let (Some(folder), Some(last)) = (&args.truth, of(Phase::Wet).last()) {
@@ -95,7 +98,8 @@ fn told(advice: &Advice) -> Outcome {
         review.push(Reason::new("uneven", message));
     }
     if advice.overexposed > 0.001 {
-        let message = format!("{:.1} % of the dry region is overexposed: a shorter exposure", 100.0 * advice.overexposed);
+        let message =
+            format!("{:.1} % of the dry region is overexposed: a shorter exposure", 100.0 * advice.overexposed);
         review.push(Reason::new("overexposed", message));
     }
     let verdict = if review.is_empty() { Verdict::Accept } else { Verdict::Review };
@@ -114,7 +118,9 @@ fn told(advice: &Advice) -> Outcome {
     let weights = advice.channels.map(|channel| channel.weight);
     outcome.say(format!(
         "light over the dry region: {:.2} to {:.2} of its mean; overexposed {:.2} %",
-        advice.evenness[0], advice.evenness[1], 100.0 * advice.overexposed
+        advice.evenness[0],
+        advice.evenness[1],
+        100.0 * advice.overexposed
     ));
     outcome.say("for the recipe:");
     outcome.say(format!("  channel_weights = {weights:?}"));

@@ -134,7 +134,10 @@ fn by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
 
 fn by_lateness(rows: &[Row]) -> Vec<(String, usize)> {
     let late = || rows.iter().flat_map(|row| &row.places).filter_map(|place| place.late_s);
-    LATE_S.windows(2).map(|ends| (between(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count())).collect()
+    LATE_S
+        .windows(2)
+        .map(|ends| (between(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
+        .collect()
 }
 
 fn between(ends: &[f64], unit: &str) -> String {
@@ -158,7 +161,8 @@ fn told(rows: &[Row]) -> Outcome {
     let near = late.iter().filter(|late_s| late_s.abs() <= 0.5).count();
     let iou = mean(broken().map(|row| row.whole.iou));
     let within = mean(broken().map(|row| row.within.iou));
-    let (precision, recall) = (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
+    let (precision, recall) =
+        (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
     // A set says how good the method is, not how good a panel is.
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
@@ -167,13 +171,19 @@ fn told(rows: &[Row]) -> Outcome {
         let missed = row.places.iter().filter(|place| !place.found).count();
         outcome.say(format!(
             "{:16} {:8}  {iou:.3}  {:.3}   {precision:.3}  {recall:.3}  {:6} {missed:6}",
-            row.name, row.verdict.word(), row.within.iou, row.places.len()
+            row.name,
+            row.verdict.word(),
+            row.within.iou,
+            row.places.len()
         ));
     }
     let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
     outcome.say(format!(
         "mean of clips with breaks: intersection over union {} ({} without ±1 px of rim), precision {}, recall {}",
-        shown(iou), shown(within), shown(precision), shown(recall)
+        shown(iou),
+        shown(within),
+        shown(precision),
+        shown(recall)
     ));
     let Confusion { true_fail, false_fail, false_pass, true_pass } = confusion;
     outcome.say(format!(
@@ -184,12 +194,17 @@ fn told(rows: &[Row]) -> Outcome {
         outcome.say(format!("  places of {class:16} {places:4}, missed {missed:4}"));
     }
     outcome.say(format!("time to break, from {TIMED_MM2} mm² on: {near} of {} within 0.5 s", late.len()));
-    let clips: Vec<Value> = rows.iter().map(|row| {
-        json!({"clip": row.name, "verdict": row.verdict, "iou": row.whole.iou, "iou_within": row.within.iou,
+    let clips: Vec<Value> = rows
+        .iter()
+        .map(|row| {
+            json!({"clip": row.name, "verdict": row.verdict, "iou": row.whole.iou, "iou_within": row.within.iou,
                "precision": row.whole.precision, "recall": row.whole.recall})
-    }).collect();
-    let sizes: Vec<Value> =
-        sizes.iter().map(|(class, places, missed)| json!({"size": class, "places": places, "missed": missed})).collect();
+        })
+        .collect();
+    let sizes: Vec<Value> = sizes
+        .iter()
+        .map(|(class, places, missed)| json!({"size": class, "places": places, "missed": missed}))
+        .collect();
     outcome.put("score", json!({
         "clips": rows.len(), "iou": iou, "iou_within": within, "precision": precision, "recall": recall,
         "grids": {"true_fail": true_fail, "false_fail": false_fail, "false_pass": false_pass, "true_pass": true_pass},
@@ -200,16 +215,19 @@ fn told(rows: &[Row]) -> Outcome {
 }
 
 fn plots(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture); 2], Fault> {
-    let missed: Vec<Bar> = by_size(rows).into_iter().map(|(class, places, missed)| Bar {
-        label: format!("{class} ({missed} of {places})"),
-        share: missed as f64 / places.max(1) as f64,
-    }).collect();
+    let missed: Vec<Bar> = by_size(rows)
+        .into_iter()
+        .map(|(class, places, missed)| Bar {
+            label: format!("{class} ({missed} of {places})"),
+            share: missed as f64 / places.max(1) as f64,
+        })
+        .collect();
     let lateness = by_lateness(rows);
     let all: usize = lateness.iter().map(|(_, count)| count).sum();
-    let late: Vec<Bar> = lateness.into_iter().map(|(class, count)| Bar {
-        label: format!("{class} ({count})"),
-        share: count as f64 / all.max(1) as f64,
-    }).collect();
+    let late: Vec<Bar> = lateness
+        .into_iter()
+        .map(|(class, count)| Bar { label: format!("{class} ({count})"), share: count as f64 / all.max(1) as f64 })
+        .collect();
     Ok([
         ("missed_by_size", bars("places missed, by size", &missed).map_err(Fault::stage)?),
         ("time_error", bars("how late the first 10 mm² were found", &late).map_err(Fault::stage)?),

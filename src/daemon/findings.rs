@@ -101,7 +101,12 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f
         Number::new("pictures that could be judged by", "", quality.usable as f64).within(Limit::AtLeast(usable)),
         Number::new("longest time without one", "s", quality.longest_unseen_s)
             .within(Limit::AtMost(demands.max_gap_s())),
-        at_most("region that was wet in no picture", "%", observation.never_wet_percent, settings.max_never_wet_percent()),
+        at_most(
+            "region that was wet in no picture",
+            "%",
+            observation.never_wet_percent,
+            settings.max_never_wet_percent(),
+        ),
         Number::new("change of the light, least", "%", percent(quality.light[0])).within(Limit::AtLeast(-light)),
         Number::new("change of the light, most", "%", percent(quality.light[1])).within(Limit::AtMost(light)),
         Number::new("panel moved in the picture", "px", quality.moved_px),

@@ -40,7 +40,11 @@ pub struct GrayPicture {
 impl GrayPicture {
     /// The same in colour.
     pub fn to_color(&self) -> ColorPicture {
-        ColorPicture { width: self.width, height: self.height, rgb: self.gray.iter().map(|&gray| [gray; 3]).collect() }
+        ColorPicture {
+            width: self.width,
+            height: self.height,
+            rgb: self.gray.iter().map(|&gray| [gray; 3]).collect(),
+        }
     }
 
     /// A picture of one brightness.

@@ -225,9 +225,10 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
     if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
         return reasons;
     }
-    let (flaw, count) = Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Light, 0), |most, found| {
-        if found.1 > most.1 { found } else { most }
-    });
+    let (flaw, count) = Flaw::ALL
+        .into_iter()
+        .zip(quality.flawed)
+        .fold((Flaw::Light, 0), |most, found| if found.1 > most.1 { found } else { most });
     let what = match flaw {
         Flaw::Light => format!(
             "the light differs from the dry picture's by more than {:.0} %, or in a way that is no light",

@@ -133,7 +133,8 @@ fn judge_slices(
     let (state, run, since_s, until_s) = kept;
     let count = light.len();
     // One length for all, so that no bound is checked within the loop.
-    let (before, dry, gain_q12, doubtful) = (&before[..count], &dry[..count], &gain_q12[..count], &doubtful[..count]);
+    let (before, dry, gain_q12, doubtful) =
+        (&before[..count], &dry[..count], &gain_q12[..count], &doubtful[..count]);
     let (state, run) = (&mut state[..count], &mut run[..count]);
     let (since_s, until_s) = (&mut since_s[..count], &mut until_s[..count]);
     let mut any = 0_u8;
@@ -173,7 +174,14 @@ mod tests {
     use super::*;
 
     const DRY: u16 = 100 * 64;
-    const RULE: Rule = Rule { film_q15: 32_768 * 6 / 10, persist: 3, before_s: 0.0, now_s: 0.0, brighter_q12: 4096, notes: BROKE | NEW };
+    const RULE: Rule = Rule {
+        film_q15: 32_768 * 6 / 10,
+        persist: 3,
+        before_s: 0.0,
+        now_s: 0.0,
+        brighter_q12: 4096,
+        notes: BROKE | NEW,
+    };
 
     /// By hand, weights 16, 32, 16: (16·10 + 32·20 + 16·30)/64 = 20 levels.
     #[test]
@@ -206,7 +214,10 @@ mod tests {
         assert_eq!([79, 80, 114, 115].map(|level| run_after([level; 2], 4096, 1)), [0, 2, 2, 1]);
         assert_eq!([39, 40, 57, 58].map(|level| run_after([level; 2], 2048, 1)), [0, 2, 2, 1]);
         assert_eq!((run_after([50; 2], 4096, 0), run_after([100; 2], 4096, 3)), (0, 3), "it stays within 0 and H");
-        assert_eq!([[92, 100], [91, 100], [109, 101], [110, 101]].map(|levels| run_after(levels, 4096, 1)), [2, 1, 2, 1]);
+        assert_eq!(
+            [[92, 100], [91, 100], [109, 101], [110, 101]].map(|levels| run_after(levels, 4096, 1)),
+            [2, 1, 2, 1]
+        );
     }
 
     /// Dry in pictures 1, 2, then hidden, then dry: steady in 2, 5 and 6, it breaks in picture 6 and broke at 1; wet for

@@ -37,7 +37,8 @@ impl Light {
 
     /// The light by the tiles' sums, each with its pixels in the region.
     pub fn found(&self, sums: &[Sum], inside: &[u32]) -> Light {
-        let known = |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
+        let known =
+            |i: usize| f64::from(sums[i].pixels) >= MIN_SHARE * f64::from(inside[i]) && sums[i].expected > 0;
         let ratio = |i: usize| f64::from(sums[i].found) / f64::from(sums[i].expected);
         let mut ratios: Vec<(f64, u32)> =
             (0..sums.len()).filter(|&i| inside[i] > 0 && known(i)).map(|i| (ratio(i), inside[i])).collect();
@@ -100,10 +101,13 @@ impl Light {
 fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {
     let half: u64 = sorted.iter().map(|(_, weight)| u64::from(*weight)).sum::<u64>() / 2;
     let mut sum = 0;
-    sorted.iter().find(|(_, weight)| {
-        sum += u64::from(*weight);
-        sum > half
-    }).map(|(value, _)| *value)
+    sorted
+        .iter()
+        .find(|(_, weight)| {
+            sum += u64::from(*weight);
+            sum > half
+        })
+        .map(|(value, _)| *value)
 }
 
 #[cfg(test)]

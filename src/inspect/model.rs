@@ -111,7 +111,8 @@ impl Model {
         let (state, stride) = (&self.state, self.stride);
         let count = |tile: usize| {
             let (left, top) = (tile % columns * TILE_PX, tile / columns * TILE_PX);
-            let row = |row: usize| state[row * stride + left..][..TILE_PX].iter().filter(|s| **s & INSIDE > 0).count();
+            let row =
+                |row: usize| state[row * stride + left..][..TILE_PX].iter().filter(|s| **s & INSIDE > 0).count();
             (top..top + TILE_PX).map(row).sum::<usize>() as u32
         };
         self.inside = (0..columns * self.tile_rows).map(count).collect();
@@ -120,7 +121,10 @@ impl Model {
     fn read(&mut self, picture: &ColorPicture) -> bool {
         std::mem::swap(&mut self.brightness, &mut self.before);
         let (window, weights) = (self.window, self.weights);
-        let rows = self.brightness.par_chunks_mut(self.stride * TILE_PX).zip(self.before.par_chunks(self.stride * TILE_PX));
+        let rows = self
+            .brightness
+            .par_chunks_mut(self.stride * TILE_PX)
+            .zip(self.before.par_chunks(self.stride * TILE_PX));
         let same: Vec<bool> = rows
             .enumerate()
             .map(|(band, (out, before))| {
@@ -179,7 +183,8 @@ impl Model {
         if let Some(film) = self.film_left() {
             (self.film, self.film_known) = (film, true);
         }
-        let rule = Rule { film_q15: self.film_q15(), persist: 1, before_s: 0.0, now_s: 0.0, brighter_q12: 4096, notes: 0 };
+        let rule =
+            Rule { film_q15: self.film_q15(), persist: 1, before_s: 0.0, now_s: 0.0, brighter_q12: 4096, notes: 0 };
         // Whether it is steady plays no part yet.
         let before = std::mem::replace(&mut self.before, self.brightness.clone());
         self.judge(rule);
@@ -304,7 +309,8 @@ impl Model {
         let (stride, window) = (self.stride, self.window);
         let band = stride * TILE_PX;
         let (light, watching) = (&self.light, self.watching);
-        let given = self.brightness.par_chunks(band).zip(self.before.par_chunks(band)).zip(self.dry.par_chunks(band));
+        let given =
+            self.brightness.par_chunks(band).zip(self.before.par_chunks(band)).zip(self.dry.par_chunks(band));
         let kept = self.state.par_chunks_mut(band).zip(self.run.par_chunks_mut(band));
         let times = self.since_s.par_chunks_mut(band).zip(self.until_s.par_chunks_mut(band));
         let rows = given.zip(kept).zip(times).enumerate();

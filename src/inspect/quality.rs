@@ -82,7 +82,13 @@ impl Quality {
     }
 
     /// Takes what one picture says of itself; whether it can be judged by.
-    pub fn take(&mut self, look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect, time_s: f64) -> bool {
+    pub fn take(
+        &mut self,
+        look: &Look,
+        steady: Option<Steadiness>,
+        settings: &recipe::Inspect,
+        time_s: f64,
+    ) -> bool {
         if let Some(steady) = steady {
             self.moved_px = Some(self.moved_px.unwrap_or(0.0).max(steady.moved_px));
             self.sharpness = Some(self.sharpness.unwrap_or(f64::INFINITY).min(steady.sharpness));

@@ -36,7 +36,8 @@ impl Test {
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
         let demands =
             Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2: 5.0, persist_s: 1.0 };
-        let watch = Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
+        let watch =
+            Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
         Test { cell, watch, filmed_s: demands.filmed_s(), truth_s: WET_FROM_S + observation_s }
     }
 

@@ -60,7 +60,9 @@ fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) 
     let mut rim: VecDeque<usize> = (0..broke_s.len()).filter(|&i| broke_s[i] < NEVER).collect();
     while let Some(index) = rim.pop_front() {
         for next in neighbours(window, index, &AROUND) {
-            if broke_s[next] == NEVER && let Some(since_s) = looks_dry_since_s(next) {
+            if broke_s[next] == NEVER
+                && let Some(since_s) = looks_dry_since_s(next)
+            {
                 broke_s[next] = since_s;
                 rim.push_back(next);
             }
@@ -119,7 +121,10 @@ mod tests {
     const WINDOW: Window = Window { left: 0, top: 0, width: 8, height: 6 };
 
     fn times(rows: [&str; 6]) -> Vec<f32> {
-        rows.iter().flat_map(|row| row.bytes()).map(|b| if b == b'.' { NEVER } else { f32::from(b - b'0') }).collect()
+        rows.iter()
+            .flat_map(|row| row.bytes())
+            .map(|b| if b == b'.' { NEVER } else { f32::from(b - b'0') })
+            .collect()
     }
 
     #[test]

@@ -68,7 +68,11 @@ impl Outline {
                 normal: Vector2::new(-along.y, along.x) / length,
             })
         };
-        let places = if pixels.len() > 4 * reach { (0..pixels.len()).step_by(step).filter_map(place).collect() } else { vec![] };
+        let places = if pixels.len() > 4 * reach {
+            (0..pixels.len()).step_by(step).filter_map(place).collect()
+        } else {
+            vec![]
+        };
         Outline { places, first: Vec::new() }
     }
 
@@ -88,9 +92,12 @@ impl Outline {
         if pairs.len() < MIN_PROFILES {
             return None;
         }
-        let seen: Vec<(Place, Edge, Edge)> = pairs.iter().filter_map(|&(place, first, now)| {
-            now.filter(|now| now.contrast > 0.3 * first.contrast).map(|now| (place, first, now))
-        }).collect();
+        let seen: Vec<(Place, Edge, Edge)> = pairs
+            .iter()
+            .filter_map(|&(place, first, now)| {
+                now.filter(|now| now.contrast > 0.3 * first.contrast).map(|now| (place, first, now))
+            })
+            .collect();
         // Most of the outline is gone: the panel is elsewhere, or nothing is seen.
         if seen.len() * 2 < pairs.len() {
             return Some(Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 });
@@ -181,10 +188,15 @@ mod tests {
 
     fn outline() -> Outline {
         let side = |i: u16| f32::from(i) + 24.0;
-        let place = |u: f32, v: f32, nu: f32, nv: f32| Place { at: Vector2::new(u, v), normal: Vector2::new(nu, nv) };
+        let place =
+            |u: f32, v: f32, nu: f32, nv: f32| Place { at: Vector2::new(u, v), normal: Vector2::new(nu, nv) };
         let places = (0..52).flat_map(|i| {
-            [place(20.0, side(i), -1.0, 0.0), place(80.0, side(i), 1.0, 0.0), place(side(i), 20.0, 0.0, -1.0),
-             place(side(i), 80.0, 0.0, 1.0)]
+            [
+                place(20.0, side(i), -1.0, 0.0),
+                place(80.0, side(i), 1.0, 0.0),
+                place(side(i), 20.0, 0.0, -1.0),
+                place(side(i), 80.0, 0.0, 1.0),
+            ]
         });
         Outline { places: places.collect(), first: Vec::new() }
     }

@@ -321,11 +321,9 @@ fn colour_can_rule_a_change_out() {
     let settings = format!("{SHARP}\nhsv_min = [0, 0, 120]");
     let mut watch = watch(0.0, &settings);
     watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
-    let inspection =
-        watched(
-            watch,
-            |second| if second < 2 { vec![[100, 60, 120, 80]] } else { vec![[70, 30, 90, 45], [100, 60, 120, 80]] },
-        );
+    let inspection = watched(watch, |second| {
+        if second < 2 { vec![[100, 60, 120, 80]] } else { vec![[70, 30, 90, 45], [100, 60, 120, 80]] }
+    });
     assert_eq!(inspection.judgement.verdict, Verdict::Pass, "a value of {} is below 120", DRY[0]);
     assert!(inspection.breaks.is_empty(), "nor is it dry under the spray");
 }

@@ -39,7 +39,11 @@ fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
 }
 
 /// The adjusted difference of two pictures, row by row: what the threshold is held against.
-pub fn levels(settings: &recipe::Inspect, reference: &ColorPicture, test: &ColorPicture) -> Result<Vec<u8>, ImagingError> {
+pub fn levels(
+    settings: &recipe::Inspect,
+    reference: &ColorPicture,
+    test: &ColorPicture,
+) -> Result<Vec<u8>, ImagingError> {
     let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
     let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
     named("the difference to the reference", adjusted_difference(settings, &reference, &test))

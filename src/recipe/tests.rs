@@ -57,7 +57,10 @@ fn each_mistake_is_named() {
         ),
         ("corner.panel_gray_min = 110", "corner.panel_gray_max: must exceed panel_gray_min, 110"),
         ("inspect.method = 'films'", "inspect.method: found the text \"films\", allowed is \"film\" or \"thesis\""),
-        ("inspect.channel_weights = [0, 0, 0]", "inspect.channel_weights: one channel at least must weigh 0.01 or more"),
+        (
+            "inspect.channel_weights = [0, 0, 0]",
+            "inspect.channel_weights: one channel at least must weigh 0.01 or more",
+        ),
         (
             "inspect.masked_px = [[[1, 2], [3, 4], [5, 6]]]",
             "inspect.masked_px: item 1: found a list of 3, allowed is a list of 4",

@@ -36,7 +36,8 @@ fn seen(inspection: &Inspection, figures: Vec<Figure>) -> Section {
     let row = |(index, found): (usize, &crate::inspect::Break)| {
         let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
         let closed = if found.closed_again() { "; the film closed over it again" } else { "" };
-        let value = format!("{:.1} mm² from {:.1} s, in {}{closed}", found.area_mm2, found.first_seen_s, grids.join(", "));
+        let value =
+            format!("{:.1} mm² from {:.1} s, in {}{closed}", found.area_mm2, found.first_seen_s, grids.join(", "));
         Row::new(&format!("break {}", index + 1), value, "")
     };
     let rows = inspection.breaks.iter().enumerate().map(row).collect();
@@ -71,9 +72,17 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
     let percent = |share: f64| format!("{:+.1} %", 100.0 * (share - 1.0));
     let unknown = || "not measured: the outline has no contrast".to_owned();
     let mut rows = vec![
-        Row::new("film watched", format!("{:.1} s", observation.observed_s), format!("≥ {:.1} s", demands.min_observed_s())),
+        Row::new(
+            "film watched",
+            format!("{:.1} s", observation.observed_s),
+            format!("≥ {:.1} s", demands.min_observed_s()),
+        ),
         Row::new("wet pictures", observation.frames.to_string(), format!("≥ {}", demands.min_frames())),
-        Row::new("longest gap", format!("{:.2} s", observation.longest_gap_s), format!("≤ {:.2} s", demands.max_gap_s())),
+        Row::new(
+            "longest gap",
+            format!("{:.2} s", observation.longest_gap_s),
+            format!("≤ {:.2} s", demands.max_gap_s()),
+        ),
         Row::new(
             "pictures that could be judged by",
             quality.usable.to_string(),
@@ -90,7 +99,11 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
             quality.moved_px.map_or_else(unknown, |px| format!("{px:.2} px")),
             format!("≤ {:.1} px", settings.max_moved_px()),
         ),
-        Row::new("least sharpness", quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")), ""),
+        Row::new(
+            "least sharpness",
+            quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")),
+            "",
+        ),
         Row::new("smallest break that is surely found", format!("{:.1} mm²", observation.detection_limit_mm2), ""),
     ];
     if quality.usable > 0 {
@@ -106,7 +119,8 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
 
 fn signature(inspection: &Inspection, recipe: &Recipe) -> Section {
     let process = recipe.process();
-    let stated = |value: Option<String>| value.map_or(BLANK.to_owned(), |value| format!("{value} (stated by the recipe)"));
+    let stated =
+        |value: Option<String>| value.map_or(BLANK.to_owned(), |value| format!("{value} (stated by the recipe)"));
     let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
     let mut rows = vec![
         Row::new("water: kind, conductivity", stated(process.water()), ""),

@@ -175,7 +175,8 @@ impl View<'_> {
         }
         let mut canvas = Canvas::on(&picture)?;
         self.grids(&mut canvas, &panel.grids, &|_| false)?;
-        let meaning: Vec<String> = STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
+        let meaning: Vec<String> =
+            STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
         let legend: Vec<(Ink, &str)> = STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
         self.framed(canvas, panel, &legend)
     }

@@ -319,12 +319,7 @@ fn reached_s(front: &ValueNoise, place: [f64; 2]) -> f32 {
 }
 
 /// The pixel with when its film breaks and closes, and which share of it lies in a spot.
-fn broken(
-    spots: &[Spot],
-    beads: &[Vec<Bead>],
-    (place, pixel_mm): ([f64; 2], f64),
-    wetted: Wetted,
-) -> Wetted {
+fn broken(spots: &[Spot], beads: &[Vec<Bead>], (place, pixel_mm): ([f64; 2], f64), wetted: Wetted) -> Wetted {
     let away_mm = |[s, t]: [f64; 2]| (place[0] - s).hypot(place[1] - t);
     for (spot, beads) in spots.iter().zip(beads) {
         if away_mm(spot.centre_mm()) > spot.radius_mm() + 2.0 * pixel_mm {

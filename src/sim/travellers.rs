@@ -119,9 +119,10 @@ mod tests {
     fn travellers_move_without_jumps_while_they_live() {
         let glints = Travellers::new(Seed(3), Purpose::Glints, 30, GROUND);
         let (now, soon) = (glints.at(7.0), glints.at(7.01));
-        let steps = now.iter().zip(&soon).map(|(a, b)| {
-            (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1])
-        });
+        let steps = now
+            .iter()
+            .zip(&soon)
+            .map(|(a, b)| (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1]));
         // 40 mm/s at most, twice that while it swells: 1.6 px in 10 ms.
         assert!(steps.clone().filter(|step| *step < 1.6).count() >= 29 && steps.clone().any(|step| step > 0.0));
         assert_eq!(glints.at(7.0), now);

@@ -52,7 +52,8 @@ impl Bench {
 
     pub fn watch(&self, recipe: &Recipe, observation_s: f64) -> Watch {
         let demands = self.demands(observation_s);
-        Watch::new(&self.taught, self.cell.scanner(), self.camera_from_panel, recipe.inspect(), demands).expect("in view")
+        Watch::new(&self.taught, self.cell.scanner(), self.camera_from_panel, recipe.inspect(), demands)
+            .expect("in view")
     }
 
     /// The same recipe with the thesis's method.
@@ -94,7 +95,8 @@ fn kind(seed: u64, extent: Extent) -> Kind {
     const SHARES: [f64; 8] = [0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.8, 1.0];
     let mixed = |count| Grease::Mixed { count, until_s: WET_FROM_S + 0.85 * extent.observed_s };
     let spray = |share| Grease::Share { share, kind: SpotKind::UnderSpray };
-    let hard = FilmSpec { shadow_at_s: WET_FROM_S + (seed % 7) as f64 / 7.0 * extent.observed_s, ..FilmSpec::hard(seed) };
+    let hard =
+        FilmSpec { shadow_at_s: WET_FROM_S + (seed % 7) as f64 / 7.0 * extent.observed_s, ..FilmSpec::hard(seed) };
     match seed % 8 {
         0..4 => Kind { name: "mixed", spec: hard, grease: Some(mixed(2 + (seed / 8 % 5) as usize)) },
         4 => Kind { name: "usual", spec: FilmSpec::USUAL, grease: Some(mixed(4)) },
@@ -124,7 +126,9 @@ pub struct Tally {
 
 pub fn run(extent: Extent) -> Tally {
     let mut tally = Tally::default();
-    println!("clip seed kind   exposure drift shadow glints verdict  iou   within  prec  rec   TF FF FP TP  missed / time errors, s");
+    println!(
+        "clip seed kind   exposure drift shadow glints verdict  iou   within  prec  rec   TF FF FP TP  missed / time errors, s"
+    );
     for seed in 1..=extent.clips {
         one(seed, extent, &mut tally);
     }
@@ -167,14 +171,28 @@ fn one(seed: u64, extent: Extent, tally: &mut Tally) {
     let right = inspection.judgement.verdict == expected;
     println!(
         "{seed:9} {name:6} {:6.2} {:6.2} {:6.2} {:5}   {:8} {:.3} {:.3}  {:.3} {:.3} {:3}{:3}{:3}{:4}  {missed:.0?} {errors:.2?}{}",
-        spec.exposure, spec.drift, spec.shadow, spec.glints,
-        inspection.judgement.verdict.word(), whole.iou, within.iou, whole.precision, whole.recall,
-        confusion.true_fail, confusion.false_fail, confusion.false_pass, confusion.true_pass,
+        spec.exposure,
+        spec.drift,
+        spec.shadow,
+        spec.glints,
+        inspection.judgement.verdict.word(),
+        whole.iou,
+        within.iou,
+        whole.precision,
+        whole.recall,
+        confusion.true_fail,
+        confusion.false_fail,
+        confusion.false_pass,
+        confusion.true_pass,
         if right { "" } else { "  <-" },
     );
     if !right {
         tally.wrong_verdicts += 1;
-        inspection.judgement.reasons.iter().for_each(|reason| println!("      {}: {}", reason.code, reason.message));
+        inspection
+            .judgement
+            .reasons
+            .iter()
+            .for_each(|reason| println!("      {}: {}", reason.code, reason.message));
     }
     if truth.count() > 0 {
         tally.iou.push(whole.iou);
@@ -222,21 +240,46 @@ impl Tally {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
         println!("\nintersection over union on {} clips with breaks (mean, least):", self.iou.len());
-        println!("  without ±1 px of rim  {:.4}  {:.4}   (needed 0.95)", mean(&self.iou_within), least(&self.iou_within));
+        println!(
+            "  without ±1 px of rim  {:.4}  {:.4}   (needed 0.95)",
+            mean(&self.iou_within),
+            least(&self.iou_within)
+        );
         println!("  with the rim          {:.4}  {:.4}   (needed 0.90)", mean(&self.iou), least(&self.iou));
-        println!("  the thesis's pipeline, default thresholds, on {} of them: {:.4}  {:.4}", self.thesis_iou.len(),
-                 mean(&self.thesis_iou), least(&self.thesis_iou));
-        println!("spots: {}; missed of those from 25 mm² on: {} {:.0?}", self.spots, self.missed.len(), self.missed);
+        println!(
+            "  the thesis's pipeline, default thresholds, on {} of them: {:.4}  {:.4}",
+            self.thesis_iou.len(),
+            mean(&self.thesis_iou),
+            least(&self.thesis_iou)
+        );
+        println!(
+            "spots: {}; missed of those from 25 mm² on: {} {:.0?}",
+            self.spots,
+            self.missed.len(),
+            self.missed
+        );
         for (low, high) in [(0.0, 5.0), (5.0, 25.0), (25.0, 50.0), (50.0, 200.0), (200.0, f64::INFINITY)] {
             let of: Vec<bool> = self.by_size.iter().filter(|(a, _)| (low..high).contains(a)).map(|s| s.1).collect();
-            println!("  {low:4.0} to {high:4.0} mm²: {} of {} missed", of.iter().filter(|found| !**found).count(), of.len());
+            println!(
+                "  {low:4.0} to {high:4.0} mm²: {} of {} missed",
+                of.iter().filter(|found| !**found).count(),
+                of.len()
+            );
         }
-        println!("grids: {} broken, {} of them passed (needed 0); {} clean, {} of them failed: {:.2} % (needed 0.5 %)",
-                 self.broken_grids, self.false_pass, self.clean_grids, self.false_fail,
-                 100.0 * self.false_fail as f64 / self.clean_grids.max(1) as f64);
+        println!(
+            "grids: {} broken, {} of them passed (needed 0); {} clean, {} of them failed: {:.2} % (needed 0.5 %)",
+            self.broken_grids,
+            self.false_pass,
+            self.clean_grids,
+            self.false_fail,
+            100.0 * self.false_fail as f64 / self.clean_grids.max(1) as f64
+        );
         let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
-        println!("time to break, from 10 mm²: {:.1} % of {} within 0.5 s (needed 95 %)",
-                 100.0 * near as f64 / self.time_errors_s.len().max(1) as f64, self.time_errors_s.len());
+        println!(
+            "time to break, from 10 mm²: {:.1} % of {} within 0.5 s (needed 95 %)",
+            100.0 * near as f64 / self.time_errors_s.len().max(1) as f64,
+            self.time_errors_s.len()
+        );
         println!("grease that breaks under the spray: {} clips not failed (needed 0)", self.spray_wrong);
         println!("verdicts that are wrong: {}", self.wrong_verdicts);
     }

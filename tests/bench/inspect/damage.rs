@@ -24,12 +24,16 @@ const DAMAGES: [(&str, &str, Damage); 12] = [
     ("lamp down by a half", "light", |picture, time_s| {
         Some(scaled(picture, if time_s > MIDDLE_S { 0.5 } else { 1.0 }))
     }),
-    ("lamp up by a half", "light", |picture, time_s| Some(scaled(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))),
+    ("lamp up by a half", "light", |picture, time_s| {
+        Some(scaled(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))
+    }),
     ("out of focus from the middle on", "focus", |picture, time_s| {
         Some(if time_s > MIDDLE_S { blurred(&picture, 4) } else { picture })
     }),
     ("out of focus throughout", "focus", |picture, _| Some(blurred(&picture, 4))),
-    ("moved by 3 px", "moved", |picture, time_s| Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })),
+    ("moved by 3 px", "moved", |picture, time_s| {
+        Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
+    }),
     ("covered for 2 s", "bright", |picture, time_s| {
         Some(if (MIDDLE_S..MIDDLE_S + 2.0).contains(&time_s) { covered(picture) } else { picture })
     }),
@@ -66,7 +70,11 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
                 _ => judgement.verdict == Verdict::Invalid && codes.contains(&code),
             };
             wrong += usize::from(!right);
-            println!("{seed:4}  {name:32} {:8} {codes:?}{}", judgement.verdict.word(), if right { "" } else { "  <-" });
+            println!(
+                "{seed:4}  {name:32} {:8} {codes:?}{}",
+                judgement.verdict.word(),
+                if right { "" } else { "  <-" }
+            );
         }
     }
     println!("damaged clips, {seeds} seeds: {wrong} not told, or told wrongly (needed 0)");
@@ -104,13 +112,15 @@ fn blurred(picture: &ColorPicture, reach: usize) -> ColorPicture {
         for line in 0..count {
             let mut sum = [0_i32; 3];
             let at = |i: usize| from[line * across + i.min(length - 1) * along].map(i32::from);
-            let add = |sum: &mut [i32; 3], value: [i32; 3], sign: i32| (0..3).for_each(|c| sum[c] += sign * value[c]);
+            let add =
+                |sum: &mut [i32; 3], value: [i32; 3], sign: i32| (0..3).for_each(|c| sum[c] += sign * value[c]);
             (0..reach).for_each(|i| add(&mut sum, at(i), 1));
             add(&mut sum, at(0).map(|value| value * (reach as i32 + 1)), 1);
             for i in 0..length {
                 add(&mut sum, at(i + reach), 1);
                 add(&mut sum, at(i.saturating_sub(reach + 1)), -1);
-                out[line * across + i * along] = sum.map(|value| (value / (2 * reach as i32 + 1)).clamp(0, 255) as u8);
+                out[line * across + i * along] =
+                    sum.map(|value| (value / (2 * reach as i32 + 1)).clamp(0, 255) as u8);
             }
         }
         out

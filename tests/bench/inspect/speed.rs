@@ -47,8 +47,14 @@ pub fn run(reduction: usize) {
     println!(
         "speed, {} frames of {}×{} px on {} threads: judging, median {:.2} ms, fastest tenth {:.2} ms, 95 % {:.2} ms \
          (needed 1.5 ms); decoding {:.2} ms; the end of the film {:.0} ms",
-        judging.len(), picture.width, picture.height, rayon::current_num_threads(),
-        ms(&mut judging, 0.5), ms(&mut judging, 0.1), ms(&mut judging, 0.95), ms(&mut decoding, 0.5),
+        judging.len(),
+        picture.width,
+        picture.height,
+        rayon::current_num_threads(),
+        ms(&mut judging, 0.5),
+        ms(&mut judging, 0.1),
+        ms(&mut judging, 0.95),
+        ms(&mut decoding, 0.5),
         finishing.as_secs_f64() * 1e3,
     );
     peers(&folder, &inspection.footprint.region());
@@ -100,7 +106,9 @@ pub fn memory(reduction: usize) {
     panelprep(&format!("render --seed 3 --reduction {reduction} --out {}", folder.display()));
     panelprep(&format!(
         "teach --cell {cell} --recipe {recipe} --scan {} --corner {} --flange {}",
-        file("taught_scan.pcd"), file("taught_corner.png"), file("taught_flange.json")
+        file("taught_scan.pcd"),
+        file("taught_corner.png"),
+        file("taught_flange.json")
     ));
     let most_mb = panelprep(&format!("inspect --cell {cell} --recipe {recipe} --clip {}", file("clip")));
     println!("memory of `panelprep inspect` on a clip of 60 s: {most_mb:.0} MB (needed below 400 MB)");
