@@ -13,6 +13,7 @@
 //! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
 
 mod advice;
+mod band;
 mod film;
 mod footprint;
 mod gate;
