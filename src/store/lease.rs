@@ -12,7 +12,7 @@ use std::path::Path;
 /// The right to write, held until dropped.
 #[derive(Debug)]
 pub(super) struct Lease {
-    _locked: File,
+    locked: File,
 }
 
 impl Lease {
@@ -40,6 +40,14 @@ impl Lease {
         }
         file.set_len(0).and_then(|()| file.rewind()).map_err(at("write"))?;
         writeln!(file, "{}", std::process::id()).map_err(at("write"))?;
-        Ok(Lease { _locked: file })
+        Ok(Lease { locked: file })
+    }
+}
+
+impl Drop for Lease {
+    /// Unlocks, and does not leave it to the closing of the file: a child process between its fork and its exec still
+    /// holds a copy of the descriptor, and with it the lock.
+    fn drop(&mut self) {
+        let _ = self.locked.unlock(); // the file closes next; a lock that could not be given back goes with it
     }
 }
