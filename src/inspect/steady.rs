@@ -204,10 +204,10 @@ mod tests {
     #[test]
     fn a_shift_and_a_blur_are_measured_whatever_the_film_inside() {
         let mut outline = outline();
-        assert!(outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.5);
+        assert!(outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.4);
         for shift in [0.0, 0.4, 1.0, 3.0] {
             let found = outline.hold_against(&square(shift, 1.0, 42.0)).expect("contrast");
-            assert!((found.moved_px - f64::from(shift)).abs() < 0.1, "{shift}: {found:?}");
+            assert!((found.moved_px - f64::from(shift)).abs() < 0.15, "{shift}: {found:?}");
             assert!(found.sharpness > 0.7, "{found:?}");
         }
         let blurred = outline.hold_against(&square(0.0, 6.0, 42.0)).expect("contrast");

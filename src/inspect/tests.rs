@@ -159,11 +159,11 @@ fn the_model_finds_a_break_to_the_pixel() {
     assert_eq!((observation.quality.usable, observation.quality.moved_px), (6, None), "a wall has no outline");
 }
 
-/// It breaks from 1 s to 3 s, and closes: a break that is noted as closed. What flashes for one picture is none.
+/// It breaks at 1 s and closes after 3 s: a break that is noted as closed. What flashes for one picture is none.
 #[test]
 fn a_film_that_closes_again_has_broken() {
     let inspection = run(watch(0.0, FILM), |second| match second {
-        1 | 2 => vec![[70, 30, 90, 45]],
+        1..=3 => vec![[70, 30, 90, 45]],
         4 => vec![[100, 60, 120, 80]],
         _ => vec![],
     });
