@@ -121,6 +121,10 @@ impl Number {
 pub mod name {
     /// How long a film was watched, s.
     pub const WATCHED: &str = "watched";
+    /// The water, as the recipe states it.
+    pub const WATER: &str = "water, as the recipe states it";
+    /// The lamp, as the recipe states it.
+    pub const LAMP: &str = "lamp, as the recipe states it";
     /// From a scan in memory to the gate's word, ms.
     pub const SCAN_TO_VERDICT: &str = "scan to verdict";
     /// From a decoded wet picture to its result, median, ms.

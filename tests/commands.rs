@@ -108,6 +108,8 @@ fn from_files_to_waypoints_command_by_command() {
         .map(|grid| grid["id"].as_str().expect("an id").to_owned())
         .collect();
     assert!(!failed.is_empty() && folder.join("pictures/mask.png").exists());
+    let page = std::fs::read_to_string(folder.join("pictures/inspection.html")).expect("the page to sign");
+    assert!(page.contains("<td>signature</td>") && page.contains("failed; ") && page.matches("<img").count() == 3);
 
     let (exit, plan) = json(folder, &format!("{PLAN} --grids {}", failed.join(",")));
     assert_eq!((exit, plan["verdict"].as_str()), (0, Some("accept")), "{plan}");
@@ -287,6 +289,30 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     let page =
         std::fs::read_to_string(folder.path().join(ended["report"].as_str().expect("a file"))).expect("the page");
     assert!(page.contains("an air-run, with at most") && !page.contains("The abrasion</h"), "{page}");
+}
+
+/// Three clips of 8 s, the last one clean, scored as a set; what one of them says about light and thresholds.
+#[test]
+fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (exit, files) = json(folder, "render --seed 3 --reduction 4 --seconds 8 --clips 3 --film usual --out cell");
+    assert_eq!((exit, json(folder, TEACH).0), (0, 0), "{files}");
+    keep(folder, "located.json", &json(folder, LOCATE).1);
+    let set = "inspect --cell cell/cell.toml --recipe cell/recipe.toml --located located.json --truth cell/set";
+    let (exit, scored) = json(folder, &format!("{set} --pictures plots"));
+    assert_eq!((exit, scored["score"]["clips"].as_u64()), (0, Some(3)), "{scored}");
+    assert_eq!(scored["clips"][2]["verdict"], "pass", "{scored}");
+    assert!(scored["score"]["iou_within"].as_f64().is_some_and(|iou| iou > 0.8), "{scored}");
+    assert!(folder.join("plots/missed_by_size.png").exists() && folder.join("plots/time_error.png").exists());
+
+    let tune = "tune --cell cell/cell.toml --recipe cell/recipe.toml --located located.json --clip cell/set/0001 \
+                --truth cell/set/0001/truth";
+    let (exit, advice) = json(folder, tune);
+    assert_eq!((exit, advice["verdict"].as_str()), (0, Some("accept")), "{advice}");
+    // The film takes 28 grey levels of each channel: half of that, four times, is 56.
+    assert!(advice["threshold"].as_u64().is_some_and(|threshold| (48..66).contains(&threshold)), "{advice}");
+    assert!(advice["best_threshold"]["iou"].as_f64().is_some(), "{advice}");
 }
 
 /// One seed at full size through a live cycle; ten in `make bench-seeds`.

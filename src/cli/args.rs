@@ -102,9 +102,20 @@ pub enum Command {
     #[command(
         after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json --pictures target/cell/pictures"
+        --located target/cell/located.json --pictures target/cell/pictures\n\
+        A labelled set, after `panelprep render --clips 6 --out target/cell` and the examples up to `locate`:\n  \
+        panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
+        --located target/cell/located.json"
     )]
     Inspect(Inspect),
+    /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
+    /// weights and thresholds fit (thesis 4.2, 4.3).
+    #[command(
+        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+        panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
+        --located target/cell/located.json --truth target/cell/truth"
+    )]
+    Tune(Tune),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
@@ -124,6 +135,18 @@ pub enum SceneName {
     NoPanel,
     /// Another panel.
     WrongPanel,
+}
+
+/// How hard the films of a simulated cell are to read.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum FilmName {
+    /// Steady light and no glints.
+    Calm,
+    /// A good cell on a common day: some drift, glints, drops.
+    #[default]
+    Usual,
+    /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as the seed has it.
+    Hard,
 }
 
 /// Options of `demo`.
@@ -155,6 +178,16 @@ pub struct Render {
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
+    /// How hard its films are to read.
+    #[arg(long, value_enum, default_value_t)]
+    pub film: FilmName,
+    /// Add a labelled set of so many clips in `set`, of other grease each, every third one clean, for
+    /// `panelprep inspect --truth`.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub clips: u32,
+    /// Length of a wet film, s.
+    #[arg(long, value_name = "S", default_value_t = 60, value_parser = clap::value_parser!(u32).range(5..=600))]
+    pub seconds: u32,
     /// The folder to write; it must be empty, new, or one that `render` wrote.
     #[arg(long, value_name = "DIR")]
     pub out: PathBuf,
@@ -427,17 +460,35 @@ pub struct Inspect {
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
     /// Folder with numbered pictures and `clip.csv`.
+    #[arg(long, value_name = "DIR", required_unless_present = "truth")]
+    pub clip: Option<PathBuf>,
+    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    #[arg(long, value_name = "POSE.json")]
+    pub located: Option<PathBuf>,
+    /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
+    /// clips, each with its own `truth`, is scored as a whole.
+    #[arg(long, value_name = "DIR")]
+    pub truth: Option<PathBuf>,
+    /// Folder for the mask, the overlay, the film strip and the page to sign; of a set, for its plots.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: Option<PathBuf>,
+}
+
+/// Options of `tune`.
+#[derive(Debug, Clone, Args)]
+pub struct Tune {
+    /// The panel's recipe.
+    #[arg(long, value_name = "FILE")]
+    pub recipe: PathBuf,
+    /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
     /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
-    /// Folder with the true mask, to score against; it changes no result.
+    /// Folder with the true mask of the clip's end.
     #[arg(long, value_name = "DIR")]
     pub truth: Option<PathBuf>,
-    /// Folder for the mask, the overlay and the film strip.
-    #[arg(long, value_name = "DIR")]
-    pub pictures: Option<PathBuf>,
 }
 
 /// Options of `plan`.

@@ -1,18 +1,21 @@
-//! `panelprep inspect`: the water-break test on a clip.
+//! `panelprep inspect`: the water-break test on a clip, or on a labelled set of them.
 
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::Fault;
+use super::labels::{self, Labels};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
+use super::validate;
 use crate::files::{self, Clip, ClipEntry};
-use crate::geometry::{Base, Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
+use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid};
 use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
 use crate::panel::Grid;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::report::{StripPicture, View, bounds, cut, film_strip, strip_times_s};
+use crate::report::page::Figure;
+use crate::report::{StripPicture, View, bounds, cut, film_strip, inspection_page, strip_times_s};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -60,15 +63,38 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     };
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::of(&recipe, files.cell.limits());
-    let inspected = stage(&taught, &args.clip, placed, &recipe, demands, args.truth.as_deref())?;
+    let clip = match (&args.clip, &args.truth) {
+        (Some(clip), _) => clip,
+        (None, Some(set)) => {
+            return validate::run(&taught, set, placed, &recipe, demands, args.pictures.as_deref());
+        }
+        (None, None) => return Err(Fault::stage(files::ClipError::Empty)),
+    };
+    let inspected = stage(&taught, clip, placed, &recipe, demands, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
         let file = folder.join("mask.png");
         let bytes = files::write_gray_png(&inspected.inspection.mask().to_gray()).map_err(Fault::stage)?;
         disk::write(&file, bytes)?;
         mask = Some(file);
-        pictures::save(folder, "inspected", &inspected.drawn(&taught)?)?;
-        pictures::save(folder, "film", &inspected.strip()?)?;
+        let drawn = [
+            (
+                "inspected",
+                "What broke by the end of the film, and the grids that failed",
+                inspected.drawn(&taught)?,
+            ),
+            ("break_times", "When it broke", inspected.break_times(&taught)?),
+            ("film", "The film in time, with what had broken by then", inspected.strip()?),
+        ];
+        let mut figures = Vec::with_capacity(drawn.len());
+        for (name, caption, picture) in &drawn {
+            pictures::save(folder, name, picture)?;
+            let jpeg = files::write_color_jpeg(picture).map_err(Fault::stage)?;
+            figures.push(Figure { caption: (*caption).to_owned(), jpeg });
+        }
+        let page =
+            inspection_page(&inspected.inspection, (&recipe, &demands), &clip.display().to_string(), figures);
+        disk::write(&folder.join("inspection.html"), page.html())?;
     }
     Ok(inspected.outcome(mask))
 }
@@ -91,7 +117,7 @@ pub fn stage(
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
         .map_err(Fault::stage)?;
-    let mut wet_ms = Vec::with_capacity(shots.len());
+    let (mut wet_ms, mut opened) = (Vec::with_capacity(shots.len()), false);
     for group in shots.chunks(DECODED_AT_ONCE) {
         let decoded: Vec<Result<ColorPicture, Fault>> =
             group.par_iter().map(|shot| load::picture(&clip.join(&shot.file), &placed.camera)).collect();
@@ -99,8 +125,13 @@ pub fn stage(
             let picture = picture?;
             let begin = Instant::now();
             let step = watch.push(&picture, shot.time_s, shot.phase);
-            if step.map_err(|error| Fault::file(&clip.join(&shot.file), error))?.since_wet_s.is_some() {
-                wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            let step = step.map_err(|error| Fault::file(&clip.join(&shot.file), error))?;
+            let Some(since_wet_s) = step.since_wet_s else { continue };
+            wet_ms.push(begin.elapsed().as_secs_f64() * 1e3);
+            if !opened && !step.newly_failed.is_empty() {
+                opened = true;
+                let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
+                eprintln!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", "));
             }
         }
     }
@@ -112,9 +143,8 @@ pub fn stage(
 }
 
 fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), Fault> {
-    let file = folder.join("mask.png");
-    let truth = files::read_gray(&disk::read(&file)?).map_err(|error| Fault::file(&file, error))?;
-    let truth = Mask::from_gray(&truth);
+    let file = folder.join(labels::MASK);
+    let truth = Labels::read(folder)?.mask;
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
     let named = |error| Fault::file(&file, error);
     Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
@@ -155,6 +185,17 @@ impl Inspected {
         view.inspected(&taught.panel, &mask, &|grid| self.failed(grid)).map_err(Fault::stage)
     }
 
+    /// When everything broke.
+    ///
+    /// # Errors
+    /// As [`Inspected::drawn`].
+    pub fn break_times(&self, taught: &Taught) -> Result<ColorPicture, Fault> {
+        let (picture, ..) = self.last_view()?;
+        let view = View { picture: &picture, camera: &self.camera, camera_from_panel: self.camera_from_panel };
+        let time_s = |column: usize, row: usize| self.inspection.break_time_s(column, row);
+        view.break_times(&taught.panel, &time_s, self.inspection.observation.observed_s).map_err(Fault::stage)
+    }
+
     /// The film in time: from the first fully wet picture to the last.
     ///
     /// # Errors
@@ -188,7 +229,8 @@ impl Inspected {
             .iter()
             .map(|found| {
                 let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
-                json!({"area_mm2": found.area_mm2, "first_seen_s": found.first_seen_s, "grids": grids})
+                json!({"area_mm2": found.area_mm2, "first_seen_s": found.first_seen_s, "grids": grids,
+                       "closed_again": found.closed_again()})
             })
             .collect();
         let grids: Vec<_> = inspection
@@ -215,6 +257,19 @@ impl Inspected {
         outcome.put("frames", json!(observation.frames));
         outcome.put("breaks", json!(breaks));
         outcome.put("grids", json!(grids));
+        let quality = &observation.quality;
+        let limit_mm2 = observation.detection_limit_mm2;
+        outcome.say(format!(
+            "{} of them can be judged by; light {:.2} to {:.2} of the dry picture's; wet in no picture {:.1} %; smallest \
+             break that is surely found {limit_mm2:.1} mm²",
+            quality.usable, quality.light[0], quality.light[1], observation.never_wet_percent
+        ));
+        outcome.put("usable_frames", json!(quality.usable));
+        outcome.put("never_wet_percent", json!(observation.never_wet_percent));
+        outcome.put("detection_limit_mm2", json!(limit_mm2));
+        outcome.put("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
+        outcome.put("moved_px", json!(quality.moved_px));
+        outcome.put("sharpness", json!(quality.sharpness));
         outcome.put("mask", json!(mask));
         outcome.put("ms_per_frame", json!(self.ms_per_frame));
         if let Some((score, confusion)) = &self.score {

@@ -14,6 +14,7 @@ mod disk;
 mod fault;
 mod health;
 mod inspect;
+mod labels;
 mod live;
 mod load;
 mod locate;
@@ -31,6 +32,8 @@ mod robot;
 mod run;
 mod score;
 mod teach;
+mod tune;
+mod validate;
 
 pub use fault::Fault;
 pub use outcome::Outcome;
@@ -63,6 +66,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),
+        Command::Tune(args) => tune::run(args, common),
         Command::Plan(args) => plan::run(args, common),
     };
     match outcome {

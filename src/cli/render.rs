@@ -1,16 +1,17 @@
 //! `panelprep render`: the simulated cell as files, and its truth in a folder that no stage reads.
 
-use super::args::{Render, SceneName};
+use super::args::{FilmName, Render, SceneName};
 use super::disk;
 use super::fault::Fault;
+use super::labels;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::render_boards;
 use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
-use crate::geometry::{Flange, KukaPose, Rigid, Tool};
+use crate::geometry::{ColorPicture, Flange, KukaPose, Rigid, Tool};
 use crate::phase::Phase;
-use crate::sim::{self, Place, SEARCH_BOX_MM, Scene};
+use crate::sim::{self, Film, FilmSpec, Grease, Place, SEARCH_BOX_MM, Scene};
 use crate::verdict::{Judgement, Verdict};
 use rayon::prelude::*;
 use serde_json::json;
@@ -20,7 +21,7 @@ use std::path::{Path, PathBuf};
 /// A file that marks a folder as written by this command, which may then be written again.
 const MARK: &str = ".rendered-by-panelprep";
 /// Length of the wet film, s, and its pictures a second (the recipe's own defaults).
-const OBSERVATION_S: f64 = 60.0;
+const OBSERVATION_S: u32 = 60;
 const FRAMES_PER_SECOND: f64 = 5.0;
 
 /// What the rendered calibrations state of themselves, mm: 0.1 mm and 0.01° at 0.79 m and at 0.45 m, and a tool's tip.
@@ -36,12 +37,25 @@ pub const TOOL_LENGTH_MM: f64 = 120.0;
 pub struct Rendered {
     /// The folder.
     pub folder: PathBuf,
+    /// Length of its wet films, s.
+    pub seconds: u32,
 }
 
 impl Rendered {
     /// A file of the folder.
     pub fn file(&self, name: &str) -> PathBuf {
         self.folder.join(name)
+    }
+}
+
+impl FilmName {
+    /// What it means for the film of this seed.
+    pub fn spec(self, seed: u64) -> FilmSpec {
+        match self {
+            FilmName::Calm => FilmSpec::CALM,
+            FilmName::Usual => FilmSpec::USUAL,
+            FilmName::Hard => FilmSpec::hard(seed),
+        }
     }
 }
 
@@ -61,12 +75,17 @@ impl From<SceneName> for Scene {
 /// # Errors
 /// Where the folder holds other things or the disk refuses.
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
-    let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
+    let spec = args.film.spec(args.seed);
+    let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize).with_films(spec);
     let progress = |line: &str| eprintln!("{line}");
-    let rendered = write(&cell, &args.out, &progress)?;
+    let rendered = write(&cell, &args.out, args.seconds, &progress)?;
     if args.boards {
         progress("rendering boards for calibration");
         render_boards::write(args.seed, args.reduction as usize, &rendered)?;
+    }
+    for index in 1..=args.clips {
+        progress(&format!("rendering clip {index} of {}", args.clips));
+        write_labelled(&cell, &rendered, args.film, u64::from(index))?;
     }
     let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
     let mut names: Vec<String> = fs::read_dir(&rendered.folder)
@@ -86,15 +105,30 @@ pub fn run(args: &Render) -> Result<Outcome, Fault> {
 ///
 /// # Errors
 /// As [`run`].
-pub fn write(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
-    let rendered = write_taught(cell, folder, progress)?;
+pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+    let rendered = write_taught_for(cell, folder, seconds, progress)?;
     progress("rendering the scan and the corner picture");
     disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
     write_corner(cell, &rendered, Place::Displaced)?;
     progress("rendering the clip");
-    write_clip(cell, &rendered)?;
-    write_truth(cell, &rendered)?;
+    let film = cell.film();
+    write_clip(&film, &rendered.file("clip"), seconds)?;
+    let folder = rendered.file("truth");
+    let numbers = serde_json::to_string_pretty(&cell.truth().numbers()).map_err(Fault::stage)?;
+    disk::write(&folder.join("truth.json"), numbers)?;
+    write_truth(&film, &folder, seconds)?;
     Ok(rendered)
+}
+
+/// One clip of a labelled set: the same panel at the same place, other grease.
+fn write_labelled(cell: &sim::Cell, rendered: &Rendered, film: FilmName, index: u64) -> Result<(), Fault> {
+    let until_s = sim::WET_FROM_S + 0.85 * f64::from(rendered.seconds);
+    let grease = Grease::Mixed { count: 2 + (index % 4) as usize, until_s };
+    let spots = if index.is_multiple_of(3) { Vec::new() } else { cell.greased(&grease, index) };
+    let film = cell.film_as(&spots, &film.spec(index), index);
+    let folder = rendered.file("set").join(format!("{index:04}"));
+    write_clip(&film, &folder, rendered.seconds)?;
+    write_truth(&film, &folder.join("truth"), rendered.seconds)
 }
 
 /// Renders what a cell is taught by: configuration, calibrations, recipe, scan and corner at the nominal place.
@@ -102,8 +136,17 @@ pub fn write(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result
 /// # Errors
 /// As [`run`].
 pub fn write_taught(cell: &sim::Cell, folder: &Path, progress: &dyn Fn(&str)) -> Result<Rendered, Fault> {
+    write_taught_for(cell, folder, OBSERVATION_S, progress)
+}
+
+fn write_taught_for(
+    cell: &sim::Cell,
+    folder: &Path,
+    seconds: u32,
+    progress: &dyn Fn(&str),
+) -> Result<Rendered, Fault> {
     claim(folder)?;
-    let rendered = Rendered { folder: folder.to_owned() };
+    let rendered = Rendered { folder: folder.to_owned(), seconds };
     write_configuration(cell, &rendered)?;
     render_boards::write_targets(cell, &rendered)?;
     progress("rendering the scan and the corner picture that the panel is taught by");
@@ -142,7 +185,7 @@ fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Faul
         ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),
         ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
-        ("recipe.toml", recipe(cell)),
+        ("recipe.toml", recipe(cell, rendered.seconds)),
     ];
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
 }
@@ -195,7 +238,7 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-fn recipe(cell: &sim::Cell) -> String {
+fn recipe(cell: &sim::Cell, seconds: u32) -> String {
     let region = cell.region();
     let corners: Vec<String> =
         region.corners_px.iter().map(|pixel| format!("[{:.1}, {:.1}]", pixel.u, pixel.v)).collect();
@@ -203,11 +246,11 @@ fn recipe(cell: &sim::Cell) -> String {
     format!(
         "# The recipe of the simulated panel. Written by `panelprep render`.\n\
          panel = \"simulated-panel\"\n\n\
-         [process]\nobservation_s = {OBSERVATION_S:?}\nframes_per_second = {FRAMES_PER_SECOND:?}\n\n\
+         [process]\nobservation_s = {seconds}.0\nframes_per_second = {FRAMES_PER_SECOND:?}\n\n\
          [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\n\
          [corner]\nwhich = \"{which}\"\n\n\
          [region]\ncorners_px = [{corners}]\nrows = {rows}\ncolumns = {columns}\n\n\
-         [inspect]\nmethod = \"thesis\"\n",
+         [inspect]\nmethod = \"film\"\n",
         which = cell.corner_views().first().map_or("top-left", |view| view.name),
         corners = corners.join(", "),
         rows = region.rows,
@@ -227,15 +270,13 @@ fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(
 }
 
 /// When the clip's pictures are taken: from the dry panel to the end of the observation.
-fn clip_times_s() -> Vec<f64> {
-    let end_s = sim::WET_FROM_S + OBSERVATION_S;
+fn clip_times_s(seconds: u32) -> Vec<f64> {
+    let end_s = sim::WET_FROM_S + f64::from(seconds);
     (0..=(end_s * FRAMES_PER_SECOND).round() as u32).map(|frame| f64::from(frame) / FRAMES_PER_SECOND).collect()
 }
 
-fn write_clip(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
-    let film = cell.film();
-    let folder = rendered.file("clip");
-    let times_s = clip_times_s();
+fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
+    let times_s = clip_times_s(seconds);
     let entry = |(index, &time_s): (usize, &f64)| {
         let phase = match film.phase(time_s) {
             sim::Phase::Dry => Phase::Dry,
@@ -253,11 +294,16 @@ fn write_clip(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-fn write_truth(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
-    let folder = rendered.file("truth");
-    let numbers = serde_json::to_string_pretty(&cell.truth().numbers()).map_err(Fault::stage)?;
-    disk::write(&folder.join("truth.json"), numbers)?;
-    let last_s = clip_times_s().last().copied().unwrap_or_default();
-    let mask = files::write_gray_png(&cell.film().broken(last_s).to_gray()).map_err(Fault::stage)?;
-    disk::write(&folder.join("mask.png"), mask)
+/// The pixels that broke, and when: see [`super::labels`].
+fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
+    let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
+    let broken = film.broken(last_s);
+    let times_s = film.break_times_s();
+    let rgb = (0..times_s.len()).map(|index| {
+        let since_wet_s = (f64::from(times_s[index]) - sim::WET_FROM_S).max(0.0);
+        labels::coded(broken.inside[index].then_some(since_wet_s))
+    });
+    let times = ColorPicture { width: broken.width, height: broken.height, rgb: rgb.collect() };
+    disk::write(&folder.join(labels::MASK), files::write_gray_png(&broken.to_gray()).map_err(Fault::stage)?)?;
+    disk::write(&folder.join(labels::TIMES), files::write_color_png(&times).map_err(Fault::stage)?)
 }

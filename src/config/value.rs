@@ -100,6 +100,19 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
     }
 }
 
+/// A list of any length.
+impl<T: Setting> Setting for Vec<T> {
+    type Limits = T::Limits;
+
+    fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        let list = value.as_array().ok_or_else(|| format!("found {}, allowed is a list", found(value)))?;
+        let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
+            T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
+        };
+        list.iter().enumerate().map(item).collect()
+    }
+}
+
 /// A key that may be absent; its default is `None`.
 impl<T: Setting> Setting for Option<T> {
     type Limits = T::Limits;

@@ -125,6 +125,7 @@ impl Running<'_> {
             match note {
                 Note::Finding(finding) => self.record(&finding)?,
                 Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
+                Note::Frame(picture, time_s, phase) => self.ports.record.frame(&picture, time_s, phase)?,
                 Note::Figure(figure) => self.ports.record.figure(&figure)?,
                 Note::Kept(kept) => self.ports.record.kept(kept)?,
                 Note::Budget(measured) => self.ports.record.budget(&measured)?,

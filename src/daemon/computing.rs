@@ -11,7 +11,9 @@ use super::sight::{Filming, Sight};
 use super::{DaemonError, Job, Site, Task};
 use crate::cycle::{Act, Answer, Grade, Id, Trouble};
 use crate::eki::Time;
+use crate::files::ClipEntry;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
+use crate::phase::Phase;
 use crate::record::{Budget, KeptFile, Picture};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
@@ -62,6 +64,7 @@ pub(super) enum Found {
 pub(super) enum Note {
     Finding(Finding),
     Picture(String, ColorPicture),
+    Frame(Arc<ColorPicture>, f64, Phase),
     Figure(Figure),
     /// Packed and written already.
     Kept(Kept),
@@ -86,6 +89,14 @@ impl Record for Notes<'_> {
         self.notes.push(match &mut self.keep {
             Some(keep) => Note::Kept(Kept::Shot(KeptFile { name, hash: keep(picture)? })),
             None => Note::Picture(name, picture.clone()),
+        });
+        Ok(())
+    }
+
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        self.notes.push(match &mut self.keep {
+            Some(keep) => Note::Kept(Kept::Frame(ClipEntry { file: keep(picture)?, time_s, phase })),
+            None => Note::Frame(picture.clone(), time_s, phase),
         });
         Ok(())
     }

@@ -168,6 +168,19 @@ fn region(job: &Job<'_>, place: Rigid<Base, Panel>) -> [(usize, usize); 2] {
     bounds(pixels, (camera.width_px, camera.height_px))
 }
 
+/// When everything broke.
+pub(super) fn break_times(
+    job: &Job<'_>,
+    inspection: &Inspection,
+    last: &ColorPicture,
+    place: Rigid<Base, Panel>,
+) -> Figure {
+    let end_s = inspection.observation.observed_s;
+    let time_s = |column: usize, row: usize| inspection.break_time_s(column, row);
+    let drawn = view(job, last, place).break_times(job.panel, &time_s, end_s);
+    figure(("break_times", "When the film broke, from the first fully wet picture on"), drawn, last)
+}
+
 /// Everything that broke, and the grids that failed.
 pub(super) fn inspected(
     job: &Job<'_>,

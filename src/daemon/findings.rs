@@ -96,16 +96,49 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f
     let least = |name: &str, unit: &str, value: f64, limit: f64| {
         Number::new(name, unit, value).within(Limit::AtLeast(limit))
     };
+    let (quality, settings) = (&observation.quality, job.recipe.inspect());
+    let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
+        Number::new(name, unit, value).within(Limit::AtMost(limit))
+    };
+    let (usable, light) = (demands.min_usable(observation.frames), settings.max_light_change_percent());
+    let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
+    let closed = inspection.breaks.iter().filter(|found| found.closed_again()).count();
     let numbers = [
         least(name::WATCHED, "s", observation.observed_s, demands.min_observed_s()),
         least("wet pictures", "", observation.frames as f64, demands.min_frames()),
         Number::new("longest time between two of them", "s", observation.longest_gap_s)
             .within(Limit::AtMost(demands.max_gap_s())),
+        Number::new("pictures that could be judged by", "", quality.usable as f64).within(Limit::AtLeast(usable)),
+        Number::new("longest time without one", "s", quality.longest_unseen_s)
+            .within(Limit::AtMost(demands.max_gap_s())),
+        at_most(
+            "region that was wet in no picture",
+            "%",
+            observation.never_wet_percent,
+            settings.max_never_wet_percent(),
+        ),
+        Number::new("change of the light, least", "%", percent(quality.light[0])).within(Limit::AtLeast(-light)),
+        Number::new("change of the light, most", "%", percent(quality.light[1])).within(Limit::AtMost(light)),
+        Number::new("panel moved in the picture", "px", quality.moved_px),
+        Number::new("least sharpness against the dry picture", "", quality.sharpness),
+        Number::new("the film leaves of the dry brightness", "", observation.film_left),
+        Number::new("smallest break that is surely found", "mm²", observation.detection_limit_mm2),
         Number::new("places where the film broke", "", inspection.breaks.len() as f64),
+        Number::new("of these, closed again", "", closed as f64),
         Number::new(name::PER_PICTURE, "ms", ms_per_picture),
     ];
     let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
-    Finding::new(Kind::Inspect, pass, inspection.judgement.clone())
+    let process = job.recipe.process();
+    let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
+    let water: Vec<String> = process.water().into_iter().chain(temperature).collect();
+    let mut finding = Finding::new(Kind::Inspect, pass, inspection.judgement.clone());
+    if !water.is_empty() {
+        finding = finding.detail(name::WATER, water.join(", "));
+    }
+    if let Some(lamp) = process.lamp() {
+        finding = finding.detail(name::LAMP, lamp);
+    }
+    finding
         .detail("failed", names(&failed))
         .with(numbers)
         .with(inspection.grids.iter().flat_map(|grid| broken(grid, observation.min_break_mm2)))

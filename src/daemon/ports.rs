@@ -4,10 +4,13 @@ use super::Task;
 use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
+use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::phase::Phase;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 pub use crate::record::Finding;
@@ -96,6 +99,11 @@ pub trait Record {
     /// # Errors
     /// As [`Record::finding`].
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError>;
+    /// The next picture of a clip, with its time; the next finding names the clip.
+    ///
+    /// # Errors
+    /// As [`Record::finding`].
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError>;
     /// A picture that is drawn for people.
     ///
     /// # Errors
@@ -109,10 +117,12 @@ pub trait Record {
 }
 
 /// A picture that was kept already; what follows is to name it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Kept {
     /// As a camera gave it.
     Shot(KeptFile),
+    /// The next picture of a clip, named by its hash.
+    Frame(ClipEntry),
     /// Drawn for people.
     Figure(Picture),
 }

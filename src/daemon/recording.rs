@@ -3,14 +3,19 @@
 use super::ports::{Figure, Finding, Journal, Keeper, Kept, Record, RecordError};
 use super::words;
 use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
-use crate::files::write_color_jpeg;
+use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
+use crate::phase::Phase;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::{CycleStart, Store, StoreError};
 use crate::verdict::{Reason, Verdict};
+use rayon::prelude::*;
+use std::sync::Arc;
 
 /// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
-const FLOOR_MB: u64 = 500;
+const FLOOR_MB: u64 = 1_000;
+/// Pictures of a clip that are compressed at once.
+const AT_ONCE: usize = 8;
 
 /// A cycle's pages in a store; between cycles only the journal is written.
 #[derive(Debug)]
@@ -27,6 +32,9 @@ struct Pages {
     /// What the next finding names.
     pictures: Vec<Picture>,
     shots: Vec<KeptFile>,
+    /// The clip so far, its files named by their hashes, and its last pictures, which are not kept yet.
+    clip: Vec<ClipEntry>,
+    waiting: Vec<(Arc<ColorPicture>, f64, Phase)>,
     /// Of the last finding.
     reasons: Vec<Reason>,
     /// The last event that can end a cycle without a result.
@@ -41,6 +49,28 @@ impl<'a> StoreRecord<'a> {
 
     fn keep(&self, picture: &ColorPicture) -> Result<String, RecordError> {
         self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
+    }
+
+    /// Keeps the clip's pictures that wait, compressed side by side.
+    fn keep_waiting(&mut self) -> Result<(), RecordError> {
+        let waiting = std::mem::take(&mut self.pages.waiting);
+        let compressed: Vec<_> = waiting.par_iter().map(|(picture, ..)| write_color_jpeg(picture)).collect();
+        for ((_, time_s, phase), jpeg) in waiting.into_iter().zip(compressed) {
+            let file = self.store.put_blob(&jpeg.map_err(failed)?).map_err(failed)?;
+            self.pages.clip.push(ClipEntry { file, time_s, phase });
+        }
+        Ok(())
+    }
+
+    /// Ends the clip: its list is kept and named like a picture. One without a wet picture is none.
+    fn keep_clip(&mut self) -> Result<(), RecordError> {
+        self.keep_waiting()?;
+        let entries = std::mem::take(&mut self.pages.clip);
+        if let Ok(clip) = Clip::new(entries) {
+            let hash = self.store.put_blob(clip.to_csv().as_bytes()).map_err(failed)?;
+            self.pages.shots.push(KeptFile { name: format!("clip.csv of {} pictures", clip.shots().len()), hash });
+        }
+        Ok(())
     }
 }
 
@@ -82,6 +112,7 @@ impl Journal for StoreRecord<'_> {
     fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
         match kept {
             Kept::Shot(shot) => self.pages.shots.push(shot),
+            Kept::Frame(frame) => self.pages.clip.push(frame),
             Kept::Figure(figure) => self.pages.pictures.push(figure),
         }
         Ok(())
@@ -148,6 +179,7 @@ impl Record for StoreRecord<'_> {
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         self.pages.reasons.clone_from(&finding.judgement.reasons);
+        self.keep_clip()?;
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding.clone() };
         // What is no number was not measured; a fit that failed must not stop the record of its rejection.
@@ -159,6 +191,16 @@ impl Record for StoreRecord<'_> {
         if self.cycle.is_some() {
             let hash = self.keep(picture)?;
             self.pages.shots.push(KeptFile { name: name.to_owned(), hash });
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            self.pages.waiting.push((picture.clone(), time_s, phase));
+            if self.pages.waiting.len() >= AT_ONCE {
+                self.keep_waiting()?;
+            }
         }
         Ok(())
     }

@@ -359,7 +359,7 @@ impl<'p> Running<'p> {
                 let path_s = self.abrasion.plan(motion.plan).map_or(0.0, |plan| plan.duration_s);
                 MOVE_S + SLOWEST * path_s
             }
-            Some(Act::Film) => self.job().map_or(0.0, |job| job.demands().observation_s) + FILM_SPARE_S,
+            Some(Act::Film) => self.job().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
             Some(
                 Act::Locate | Act::Refine { .. } | Act::Verify | Act::Plan { .. } | Act::DryPicture | Act::SelfTest,
             ) => COMPUTING_S,

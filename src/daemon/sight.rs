@@ -28,7 +28,7 @@ pub(super) struct Sight {
     place: Option<Rigid<Base, Panel>>,
     /// Which of the taught corners is looked at.
     corner: usize,
-    dry: Option<(ColorPicture, f64)>,
+    dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
     /// The last picture of the last of them.
@@ -42,7 +42,8 @@ pub(super) struct Filming {
     place: Rigid<Base, Panel>,
     began: Time,
     frames: u32,
-    last: Option<ColorPicture>,
+    last: Option<Arc<ColorPicture>>,
+    opened: bool,
     kept: Kept,
     /// From a decoded picture to its result.
     elapsed_ms: Vec<f64>,
@@ -202,7 +203,7 @@ impl Sight {
         match eyes.picture() {
             Ok(picture) => {
                 record.picture("dry", &picture)?;
-                self.dry = Some((picture, now.since_start().as_secs_f64()));
+                self.dry = Some((Arc::new(picture), now.since_start().as_secs_f64()));
                 Ok(Answer::Done)
             }
             Err(error) => blind(Kind::Inspect, 0, &error, record),
@@ -223,10 +224,13 @@ impl Sight {
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
             let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, place, began: now, frames: 0, last: None, kept, elapsed_ms })
+            Ok(Filming { watch, place, began: now, frames: 0, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
-            Ok(filming) => Ok(Ok(filming)),
+            Ok(filming) => {
+                record.frame(dry, *dry_s, Phase::Dry)?;
+                Ok(Ok(filming))
+            }
             Err(error) => {
                 let judgement = Judgement { verdict: Verdict::Invalid, reasons: vec![reason("film", &error)] };
                 record.finding(&Finding::new(Kind::Inspect, pass, judgement))?;
@@ -251,19 +255,26 @@ impl Sight {
             return Ok(Ok(filming));
         }
         let picture = match eyes.picture() {
-            Ok(picture) => picture,
+            Ok(picture) => Arc::new(picture),
             Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
         };
         filming.frames += 1;
+        let now_s = now.since_start().as_secs_f64();
+        record.frame(&picture, now_s, Phase::Wet)?;
         let begun = Instant::now();
-        let step = match filming.watch.push(&picture, now.since_start().as_secs_f64(), Phase::Wet) {
+        let step = match filming.watch.push(&picture, now_s, Phase::Wet) {
             Ok(step) => step,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
         filming.kept.see(job, filming.place, &picture, &step);
+        if !filming.opened && !step.newly_failed.is_empty() {
+            filming.opened = true;
+            let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
+            tracing::info!(since_wet_s = step.since_wet_s, "the film broke on {}", grids.join(", "));
+        }
         filming.last = Some(picture);
-        if since_s < demands.observation_s {
+        if since_s < demands.filmed_s() {
             return Ok(Ok(filming));
         }
         self.finish(job, filming, pass, record).map(Err)
@@ -284,6 +295,7 @@ impl Sight {
             record.picture("film", last)?;
             record.figure(&filming.kept.strip(&inspection, last))?;
             record.figure(&figures::inspected(job, &inspection, last, filming.place))?;
+            record.figure(&figures::break_times(job, &inspection, last, filming.place))?;
         }
         let film = match inspection.judgement.verdict {
             Verdict::Pass => Film::Whole,
@@ -292,7 +304,7 @@ impl Sight {
         };
         record.finding(&findings::filmed(&inspection, pass, median(&mut filming.elapsed_ms), job))?;
         self.inspections.push(Arc::new(inspection));
-        self.film_picture = filming.last.map(Arc::new);
+        self.film_picture = filming.last;
         Ok(Answer::Filmed(film))
     }
 }

@@ -38,6 +38,15 @@ pub struct GrayPicture {
 }
 
 impl GrayPicture {
+    /// The same in colour.
+    pub fn to_color(&self) -> ColorPicture {
+        ColorPicture {
+            width: self.width,
+            height: self.height,
+            rgb: self.gray.iter().map(|&gray| [gray; 3]).collect(),
+        }
+    }
+
     /// A picture of one brightness.
     pub fn filled(width: usize, height: usize, gray: u8) -> Self {
         GrayPicture { width, height, gray: vec![gray; width * height] }

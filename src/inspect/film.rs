@@ -62,11 +62,6 @@ impl Film {
     pub fn times(&self) -> &[f32] {
         &self.since_wet_s
     }
-
-    /// The same, at the end.
-    pub fn into_times(self) -> Vec<f32> {
-        self.since_wet_s
-    }
 }
 
 #[cfg(test)]
@@ -96,6 +91,6 @@ mod tests {
         let expected =
             [NewlyBroken { since_wet_s: 2.0, pixels: vec![0] }, NewlyBroken { since_wet_s: 3.0, pixels: vec![2] }];
         assert_eq!(found, expected);
-        assert_eq!(film.into_times(), [2.0, NEVER, 3.0]);
+        assert_eq!(film.times(), [2.0, NEVER, 3.0]);
     }
 }

@@ -1,18 +1,24 @@
 //! The gate: what was seen of the film becomes pass, fail or invalid.
 //!
-//! Invalid where the test does not say enough to judge by: too short, too few pictures, a gap between them, or a grid
-//! out of sight. That outranks fail, since a verdict from part of a test would name part of the grids. Fail where film
-//! broke on a grid. A break always stays in the reasons.
+//! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
+//! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
+//! verdict from part of a test would name part of the grids. Fail where film broke on a grid. What the recipe masks is no
+//! part of the test: it hides no break elsewhere, and its grids do not pass. A break always stays in the reasons.
 
+use super::quality::{Flaw, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
 use crate::cell::Limits;
 use crate::panel::GridId;
-use crate::recipe::Recipe;
+use crate::recipe::{self, Recipe};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
 const MIN_FRAME_SHARE: f64 = 0.8;
 /// Pictures farther apart than this many of the recipe's intervals leave a gap in which a film can break and close.
 const MAX_GAP_INTERVALS: f64 = 5.0;
+/// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
+const MIN_CHANGE_LEVELS: f64 = 6.0;
+/// What a film leaves of the dry brightness, where the clip did not tell.
+const FILM_ASSUMED: f64 = 0.62;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +29,8 @@ pub struct Demands {
     pub frames_per_second: f64,
     /// Broken film from which a grid fails, mm².
     pub min_break_mm2: f64,
+    /// How long a place must be seen dry to count as broken, s.
+    pub persist_s: f64,
 }
 
 impl Demands {
@@ -32,7 +40,19 @@ impl Demands {
             observation_s: recipe.process().observation_s().unwrap_or(limits.observation_s()),
             frames_per_second: recipe.process().frames_per_second(),
             min_break_mm2: recipe.inspect().min_break_mm2().unwrap_or(limits.min_break_mm2()),
+            persist_s: recipe.inspect().persist_s(),
         }
+    }
+
+    /// How long to film, s: what breaks at the end of the window must be seen dry long enough to count.
+    pub fn filmed_s(&self) -> f64 {
+        self.observation_s + self.persist_s
+    }
+
+    /// Pictures that must show a place dry.
+    pub fn persist_frames(&self) -> u8 {
+        // Of so many pictures the first is what the second is held against.
+        (self.persist_s * self.frames_per_second).round().clamp(2.0, 250.0) as u8
     }
 
     /// The shortest time from the first to the last wet picture, s: the last one of a window may come one interval
@@ -44,6 +64,11 @@ impl Demands {
     /// The fewest wet pictures.
     pub fn min_frames(&self) -> f64 {
         (MIN_FRAME_SHARE * self.observation_s * self.frames_per_second).ceil()
+    }
+
+    /// The fewest of so many wet pictures that must be fit to judge by.
+    pub fn min_usable(&self, frames: usize) -> f64 {
+        (MIN_FRAME_SHARE * frames as f64).ceil()
     }
 
     /// The longest time between two wet pictures, s.
@@ -59,8 +84,10 @@ pub struct GridInspection {
     pub id: GridId,
     /// Did at least `min_break_mm2` of film break on it?
     pub failed: bool,
-    /// Was it in the picture? A grid that was not is not passed.
+    /// Was it wholly seen? A grid that was not is not passed.
     pub seen: bool,
+    /// Is all of it that was not seen what the recipe masks?
+    pub only_masked: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
     /// When `min_break_mm2` were broken, s after the first fully wet picture.
@@ -68,7 +95,7 @@ pub struct GridInspection {
 }
 
 /// How the film was watched.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Observation {
     /// From the first to the last wet picture, s.
     pub observed_s: f64,
@@ -78,26 +105,62 @@ pub struct Observation {
     pub longest_gap_s: f64,
     /// Broken film from which a grid fails, mm².
     pub min_break_mm2: f64,
+    /// Was a dry picture taken?
+    pub has_dry: bool,
+    /// Share of the region's surface that was wet in no picture, percent.
+    pub never_wet_percent: f64,
+    /// What the film leaves of the panel's dry brightness, 0…1, where the clip told it.
+    pub film_left: Option<f64>,
+    /// The region's mean brightness when dry, grey levels.
+    pub dry_levels: f64,
+    /// The smallest break that is surely found, mm².
+    pub detection_limit_mm2: f64,
+    /// Which pictures could be judged by.
+    pub quality: Quality,
+}
+
+impl Observation {
+    /// By how much the film changes the panel, grey levels.
+    pub fn change_levels(&self) -> f64 {
+        self.dry_levels * (1.0 - self.film_left.unwrap_or(FILM_ASSUMED))
+    }
 }
 
 /// Judges a test.
-pub fn judge(observation: &Observation, grids: &[GridInspection], demands: &Demands) -> Judgement {
-    let mut reasons = invalid(observation, grids, demands);
+pub fn judge(
+    observation: &Observation,
+    grids: &[GridInspection],
+    demands: &Demands,
+    settings: &recipe::Inspect,
+) -> Judgement {
+    let mut reasons = invalid(observation, grids, demands, settings);
     let invalid = !reasons.is_empty();
-    let broken = broken(demands.min_break_mm2, grids);
-    let verdict = match (invalid, &broken) {
-        (true, _) => Verdict::Invalid,
-        (false, Some(_)) => Verdict::Fail,
-        (false, None) => Verdict::Pass,
+    let (broken, masked) = (broken(demands.min_break_mm2, grids), masked(grids));
+    let verdict = match (invalid, &broken, &masked) {
+        (true, ..) => Verdict::Invalid,
+        (false, Some(_), _) => Verdict::Fail,
+        // What was not looked at may be broken: nobody passes it.
+        (false, None, Some(_)) => Verdict::Invalid,
+        (false, None, None) => Verdict::Pass,
     };
-    reasons.extend(broken);
+    reasons.extend(broken.into_iter().chain(masked));
     Judgement { verdict, reasons }
 }
 
-fn invalid(observation: &Observation, grids: &[GridInspection], demands: &Demands) -> Vec<Reason> {
+fn invalid(
+    observation: &Observation,
+    grids: &[GridInspection],
+    demands: &Demands,
+    settings: &recipe::Inspect,
+) -> Vec<Reason> {
     let Observation { observed_s, frames, longest_gap_s, .. } = *observation;
     let window_s = demands.observation_s;
     let mut reasons = Vec::new();
+    if !observation.has_dry {
+        let message = "there is no picture of the dry panel; without one a place that never became wet cannot be told \
+                       from one that holds its film: take one before the spray and repeat the test";
+        reasons.push(Reason::new("no_dry_picture", message));
+    }
     if observed_s < demands.min_observed_s() {
         let message = format!(
             "the film was watched for {observed_s:.1} s; the recipe's observation_s asks for {window_s:.1} s: \
@@ -117,12 +180,89 @@ fn invalid(observation: &Observation, grids: &[GridInspection], demands: &Demand
         );
         reasons.push(Reason::new("gap", message));
     }
-    let unseen: Vec<String> = grids.iter().filter(|grid| !grid.seen).map(|grid| grid.id.to_string()).collect();
+    reasons.extend(unclear(observation, demands, settings));
+    let allowed_percent = settings.max_never_wet_percent();
+    if observation.has_dry && observation.never_wet_percent > allowed_percent {
+        let message = format!(
+            "{:.1} % of the region was wet in no picture; allowed are {allowed_percent:.0} %: was the water on, does the \
+             spray reach all of the panel? Repeat the test",
+            observation.never_wet_percent
+        );
+        reasons.push(Reason::new("never_wet", message));
+    }
+    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked);
     if !unseen.is_empty() {
-        let message = format!("not wholly in the picture: {}; move the panel into view", unseen.join(", "));
+        let message = format!(
+            "not wholly seen: {}; move the panel into view, or lower the exposure where it is too bright",
+            unseen.join(", ")
+        );
         reasons.push(Reason::new("not_seen", message));
     }
     reasons
+}
+
+/// Why the pictures cannot be judged by.
+fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Inspect) -> Vec<Reason> {
+    let Observation { frames, quality, .. } = observation;
+    let mut reasons = Vec::new();
+    let change = observation.change_levels();
+    if observation.has_dry && change < MIN_CHANGE_LEVELS {
+        let message = format!(
+            "the film changes the panel by {change:.1} grey levels; needed are {MIN_CHANGE_LEVELS:.0}: give more light or \
+             a longer exposure, then repeat the test"
+        );
+        reasons.push(Reason::new("dark", message));
+    }
+    if let Some(sharpness) = quality.first_sharpness.filter(|sharpness| *sharpness < MIN_FIRST_SHARPNESS) {
+        let message = format!(
+            "the panel's edge has {sharpness:.2} of its contrast from one pixel to the next in the first picture; needed \
+             are {MIN_FIRST_SHARPNESS:.2}: focus the camera and repeat the test"
+        );
+        reasons.push(Reason::new("focus", message));
+    }
+    let enough = quality.usable as f64 >= demands.min_usable(*frames);
+    let (unseen_s, allowed_s) = (quality.longest_unseen_s, demands.max_gap_s());
+    if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
+        return reasons;
+    }
+    let (flaw, count) = Flaw::ALL
+        .into_iter()
+        .zip(quality.flawed)
+        .fold((Flaw::Light, 0), |most, found| if found.1 > most.1 { found } else { most });
+    let what = match flaw {
+        Flaw::Light => format!(
+            "the light differs from the dry picture's by more than {:.0} %, or in a way that is no light",
+            settings.max_light_change_percent()
+        ),
+        Flaw::Bright => {
+            format!("glints or overexposure hide more than {:.1} % of the region", settings.max_bright_percent())
+        }
+        Flaw::Moved => {
+            format!("the panel moved by more than {:.1} px since the dry picture", settings.max_moved_px())
+        }
+        Flaw::Focus => format!("the panel's edge has less than {MIN_SHARPNESS:.1} of its first sharpness"),
+        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
+    };
+    let message = format!(
+        "{} of {frames} wet pictures cannot be judged by, {unseen_s:.1} s of them without one that can (allowed {allowed_s:.1} \
+         s); in {count} of them {what}: repeat the test",
+        frames - quality.usable
+    );
+    reasons.push(Reason::new(flaw.word(), message));
+    reasons
+}
+
+fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> Vec<String> {
+    grids.iter().filter(|grid| which(grid)).map(|grid| grid.id.to_string()).collect()
+}
+
+fn masked(grids: &[GridInspection]) -> Option<Reason> {
+    let masked = names(grids, |grid| !grid.seen && grid.only_masked);
+    let message = format!(
+        "the recipe masks a part of {}, which therefore did not pass; look at it by eye while the film is watched",
+        masked.join(", ")
+    );
+    (!masked.is_empty()).then(|| Reason::new("masked", message))
 }
 
 fn broken(min_break_mm2: f64, grids: &[GridInspection]) -> Option<Reason> {

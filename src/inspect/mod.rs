@@ -1,34 +1,44 @@
 //! The water-break test: where, when and on how much surface the water film broke (thesis 4.2–4.4, Fig. 4.9).
 //!
-//! The one idea: a panel that is wholly wet looks the same until the film breaks, so a break is what differs from the
-//! first fully wet picture and looks dry. Each wet picture goes through the thesis's pipeline ([`thesis`]), a break
-//! counts once it has persisted ([`film`]), and the taught pixels of the region, projected to where the panel stands
-//! now, turn broken pixels into mm² of each grid ([`footprint`]). One gate turns that evidence into a verdict
-//! ([`gate`]). Pictures go in one by one and none is kept but the dry one and the reference: memory does not grow with
-//! the clip.
+//! The one idea: a film darkens the panel by one factor, light changes it smoothly, glints move on; a place that looks
+//! dry long enough has broken ([`model`], on [`light`] and [`kernel`]). The thesis's own pipeline ([`thesis`], [`film`])
+//! stands beside it (`method = "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn
+//! broken pixels into mm² of each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`],
+//! [`steady`]); what broke is put together at the end ([`settle`], [`pieces`]). One gate turns all of it into a verdict
+//! ([`gate`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
 //!
-//! A place that is dry in the reference already never differs from it; where a dry picture was taken, the reference is
-//! compared with that, and a place that did not change under the spray is a break at 0 s.
+//! A dry picture before the spray is part of the test: by it a pixel is wet or not. A place that never becomes wet, or
+//! dries under the spray, is a break at 0 s.
 //!
-//! Times are counted from the reference, the first fully wet picture. Does not decide where the panel stands, does not
-//! draw.
+//! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
 
+mod advice;
+mod band;
 mod film;
 mod footprint;
 mod gate;
+mod kernel;
+mod light;
+mod model;
 mod pieces;
+mod quality;
 #[cfg(test)]
 mod rendered;
 mod score;
+mod settle;
+mod steady;
 #[cfg(test)]
 mod tests;
 mod thesis;
 mod watch;
 
+pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
-pub use score::{Confusion, Score, score};
+pub use quality::{Flaw, Quality};
+pub use score::{Confusion, Score, score, score_within};
+pub use settle::pieces_of;
 pub use watch::{Inspection, Step, Watch};
 
 use crate::imaging::ImagingError;

@@ -15,14 +15,30 @@ pub struct Break {
     pub area_mm2: f64,
     /// When its first pixel broke, s after the first fully wet picture.
     pub first_seen_s: f64,
+    /// The share of it over which the film had closed again at the end, 0…1.
+    pub closed_share: f64,
     /// The grids it lies in, row by row.
     pub grids: Vec<GridId>,
     /// Its outer contour in the picture, px.
     pub contour_px: Vec<Pixel>,
 }
 
+/// Of a break this share must be closed to say that it closed again.
+const CLOSED_SHARE: f64 = 0.8;
+
+impl Break {
+    /// Whether the film had closed over it again at the end.
+    pub fn closed_again(&self) -> bool {
+        self.closed_share >= CLOSED_SHARE
+    }
+}
+
 /// The breaks of a window, largest first. A piece that holds no surface is none.
-pub fn breaks(footprint: &Footprint, since_wet_s: &[f32]) -> Result<Vec<Break>, ImagingError> {
+pub fn breaks(
+    footprint: &Footprint,
+    since_wet_s: &[f32],
+    is_closed: impl Fn(usize) -> bool,
+) -> Result<Vec<Break>, ImagingError> {
     let window = footprint.window();
     let bytes: Vec<u8> = since_wet_s.iter().map(|&time| u8::from(time < NEVER)).collect();
     let labels = named("connected pieces", labels_of(window.height, window.width, &bytes))?;
@@ -39,6 +55,7 @@ pub fn breaks(footprint: &Footprint, since_wet_s: &[f32]) -> Result<Vec<Break>, 
         breaks.push(Break {
             area_mm2: area_mm2.iter().sum(),
             first_seen_s: piece.iter().map(|&index| since_wet_s[index]).fold(NEVER, f32::min).into(),
+            closed_share: piece.iter().filter(|&&index| is_closed(index)).count() as f64 / piece.len() as f64,
             grids: touched.map(|(grid, _)| grid.id).collect(),
             contour_px: contour(footprint, piece)?,
         });

@@ -1,88 +1,131 @@
-//! The test on rendered films of a displaced panel, a quarter of the camera's size, one picture a second.
+//! The test on rendered films of a displaced panel: a quarter of the camera's size, and once at full size.
 
 use super::*;
 use crate::geometry::Mask;
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::sim::{self, Cell, Film, SEARCH_BOX_MM, Scene, WET_FROM_S};
+use crate::sim::{self, Cell, Film, FilmSpec, Grease, SEARCH_BOX_MM, Scene, SpotKind, WET_FROM_S};
 use crate::verdict::Verdict;
 
-const OBSERVED_S: usize = 20;
+const FRAMES_PER_SECOND: f64 = 5.0;
 
-fn watch(cell: &Cell) -> Watch {
-    let region = cell.region();
-    let [low, high] = SEARCH_BOX_MM;
-    let text = format!(
-        "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
-         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n",
-        region.corners_px.map(|pixel| [pixel.u, pixel.v]),
-        region.rows,
-        region.columns
-    );
-    let recipe = Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
-    let truth = cell.truth();
-    let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
-        .expect("a panel to learn");
-    let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
-    let demands = Demands { observation_s: OBSERVED_S as f64, frames_per_second: 1.0, min_break_mm2: 5.0 };
-    Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view")
+struct Test {
+    cell: Cell,
+    watch: Watch,
+    filmed_s: f64,
+    truth_s: f64,
 }
 
-fn inspect(cell: &Cell, film: &Film) -> Inspection {
-    let mut watch = watch(cell);
-    for second in 0..=WET_FROM_S as usize + OBSERVED_S {
-        let time_s = second as f64;
-        let phase = match film.phase(time_s) {
-            sim::Phase::Dry => Phase::Dry,
-            sim::Phase::Spray => Phase::Spray,
-            sim::Phase::Wet => Phase::Wet,
-        };
-        watch.push(&film.picture(time_s), time_s, phase).expect("in order");
+impl Test {
+    fn new(seed: u64, reduction: usize, observation_s: f64) -> Self {
+        let cell = Cell::new(seed, Scene::Good, reduction);
+        let region = cell.region();
+        let [low, high] = SEARCH_BOX_MM;
+        let text = format!(
+            "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
+             [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n",
+            region.corners_px.map(|pixel| [pixel.u, pixel.v]),
+            region.rows,
+            region.columns
+        );
+        let recipe = Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        let truth = cell.truth();
+        let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
+            .expect("a panel to learn");
+        let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
+        let demands =
+            Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2: 5.0, persist_s: 1.0 };
+        let watch =
+            Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
+        Test { cell, watch, filmed_s: demands.filmed_s(), truth_s: WET_FROM_S + observation_s }
     }
-    watch.finish().expect("wet pictures")
+
+    fn inspect(mut self, film: &Film) -> (Inspection, Mask) {
+        let mut picture = film.picture(0.0);
+        let frames = ((WET_FROM_S + self.filmed_s) * FRAMES_PER_SECOND).round() as u32;
+        for time_s in (0..=frames).map(|frame| f64::from(frame) / FRAMES_PER_SECOND) {
+            film.renew(&mut picture, time_s);
+            let phase = match film.phase(time_s) {
+                sim::Phase::Dry => Phase::Dry,
+                sim::Phase::Spray => Phase::Spray,
+                sim::Phase::Wet => Phase::Wet,
+            };
+            self.watch.push(&picture, time_s, phase).expect("in order");
+        }
+        (self.watch.finish().expect("wet pictures"), film.broken(self.truth_s))
+    }
+}
+
+/// Grids as they truly are, and places as they truly lie but for their rim.
+fn agrees(inspection: &Inspection, truth: &Mask, least: f64) {
+    let agreement = score_within(&inspection.mask(), truth, &inspection.footprint.region()).expect("one size");
+    assert!(agreement.iou > least, "{agreement:?}");
+    let confusion = inspection.confusion(truth).expect("one size");
+    assert_eq!((confusion.false_fail, confusion.false_pass), (0, 0), "{confusion:?}");
+}
+
+/// Three seeds of light that drifts, glints, drops and exposures from dark to bright; a pixel is 1.8 mm wide.
+#[test]
+fn greasy_grids_are_found_however_hard_they_are_to_see() {
+    for seed in [1, 3, 7] {
+        let test = Test::new(seed, 4, 16.0);
+        let mut spots = test.cell.spots().to_vec();
+        spots.iter_mut().zip([6.0, 8.0, 10.0, 11.0]).for_each(|(spot, breaks_s)| {
+            (spot.breaks_at_s, spot.grows_s) = (breaks_s, 4.0);
+        });
+        let film = test.cell.film_as(&spots, &FilmSpec::hard(seed), 0);
+        let (inspection, truth) = test.inspect(&film);
+        assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{seed}: {:?}", inspection.judgement);
+        agrees(&inspection, &truth, 0.93);
+    }
 }
 
 #[test]
-fn greasy_grids_are_found_on_a_displaced_panel() {
-    let cell = Cell::new(7, Scene::Good, 4);
-    let film = cell.film();
-    let inspection = inspect(&cell, &film);
-    // A break counts one picture later than it is seen, so the truth is that of the last picture but one.
-    let truth = film.broken(WET_FROM_S + OBSERVED_S as f64 - 1.0);
-    let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region()).expect("one size");
-    assert!(agreement.iou > 0.85, "{agreement:?}");
-    let confusion = inspection.confusion(&truth).expect("one size");
-    assert_eq!((confusion.false_fail, confusion.false_pass), (0, 0), "{confusion:?}");
-    assert!(confusion.true_fail > 0 && confusion.true_pass > 0, "{confusion:?}");
-    assert_eq!(inspection.judgement.verdict, Verdict::Fail);
+fn a_clean_panel_passes_in_bad_light() {
+    for seed in [8, 9] {
+        let test = Test::new(seed, 4, 12.0);
+        let film = test.cell.film_as(&[], &FilmSpec::hard(seed), 0);
+        let (inspection, _) = test.inspect(&film);
+        assert_eq!(inspection.judgement.verdict, Verdict::Pass, "{seed}: {:?}", inspection.judgement);
+    }
+}
+
+/// From a hundredth of the panel to all of it: wet for half a second, then dry before the film is watched.
+#[test]
+fn grease_that_dries_under_the_spray_fails() {
+    for share in [0.01, 0.3, 1.0] {
+        let test = Test::new(9, 4, 5.0);
+        let spots = test.cell.greased(&Grease::Share { share, kind: SpotKind::UnderSpray }, 0);
+        let film = test.cell.film_as(&spots, &FilmSpec::USUAL, 0);
+        let (inspection, truth) = test.inspect(&film);
+        assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{share}: {:?}", inspection.judgement);
+        agrees(&inspection, &truth, 0.93);
+        assert!(inspection.grids.iter().filter_map(|grid| grid.time_to_break_s).all(|time_s| time_s == 0.0));
+    }
+}
+
+/// 60 % of the panel that no water stays on is no test, and no pass.
+#[test]
+fn a_panel_that_is_hardly_wet_is_no_test() {
+    let test = Test::new(9, 4, 5.0);
+    let spots = test.cell.greased(&Grease::Share { share: 0.6, kind: SpotKind::NeverWets }, 0);
+    let film = test.cell.film_as(&spots, &FilmSpec::USUAL, 0);
+    let (inspection, _) = test.inspect(&film);
+    assert_eq!(inspection.judgement.verdict, Verdict::Invalid);
+    assert!(inspection.judgement.reasons.iter().any(|reason| reason.code == "never_wet"));
+}
+
+/// At full size for 5 s: small places of every kind, and how much surface broke.
+#[test]
+fn at_full_size_every_place_and_its_surface_is_found() {
+    let test = Test::new(5, 1, 5.0);
+    let spots = test.cell.greased(&Grease::Mixed { count: 4, until_s: WET_FROM_S + 4.0 }, 0);
+    let film = test.cell.film_as(&spots, &FilmSpec::USUAL, 0);
+    let (inspection, truth) = test.inspect(&film);
+    agrees(&inspection, &truth, 0.95);
     let area_mm2 = |mask: &Mask| inspection.footprint.broken_mm2(mask).iter().sum::<f64>();
     let (found_mm2, real_mm2) = (area_mm2(&inspection.mask()), area_mm2(&truth));
-    let error = found_mm2 / real_mm2 - 1.0;
-    assert!(error.abs() < 0.1, "found {found_mm2:.1} mm², truly {real_mm2:.1} mm²");
-}
-
-#[test]
-fn a_clean_panel_passes() {
-    let cell = Cell::new(8, Scene::Clean, 4);
-    let inspection = inspect(&cell, &cell.film());
-    assert_eq!(inspection.judgement.verdict, Verdict::Pass, "{:?}", inspection.judgement);
-    assert!(inspection.breaks.is_empty(), "{:?}", inspection.breaks);
-}
-
-/// Grease from which the water runs off under the spray: never seen against the first fully wet picture alone.
-#[test]
-fn grease_that_never_wets_is_a_break_at_0_s() {
-    let cell = Cell::new(9, Scene::Good, 4);
-    let mut spots = cell.spots().to_vec();
-    for spot in &mut spots {
-        (spot.breaks_at_s, spot.grows_s) = (0.0, 0.1);
-    }
-    let film = cell.film_of(&spots);
-    let inspection = inspect(&cell, &film);
-    let truth = film.broken(WET_FROM_S);
-    let agreement = score(&inspection.mask_at(0.0), &truth, &inspection.footprint.region()).expect("one size");
-    assert!(agreement.iou > 0.85, "{agreement:?}");
-    assert_eq!(inspection.judgement.verdict, Verdict::Fail);
-    assert_eq!(inspection.confusion(&truth).map(|found| found.false_pass + found.false_fail), Ok(0));
+    assert!((found_mm2 / real_mm2 - 1.0).abs() < 0.05, "found {found_mm2:.1} mm², truly {real_mm2:.1} mm²");
+    assert_eq!(inspection.breaks.len(), spots.len());
 }

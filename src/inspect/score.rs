@@ -44,6 +44,26 @@ pub fn score(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectE
     Ok(Score { iou: share(found + real - both), precision: share(found), recall: share(real) })
 }
 
+/// As [`score`], without the pixels within one of the truth's rim: no picture shows better where a rim lies.
+///
+/// # Errors
+/// As [`score`].
+pub fn score_within(mask: &Mask, truth: &Mask, region: &Mask) -> Result<Score, InspectError> {
+    same_size(truth, region)?;
+    let mut within = region.clone();
+    for row in 0..truth.height {
+        for column in 0..truth.width {
+            let own = truth.contains(column, row);
+            let columns = column.saturating_sub(1)..(column + 2).min(truth.width);
+            let mut rows = row.saturating_sub(1)..(row + 2).min(truth.height);
+            if rows.any(|v| columns.clone().any(|u| truth.contains(u, v) != own)) {
+                within.inside[row * truth.width + column] = false;
+            }
+        }
+    }
+    score(mask, truth, &within)
+}
+
 impl Inspection {
     /// Compares failed grids with those that a true mask makes fail by the same rule.
     ///
@@ -90,6 +110,15 @@ mod tests {
         let region = mask([1, 1, 1, 1, 1, 0]);
         let score = score(&mask([1, 1, 1, 0, 0, 1]), &mask([0, 0, 1, 1, 0, 1]), &region).expect("one size");
         assert_eq!(score, Score { iou: 0.25, precision: 1.0 / 3.0, recall: 0.5 });
+    }
+
+    /// By hand, one true pixel of 3 × 2 at the left: its column and the next are rim; of the last column nothing is true.
+    #[test]
+    fn the_rim_is_left_out() {
+        let (truth, region) = (mask([1, 0, 0, 0, 0, 0]), mask([1; 6]));
+        let inner = score_within(&mask([0, 1, 0, 0, 0, 0]), &truth, &region).expect("one size");
+        assert_eq!(inner.iou, 1.0);
+        assert_eq!(score_within(&mask([1, 0, 1, 0, 0, 0]), &truth, &region).map(|score| score.iou), Ok(0.0));
     }
 
     #[test]

@@ -5,9 +5,9 @@
 //!     changed where max over the channels of g ≥ threshold
 //!     broken where changed, and H, S, V of the test picture are in the range of a dry pixel        (4.3–4.5)
 //!
-//! The thesis leaves open how the three channels become one binary picture. Here the largest counts: a film changes
-//! the panel most in one channel (its blue one, 4.2), and the grey of the difference would dilute that one by the
-//! others. The thesis masks the test picture and filters the masked one by HSV, where black means masked out; here the
+//! The thesis leaves open how the three channels become one binary picture. Here the largest counts, each channel's
+//! difference by its weight, the heaviest being 1 (`channel_weights`): a film changes the panel most in one channel (its
+//! blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis masks the test picture and filters the masked one by HSV, where black means masked out; here the
 //! two binary pictures meet in an "and", which is the same and lets the range contain black.
 //!
 //! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
@@ -38,6 +38,23 @@ fn crop_of(picture: &ColorPicture, window: &Window) -> opencv::Result<Mat> {
     part.reshape_def(3)?.try_clone()
 }
 
+/// The adjusted difference of two pictures, row by row: what the threshold is held against.
+pub fn levels(
+    settings: &recipe::Inspect,
+    reference: &ColorPicture,
+    test: &ColorPicture,
+) -> Result<Vec<u8>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: test.width, height: test.height };
+    let (reference, test) = (crop(reference, &whole)?, crop(test, &whole)?);
+    named("the difference to the reference", adjusted_difference(settings, &reference, &test))
+}
+
+/// Hue, saturation and value of a picture's pixels.
+pub fn hsv_of(picture: &ColorPicture) -> Result<Vec<[u8; 3]>, ImagingError> {
+    let whole = Window { left: 0, top: 0, width: picture.width, height: picture.height };
+    named("hue, saturation and value", hue_saturation_value(&crop(picture, &whole)?))
+}
+
 /// Which pixels of `test` differ from `reference`, row by row.
 pub fn changed(settings: &recipe::Inspect, reference: &Mat, test: &Mat) -> Result<Vec<bool>, ImagingError> {
     let largest = named("the difference to the reference", adjusted_difference(settings, reference, test))?;
@@ -54,7 +71,17 @@ fn adjusted_difference(settings: &recipe::Inspect, reference: &Mat, test: &Mat) 
         std::mem::swap(&mut adjusted, &mut blurred);
     }
     let (channels, _) = adjusted.data_bytes()?.as_chunks::<3>();
-    Ok(channels.iter().map(|&[r, g, b]| r.max(g).max(b)).collect())
+    let weights = settings.channel_weights();
+    let heaviest = weights.iter().copied().fold(0.0, f64::max);
+    let weighed = |channels: &[u8; 3]| {
+        let weighed = (0..3).map(|i| (f64::from(channels[i]) * weights[i] / heaviest).round() as u8);
+        weighed.max().unwrap_or_default()
+    };
+    // Alike, they need no arithmetic.
+    if weights.iter().all(|weight| *weight == heaviest) {
+        return Ok(channels.iter().map(|&[r, g, b]| r.max(g).max(b)).collect());
+    }
+    Ok(channels.iter().map(weighed).collect())
 }
 
 /// Which pixels have the colour of a dry panel, row by row.
@@ -96,6 +123,20 @@ mod tests {
         };
         assert_eq!(found(40), [19, 20, 26, 27, 28, 29, 34, 35, 36, 37, 43, 44]);
         assert_eq!(found(41), [0usize; 0]);
+    }
+
+    /// By hand: red differs by 40, blue by 30; with red at a quarter the difference is max(10, 30) · 2 = 60.
+    #[test]
+    fn a_channel_counts_by_its_weight() {
+        let reference = ColorPicture::filled(8, 8, [100, 100, 100]);
+        let test = ColorPicture::filled(8, 8, [140, 100, 130]);
+        let [reference, test] = [&reference, &test].map(|picture| crop(picture, &WHOLE).expect("a picture"));
+        let found = |weights: &str, threshold: usize| {
+            let table = format!("gain = 2\nmedian_px = 3\nthreshold = {threshold}\nchannel_weights = {weights}");
+            changed(&inspect_table(&table), &reference, &test).expect("one size")[0]
+        };
+        assert!(found("[1, 1, 1]", 80) && !found("[0.25, 1, 1]", 61) && found("[0.25, 1, 1]", 60));
+        assert!(found("[0.1, 0.1, 0.1]", 80), "weights count against the heaviest");
     }
 
     /// By hand, Eq. 4.3–4.5 in 8 bits: green 120°/2 = 60; (255, 0, 128) has 60·(0 − 128)/255 = −30.1°, which wraps to

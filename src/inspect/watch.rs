@@ -3,7 +3,11 @@
 use super::film::{Film, NEVER};
 use super::footprint::Footprint;
 use super::gate::{Demands, GridInspection, Observation, judge};
+use super::model::Model;
 use super::pieces::{Break, breaks};
+use super::quality::Quality;
+use super::settle::{Seen, settled};
+use super::steady::Outline;
 use super::{InspectError, thesis};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::panel::{GridId, TaughtPanel};
@@ -12,6 +16,10 @@ use crate::recipe::{self, Method};
 use crate::verdict::Judgement;
 use opencv::core::Mat;
 
+/// A wet place within a break is a bead on grease, and a break that closed soon a glint that lingered, up to this area,
+/// mm².
+const SMALL_MM2: f64 = 20.0;
+
 /// Watches a film break.
 #[derive(Debug)]
 pub struct Watch {
@@ -19,10 +27,13 @@ pub struct Watch {
     demands: Demands,
     picture_px: (usize, usize),
     footprint: Footprint,
-    film: Film,
-    dry: Option<Mat>,
-    reference: Option<Reference>,
+    outline: Outline,
+    model: Model,
+    /// Where the recipe asks for the thesis's method, which then says what broke.
+    thesis: Option<Thesis>,
+    quality: Quality,
     last: Option<(f64, Phase)>,
+    first_wet_s: Option<f64>,
     observed_s: f64,
     longest_gap_s: f64,
     frames: usize,
@@ -30,11 +41,12 @@ pub struct Watch {
     time_to_break_s: Vec<Option<f64>>,
 }
 
-/// The first fully wet picture, its window.
+/// The thesis's pipeline over time.
 #[derive(Debug)]
-struct Reference {
-    picture: Mat,
-    time_s: f64,
+struct Thesis {
+    film: Film,
+    dry: Option<Mat>,
+    reference: Option<Mat>,
 }
 
 /// What one picture added.
@@ -42,6 +54,8 @@ struct Reference {
 pub struct Step {
     /// The picture's time after the first fully wet one, s; `None` before that.
     pub since_wet_s: Option<f64>,
+    /// Whether the picture can be judged by.
+    pub usable: bool,
     /// Broken film so far, mm².
     pub broken_mm2: f64,
     /// Grids that fail from this picture on.
@@ -77,21 +91,23 @@ impl Watch {
         settings: &recipe::Inspect,
         demands: Demands,
     ) -> Result<Self, InspectError> {
-        let settings = settings.clone();
-        let margin_px = match settings.method() {
-            Method::Thesis => thesis::margin_px(&settings),
-        };
-        let footprint = Footprint::new(taught, camera, camera_from_panel, margin_px)?;
-        let grids = footprint.grids().len();
+        let is_thesis = settings.method() == Method::Thesis;
+        let margin_px = if is_thesis { thesis::margin_px(settings) } else { 0 };
+        let footprint = Footprint::new(taught, camera, camera_from_panel, (margin_px, &settings.masked_px()))?;
+        let (grids, pixels) = (footprint.grids().len(), footprint.inside().len());
+        let film = || Film::new(pixels, settings.persist_frames());
+        let weights = settings.channel_weights();
         Ok(Watch {
-            film: Film::new(footprint.inside().len(), settings.persist_frames()),
-            settings,
+            model: Model::new(*footprint.window(), footprint.inside(), weights, demands.persist_frames()),
+            thesis: is_thesis.then(|| Thesis { film: film(), dry: None, reference: None }),
+            outline: Outline::new(taught, camera, camera_from_panel),
+            quality: Quality::new(),
+            settings: settings.clone(),
             demands,
             picture_px: (camera.width_px, camera.height_px),
             footprint,
-            dry: None,
-            reference: None,
             last: None,
+            first_wet_s: None,
             observed_s: 0.0,
             longest_gap_s: 0.0,
             frames: 0,
@@ -109,18 +125,18 @@ impl Watch {
         self.last = Some((time_s, phase));
         match phase {
             Phase::Dry => {
-                self.dry = Some(thesis::crop(picture, self.footprint.window())?);
+                self.model.dry(picture);
+                self.quality.first_sharpness = self.outline.begin(picture);
+                if let Some(thesis) = &mut self.thesis {
+                    thesis.dry = Some(thesis::crop(picture, self.footprint.window())?);
+                }
                 Ok(Step::default())
             }
-            Phase::Spray => Ok(Step::default()),
-            Phase::Wet => {
-                self.frames += 1;
-                let test = thesis::crop(picture, self.footprint.window())?;
-                let Some(reference) = self.reference.take() else { return self.begin(test, time_s) };
-                let step = self.compare(&reference, &test, time_s);
-                self.reference = Some(reference);
-                step
+            Phase::Spray => {
+                self.model.spray(picture);
+                Ok(Step::default())
             }
+            Phase::Wet => self.wet(picture, time_s),
         }
     }
 
@@ -140,33 +156,29 @@ impl Watch {
         Ok(())
     }
 
-    /// The first fully wet picture: what still is as it was dry broke at 0 s.
-    fn begin(&mut self, reference: Mat, time_s: f64) -> Result<Step, InspectError> {
-        if let Some(dry) = self.dry.take() {
-            let wetted = thesis::changed(&self.settings, &dry, &reference)?;
-            let looks_dry = thesis::looks_dry(&self.settings, &reference)?;
-            let inside = self.footprint.inside();
-            let never_wet: Vec<usize> =
-                (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
-            self.film.mark(&never_wet, 0.0);
-            self.count(&never_wet, 0.0);
+    fn wet(&mut self, picture: &ColorPicture, time_s: f64) -> Result<Step, InspectError> {
+        self.frames += 1;
+        if self.first_wet_s.is_none() && !self.model.has_dry() {
+            self.quality.first_sharpness = self.outline.begin(picture);
         }
-        self.reference = Some(Reference { picture: reference, time_s });
-        Ok(self.step(vec![None; self.time_to_break_s.len()]))
-    }
-
-    fn compare(&mut self, reference: &Reference, test: &Mat, time_s: f64) -> Result<Step, InspectError> {
-        let changed = thesis::changed(&self.settings, &reference.picture, test)?;
-        let looks_dry = thesis::looks_dry(&self.settings, test)?;
-        let since_wet_s = time_s - reference.time_s;
+        let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
         self.longest_gap_s = self.longest_gap_s.max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
-        let inside = self.footprint.inside();
-        let broken = (0..inside.len()).map(|i| inside[i] && changed[i] && looks_dry[i]);
-        let newly = self.film.push(broken, since_wet_s);
+        let look = self.model.look(picture);
+        let steady = self.outline.hold_against(picture);
+        let usable = self.quality.take(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
-        self.count(&newly.pixels, newly.since_wet_s);
-        Ok(self.step(before))
+        if usable {
+            let mut newly = self.model.follow(since_wet_s);
+            let mut broke_s = since_wet_s;
+            if let Some(thesis) = &mut self.thesis {
+                (newly, broke_s) = thesis.wet(picture, since_wet_s, &self.settings, &self.footprint)?;
+            } else if let Some(first) = newly.first() {
+                broke_s = self.model.broke_s(*first).map_or(since_wet_s, f64::from);
+            }
+            self.count(&newly, broke_s);
+        }
+        Ok(self.step(before, usable))
     }
 
     /// Adds the surface of pixels that broke at this time to their grids.
@@ -181,10 +193,11 @@ impl Watch {
         }
     }
 
-    fn step(&self, failed_before: Vec<Option<f64>>) -> Step {
+    fn step(&self, failed_before: Vec<Option<f64>>, usable: bool) -> Step {
         let failed = self.footprint.grids().iter().zip(&self.time_to_break_s).zip(failed_before);
         Step {
             since_wet_s: Some(self.observed_s),
+            usable,
             broken_mm2: self.broken_mm2.iter().sum(),
             newly_failed: failed
                 .filter(|((_, now), before)| now.is_some() && before.is_none())
@@ -193,38 +206,127 @@ impl Watch {
         }
     }
 
+    fn broke_s(&self, index: usize) -> f32 {
+        match &self.thesis {
+            Some(thesis) => thesis.film.times()[index],
+            None => self.model.broke_s(index).unwrap_or(NEVER),
+        }
+    }
+
+    /// The region's pixels in the picture.
+    pub fn region(&self) -> Mask {
+        self.footprint.region()
+    }
+
     /// The pixels of the picture that broke so far.
     pub fn mask(&self) -> Mask {
-        let times = self.film.times();
-        self.footprint.to_picture(|index| times[index] < NEVER)
+        self.footprint.to_picture(|index| self.broke_s(index) < NEVER)
     }
 
     /// Ends the test.
     ///
     /// # Errors
     /// Where no wet picture came.
-    pub fn finish(self) -> Result<Inspection, InspectError> {
-        if self.reference.is_none() {
+    pub fn finish(mut self) -> Result<Inspection, InspectError> {
+        if self.first_wet_s.is_none() {
             return Err(InspectError::NoWetPicture);
         }
-        let grid = |index: usize| GridInspection {
-            id: self.footprint.grids()[index].id,
-            failed: self.time_to_break_s[index].is_some(),
-            seen: self.footprint.grids()[index].seen(),
-            broken_mm2: self.broken_mm2[index],
-            time_to_break_s: self.time_to_break_s[index],
+        self.quality.end();
+        let inside = self.footprint.inside().to_vec();
+        let broke_s: Vec<f32> = (0..inside.len()).map(|index| self.broke_s(index)).collect();
+        let since_wet_s = match self.thesis {
+            Some(_) => broke_s,
+            None => {
+                let looks_dry = |index: usize| self.model.looks_dry_since_s(index).filter(|_| inside[index]);
+                let seen = Seen {
+                    looks_dry_since_s: &looks_dry,
+                    was_open_s: &|index| self.model.was_open_s(index),
+                    inside: &inside,
+                    small_px: self.footprint.pixels_of(SMALL_MM2),
+                };
+                settled(self.footprint.window(), broke_s, &seen)
+            }
         };
-        let grids: Vec<GridInspection> = (0..self.broken_mm2.len()).map(grid).collect();
+        let model = &self.model;
+        let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
+        let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));
+        self.footprint.lose(|index| !model.sees(index));
+        let grids = self.grids(&since_wet_s);
         let observation = Observation {
             observed_s: self.observed_s,
             frames: self.frames,
             longest_gap_s: self.longest_gap_s,
             min_break_mm2: self.demands.min_break_mm2,
+            has_dry: model.has_dry(),
+            never_wet_percent: 100.0 * never_wet_mm2 / self.footprint.region_mm2().max(f64::MIN_POSITIVE),
+            film_left: model.film(),
+            dry_levels: model.mean_dry_levels(),
+            detection_limit_mm2: self.footprint.detection_limit_mm2(),
+            quality: self.quality.clone(),
         };
-        let judgement = judge(&observation, &grids, &self.demands);
-        let since_wet_s = self.film.into_times();
-        let breaks = breaks(&self.footprint, &since_wet_s)?;
+        let judgement = judge(&observation, &grids, &self.demands, &self.settings);
+        let is_thesis = self.thesis.is_some();
+        let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
+        let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
         Ok(Inspection { judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
+    }
+
+    /// Each grid by the pixels that broke, in the order of their times.
+    fn grids(&self, since_wet_s: &[f32]) -> Vec<GridInspection> {
+        let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
+        broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
+        let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
+        let mut time_to_break_s = vec![None; broken_mm2.len()];
+        for index in broken {
+            self.footprint.add_area(index, &mut broken_mm2);
+            for (time, broken_mm2) in time_to_break_s.iter_mut().zip(&broken_mm2) {
+                if time.is_none() && *broken_mm2 >= self.demands.min_break_mm2 {
+                    *time = Some(f64::from(since_wet_s[index]));
+                }
+            }
+        }
+        let grid = |index: usize| {
+            let footprint = &self.footprint.grids()[index];
+            GridInspection {
+                id: footprint.id,
+                failed: time_to_break_s[index].is_some(),
+                seen: footprint.seen(),
+                only_masked: footprint.only_masked(),
+                broken_mm2: broken_mm2[index],
+                time_to_break_s: time_to_break_s[index],
+            }
+        };
+        (0..broken_mm2.len()).map(grid).collect()
+    }
+}
+
+impl Thesis {
+    /// The pixels that broke now, and when they did.
+    fn wet(
+        &mut self,
+        picture: &ColorPicture,
+        since_wet_s: f64,
+        settings: &recipe::Inspect,
+        footprint: &Footprint,
+    ) -> Result<(Vec<usize>, f64), InspectError> {
+        let test = thesis::crop(picture, footprint.window())?;
+        let inside = footprint.inside();
+        let looks_dry = thesis::looks_dry(settings, &test)?;
+        let Some(reference) = &self.reference else {
+            // The first fully wet picture: what still is as it was dry broke at 0 s.
+            let mut never_wet = Vec::new();
+            if let Some(dry) = self.dry.take() {
+                let wetted = thesis::changed(settings, &dry, &test)?;
+                never_wet = (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
+                self.film.mark(&never_wet, 0.0);
+            }
+            self.reference = Some(test);
+            return Ok((never_wet, 0.0));
+        };
+        let changed = thesis::changed(settings, reference, &test)?;
+        let broken = (0..inside.len()).map(|i| inside[i] && changed[i] && looks_dry[i]);
+        let newly = self.film.push(broken, since_wet_s);
+        Ok((newly.pixels, newly.since_wet_s))
     }
 }
 

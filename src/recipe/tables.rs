@@ -20,6 +20,12 @@ settings! {
         drain_s: f64, 0.0..=600.0, default 10.0;
         /// From light on to steady light, s.
         light_settle_s: f64, 0.0..=60.0, default 1.0;
+        /// The water that is sprayed, as the inspector signs it, such as "deionised, 2 µS/cm"; unstated, a line to fill in.
+        water: Option<String>, (), default None;
+        /// Its temperature, °C.
+        water_temperature_c: Option<f64>, 0.0..=100.0, default None;
+        /// The lamp and its brightness at the panel.
+        lamp: Option<String>, (), default None;
     }
 }
 
@@ -173,19 +179,36 @@ fn turn_at(corners_px: &[[f64; 2]; 4], index: usize) -> f64 {
 /// How a broken film is seen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Method {
+    /// A model of what each pixel looks like dry and wet, over time.
+    Film,
     /// The thesis's pipeline (4.3): subtraction, thresholds, HSV.
     Thesis,
 }
 
 impl Choice for Method {
-    const WORDS: &'static [(&'static str, Self)] = &[("thesis", Method::Thesis)];
+    const WORDS: &'static [(&'static str, Self)] = &[("film", Method::Film), ("thesis", Method::Thesis)];
 }
 
 settings! {
     /// `[inspect]`: how a broken film is seen (thesis 4.3, Fig. 4.9).
     pub struct Inspect {
         /// The method.
-        method: Method, (), default Method::Thesis;
+        method: Method, (), default Method::Film;
+        /// What red, green and blue count: both methods weigh the channels by it. A channel in which the film changes
+        /// the panel little adds noise alone (thesis 4.2).
+        channel_weights: [f64; 3], 0.0..=1.0, default [1.0, 1.0, 1.0];
+        /// How long a place must be seen dry before it counts as broken, s. It broke when it was first seen so.
+        persist_s: f64, 0.1..=10.0, default 1.2;
+        /// Share of the region that may be wet in no picture, percent; more is no test.
+        max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
+        /// Change of the light since the dry picture that is made up for, percent; of more light 25 at most.
+        max_light_change_percent: f64, 1.0..=45.0, default 40.0;
+        /// Share of the region that glints and overexposure may hide in a picture, percent.
+        max_bright_percent: f64, 0.0..=50.0, default 5.0;
+        /// How far the panel may move in the picture while it is watched, px.
+        max_moved_px: f64, 0.1..=20.0, default 1.0;
+        /// Reflections and the like that are not looked at: four corners each, px in the taught scan's picture.
+        masked_px: Vec<[[f64; 2]; 4]>, 0.0..=20_000.0, default Vec::new();
         /// Gain α of Eq. 4.2.
         gain: f64, 0.1..=50.0, default 4.0;
         /// Bias β of Eq. 4.2.
@@ -204,13 +227,17 @@ settings! {
         hsv_max: [usize; 3], 0..=255, default [179, 255, 255];
         /// Broken film from which a grid fails, mm²; overrides the cell's.
         min_break_mm2: Option<f64>, 0.1..=10_000.0, default None;
-        /// Pictures in a row that must show a break before it counts.
+        /// Pictures in a row that must show a break before the thesis's pipeline counts it.
         persist_frames: usize, 1..=100, default 2;
     }
 }
 
 pub(super) fn take_inspect(section: &Section<'_, '_>) -> Option<Inspect> {
     let inspect = Inspect::take(section)?;
+    if inspect.channel_weights().iter().all(|weight| *weight < 0.01) {
+        section.problem("channel_weights", "one channel at least must weigh 0.01 or more");
+        return None;
+    }
     if inspect.median_px() % 2 == 0 {
         section.problem("median_px", format!("found {}, allowed is an odd number", inspect.median_px()));
         return None;

@@ -19,7 +19,7 @@ fn the_least_recipe_names_panel_box_and_region() {
     let recipe = Recipe::check("f", LEAST).unwrap_or_else(|problems| panic!("{problems}"));
     assert_eq!((recipe.panel(), recipe.region().rows(), recipe.region().columns()), ("door", 4, 6));
     assert_eq!((recipe.process().observation_s(), recipe.inspect().min_break_mm2()), (None, None));
-    assert_eq!((recipe.corner().which().of(0), recipe.inspect().method()), (CornerName::TopLeft, Method::Thesis));
+    assert_eq!((recipe.corner().which().of(0), recipe.inspect().method()), (CornerName::TopLeft, Method::Film));
     assert_eq!((recipe.path().disc_diameter_mm(), recipe.surface().max_rms_mm()), (30.0, 0.2));
     assert_eq!(
         says(""),
@@ -69,7 +69,15 @@ fn each_mistake_is_named() {
             "corner.which: found the text \"top left\", allowed is \"top-left\" or \"top-right\" or \"bottom-right\" or \"bottom-left\"",
         ),
         ("corner.panel_gray_min = 110", "corner.panel_gray_max: must exceed panel_gray_min, 110"),
-        ("inspect.method = 'films'", "inspect.method: found the text \"films\", allowed is \"thesis\""),
+        ("inspect.method = 'films'", "inspect.method: found the text \"films\", allowed is \"film\" or \"thesis\""),
+        (
+            "inspect.channel_weights = [0, 0, 0]",
+            "inspect.channel_weights: one channel at least must weigh 0.01 or more",
+        ),
+        (
+            "inspect.masked_px = [[[1, 2], [3, 4], [5, 6]]]",
+            "inspect.masked_px: item 1: found a list of 3, allowed is a list of 4",
+        ),
         ("inspect.median_px = 4", "inspect.median_px: found 4, allowed is an odd number"),
         (
             "inspect.hsv_max = [180, 255, 255]",

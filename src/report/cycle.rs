@@ -241,15 +241,21 @@ fn signature(record: &CycleRecord) -> Section {
         let pass = format!("film watched after pass {}", finding.pass);
         Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
     });
+    let stated = |detail: &str| {
+        let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
+        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", words(value)))
+    };
     let mut rows = vec![
-        Row::new("water: kind, conductivity, temperature", BLANK, ""),
-        Row::new("lamp: kind, brightness at the panel", BLANK, ""),
+        Row::new("water: kind, conductivity, temperature", stated(name::WATER), ""),
+        Row::new("lamp: kind, brightness at the panel", stated(name::LAMP), ""),
     ];
     rows.extend(films);
     rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
     Section {
         heading: "Inspector".to_owned(),
-        text: "Water and lamp are not measured by the cell: the inspector fills them in.".to_owned(),
+        text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe states \
+               (ASTM F22)."
+            .to_owned(),
         rows,
         figures: Vec::new(),
     }

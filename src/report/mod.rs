@@ -1,13 +1,17 @@
 //! Pictures and pages for people: from results to something to look at. Computes nothing that decides.
 
+mod bars;
 mod calibration;
 pub mod canvas;
 mod closeup;
 mod cycle;
+mod inspection;
 mod overlay;
 pub mod page;
 
+pub use bars::{Bar, bars};
 pub use calibration::{corners_to_touch, residual_field, trend};
 pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
 pub use cycle::cycle_page;
+pub use inspection::inspection_page;
 pub use overlay::View;

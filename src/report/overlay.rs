@@ -5,7 +5,7 @@
 
 use super::canvas::{Canvas, Ink, Pen, crop};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Pixel, Point, Rigid};
-use crate::imaging::ImagingError;
+use crate::imaging::{ImagingError, outer_contours};
 use crate::panel::{Grid, TaughtPanel};
 
 /// A picture of the 3D camera and where the panel stands in it.
@@ -17,6 +17,26 @@ pub struct View<'a> {
     pub camera: &'a PinholeCamera,
     /// Where the panel stands.
     pub camera_from_panel: Rigid<Camera, Panel>,
+}
+
+/// A colour scale that is read with every common colour vision, after "viridis" of Smith and van der Walt.
+const STOPS: [(f64, Ink); 5] = [
+    (0.0, Ink([68, 1, 84])),
+    (0.25, Ink([59, 82, 139])),
+    (0.5, Ink([33, 145, 140])),
+    (0.75, Ink([94, 201, 98])),
+    (1.0, Ink([253, 231, 37])),
+];
+
+/// The colour of a share 0…1, between the stops.
+fn scale(share: f64) -> Ink {
+    let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
+    let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
+    let mix = |i: usize| {
+        let (a, b) = (f64::from(STOPS[low].1.0[i]), f64::from(STOPS[next].1.0[i]));
+        (a + (at - low as f64) * (b - a)).round() as u8
+    };
+    Ink([mix(0), mix(1), mix(2)])
 }
 
 /// Space around the panel in a picture of it, px at full size.
@@ -128,9 +148,36 @@ impl View<'_> {
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        canvas.shade(broken, Ink::ORANGE, 0.55)?;
+        canvas.shade(broken, Ink::ORANGE, 0.3)?;
+        for contour in outer_contours(broken)? {
+            canvas.polyline(&contour, true, Pen { ink: Ink::ORANGE, width_px: 1 })?;
+        }
         self.grids(&mut canvas, &panel.grids, failed)?;
         let legend = [(Ink::ORANGE, "broken film"), (Ink::VERMILLION, "failed grid"), (Ink::WHITE, "passed grid")];
+        self.framed(canvas, panel, &legend)
+    }
+
+    /// When the film broke at each pixel: early ones dark violet, late ones yellow; `time_s` takes column and row.
+    ///
+    /// # Errors
+    /// As [`View::taught`].
+    pub fn break_times(
+        &self,
+        panel: &TaughtPanel,
+        time_s: &dyn Fn(usize, usize) -> Option<f64>,
+        end_s: f64,
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut picture = self.picture.to_gray().to_color();
+        for (index, pixel) in picture.rgb.iter_mut().enumerate() {
+            if let Some(time_s) = time_s(index % self.picture.width, index / self.picture.width) {
+                *pixel = scale(time_s / end_s.max(1e-9)).0;
+            }
+        }
+        let mut canvas = Canvas::on(&picture)?;
+        self.grids(&mut canvas, &panel.grids, &|_| false)?;
+        let meaning: Vec<String> =
+            STOPS.iter().map(|(share, _)| format!("broke at {:.1} s", share * end_s)).collect();
+        let legend: Vec<(Ink, &str)> = STOPS.iter().zip(&meaning).map(|((_, ink), text)| (*ink, &**text)).collect();
         self.framed(canvas, panel, &legend)
     }
 

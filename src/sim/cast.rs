@@ -144,6 +144,11 @@ impl<'a> View<'a> {
         self.camera.height_px
     }
 
+    /// The focal length across, px.
+    pub fn focal_px(&self) -> f64 {
+        self.camera.fx_px
+    }
+
     /// Looks along one row of pixels, from left to right.
     pub fn look_along_row(&self, row: usize, mut seen: impl FnMut(usize, Sight)) {
         let nodes = self.rays.row(row);

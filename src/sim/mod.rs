@@ -8,9 +8,10 @@
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
 //! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
-//! - `scanner`, `flange`, `wet_flange`, `film`, `runoff`: what the cameras deliver · `spots`: grease · `truth`: what is true of it all
+//! - `scanner`, `flange`, `wet_flange`, `film`, `runoff`, `lamp`, `travellers`: what the cameras deliver · `film_spec`: how
+//!   hard it is to read · `spots`: grease · `truth`: what is true of it all
 //!
-//! Not simulated: glints, shadows, drifting light, focus, the arm in view.
+//! Not simulated: focus, the arm in view; glints and drops on the fixture.
 
 mod appearance;
 mod board;
@@ -18,8 +19,10 @@ mod board_cell;
 mod cast;
 mod clutter;
 mod film;
+mod film_spec;
 mod fixture;
 mod flange;
+mod lamp;
 mod noise;
 mod outline;
 mod runoff;
@@ -28,6 +31,7 @@ mod scene;
 mod shape;
 mod spots;
 mod target;
+mod travellers;
 mod trial;
 mod truth;
 mod variety;
@@ -36,9 +40,10 @@ mod wet_flange;
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use film_spec::FilmSpec;
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
-pub use spots::Spot;
+pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
@@ -85,6 +90,7 @@ pub struct Cell {
     /// The panel of the scene, unless there is none.
     present: Option<Shape>,
     spots: Vec<Spot>,
+    film: FilmSpec,
     base_from_panel: Rigid<Base, Panel>,
     scanner: (PinholeCamera, Rays),
     flange_camera: (PinholeCamera, Rays),
@@ -113,11 +119,17 @@ impl Cell {
             taught,
             present,
             spots,
+            film: FilmSpec::CALM,
             base_from_panel: scene::displaced(seed),
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
         }
+    }
+
+    /// The same cell with films that are as hard to read as `spec` says.
+    pub fn with_films(self, spec: FilmSpec) -> Self {
+        Cell { film: spec, ..self }
     }
 
     /// The 3D camera; its calibration finds these numbers.
@@ -228,8 +240,20 @@ impl Cell {
 
     /// The same test with other spots: an abraded one is left out.
     pub fn film_of(&self, spots: &[Spot]) -> Film {
+        self.film_as(spots, &self.film, 0)
+    }
+
+    /// A test of the panel with these spots, as hard to read as `spec` says; `index` tells films of one cell apart.
+    pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
-        Film::new(&view, spots, &self.pixels, self.seed.child(Purpose::Film, spots.len() as u64))
+        let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
+        Film::new(&view, spots, spec, &self.pixels, seed)
+    }
+
+    /// Other grease on this panel than its scene's; `index` tells drawings of one cell apart.
+    pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
+        let shape = self.present.as_ref().unwrap_or(&self.taught);
+        spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)
     }
 
     /// The greasy spots.

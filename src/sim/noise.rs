@@ -23,6 +23,10 @@ pub(super) enum Purpose {
     BoardScan,
     Touch,
     Trial,
+    Grease,
+    Light,
+    Glints,
+    Drops,
 }
 
 /// The seed from which everything is drawn.

@@ -8,7 +8,7 @@ use super::shape::Shape;
 use nalgebra::{Rotation2, Vector2};
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// A greasy spot of the panel; the same wherever the panel stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +22,108 @@ pub struct Spot {
     pub breaks_at_s: f64,
     /// How long the break grows until it fills the outline, s.
     pub grows_s: f64,
+    /// When the film closes over it again, s of the film; infinite where it does not.
+    pub closes_at_s: f64,
+    /// Where it differs from breaking as told above.
+    pub kind: SpotKind,
+}
+
+/// How a place is greasy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpotKind {
+    /// Its film breaks while it is watched.
+    Breaks,
+    /// It becomes wet and dries half a second later, under the spray.
+    UnderSpray,
+    /// Water never stays on it.
+    NeverWets,
+}
+
+/// The grease of a film.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Grease {
+    /// This many places from 25 to 600 mm², of every kind; the film of the last ones breaks at this time, s of the film.
+    Mixed {
+        /// Places.
+        count: usize,
+        /// When the last one is all broken.
+        until_s: f64,
+    },
+    /// One place of this share of the panel, 0…1.
+    Share {
+        /// The share.
+        share: f64,
+        /// How it is greasy.
+        kind: SpotKind,
+    },
+}
+
+/// Places keep this far from the panel's outline beyond their own radius, mm, and so inside the region.
+const MIXED_EDGE_MM: f64 = 18.0;
+
+/// Places as `grease` has them on this panel, whose film is whole from `wet_from_s` on.
+pub(super) fn greased(seed: Seed, shape: &Shape, wet_from_s: f64, grease: &Grease) -> Vec<Spot> {
+    match *grease {
+        Grease::Mixed { count, until_s } => mixed(seed, shape, count, (wet_from_s, until_s)),
+        Grease::Share { share, kind } => vec![covering(share, kind)],
+    }
+}
+
+fn mixed(seed: Seed, shape: &Shape, count: usize, (wet_from_s, until_s): (f64, f64)) -> Vec<Spot> {
+    const TRIES: usize = 2_000;
+    let mut random = seed.stream(Purpose::Grease, 0);
+    let mut spots: Vec<Spot> = Vec::new();
+    for _ in 0..TRIES {
+        if spots.len() == count {
+            break;
+        }
+        let mut between = |low: f64, high: f64| random.random_range(low..high);
+        let area_mm2 = 25.0 * 24.0_f64.powf(between(0.0, 1.0));
+        let aspect = between(1.0, 1.7);
+        let half_axes_mm = Vector2::new((area_mm2 * aspect / PI).sqrt(), (area_mm2 / aspect / PI).sqrt());
+        let grows_s = between(0.5, 6.0).min(0.4 * (until_s - wet_from_s));
+        let breaks_at_s = between(wet_from_s + 0.5, until_s - grows_s);
+        let chance = between(0.0, 1.0);
+        let (kind, closes_at_s) = match chance {
+            0.0..0.15 => (SpotKind::NeverWets, f64::INFINITY),
+            0.15..0.3 => (SpotKind::UnderSpray, f64::INFINITY),
+            0.3..0.45 => (SpotKind::Breaks, breaks_at_s + grows_s + between(2.0, 5.0)),
+            _ => (SpotKind::Breaks, f64::INFINITY),
+        };
+        let spot = Spot {
+            centre: Vector2::new(between(-170.0, 170.0), between(-120.0, 120.0)),
+            half_axes_mm,
+            turn: Rotation2::new(between(0.0, TAU)),
+            waves: [2.0, 3.0, 5.0].map(|count| (count, between(0.02, 0.08), between(0.0, TAU))),
+            breaks_at_s,
+            grows_s,
+            closes_at_s,
+            kind,
+        };
+        let apart = |other: &Spot| (other.centre - spot.centre).norm() > other.radius_mm() + spot.radius_mm() + 6.0;
+        let inside = shape.outline().distance(spot.centre).0 < -(MIXED_EDGE_MM + spot.radius_mm());
+        if inside && spots.iter().all(apart) {
+            spots.push(spot);
+        }
+    }
+    spots
+}
+
+fn covering(share: f64, kind: SpotKind) -> Spot {
+    // The panel is about 334 × 228 mm less a corner; from nine tenths on the ellipse is larger than the panel.
+    const PANEL_MM2: f64 = 73_000.0;
+    const ASPECT: f64 = 1.45;
+    let area_mm2 = if share < 0.9 { share * PANEL_MM2 } else { 6.0 * PANEL_MM2 };
+    Spot {
+        centre: Vector2::zeros(),
+        half_axes_mm: Vector2::new((area_mm2 * ASPECT / PI).sqrt(), (area_mm2 / ASPECT / PI).sqrt()),
+        turn: Rotation2::identity(),
+        waves: [(2.0, 0.0, 0.0); 3],
+        breaks_at_s: 0.0,
+        grows_s: 0.1,
+        closes_at_s: f64::INFINITY,
+        kind,
+    }
 }
 
 /// Spots stay this far from the panel's outline and from each other, mm, centre to edge and centre to centre.
@@ -54,6 +156,8 @@ fn spot(random: &mut Pcg64, centre: Vector2<f64>, earliest_s: f64, span_s: f64) 
         waves: [2.0, 3.0, 5.0].map(|count| (count, between(0.04, 0.10), between(0.0, TAU))),
         breaks_at_s: earliest_s + between(0.0, span_s),
         grows_s: between(4.0, 9.0),
+        closes_at_s: f64::INFINITY,
+        kind: SpotKind::Breaks,
     }
 }
 
@@ -78,9 +182,24 @@ impl Spot {
         self.breaks_at_s + self.grows_s * reached.powf(1.5)
     }
 
+    /// When the film breaks at such a place that water reaches at `wet_from_s`.
+    pub(super) fn breaks_where_wet_s(&self, reached: f64, wet_from_s: f64) -> f64 {
+        const WET_FOR_S: f64 = 0.5;
+        match self.kind {
+            SpotKind::Breaks => self.breaks_s(reached),
+            SpotKind::UnderSpray => wet_from_s + WET_FOR_S,
+            SpotKind::NeverWets => f64::NEG_INFINITY,
+        }
+    }
+
     /// Largest distance of the outline from the centre, mm.
     pub(super) fn radius_mm(&self) -> f64 {
         self.half_axes_mm.max() * (1.0 + self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
+    }
+
+    /// Smallest distance of the outline from the centre, or a little less, mm.
+    pub(super) fn least_radius_mm(&self) -> f64 {
+        self.half_axes_mm.min() * (1.0 - self.waves.iter().map(|(_, share, _)| share).sum::<f64>())
     }
 
     /// The outline on the sheet as a closed polyline, mm.

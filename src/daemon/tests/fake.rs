@@ -7,6 +7,7 @@ use crate::devices::mock::Arm;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
 use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
+use crate::phase::Phase;
 use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::store::CycleStart;
@@ -546,6 +547,10 @@ impl Record for Memory {
     }
 
     fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
+        self.written()
+    }
+
+    fn frame(&mut self, _: &Arc<ColorPicture>, _: f64, _: Phase) -> Result<(), RecordError> {
         self.written()
     }
 

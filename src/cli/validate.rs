@@ -1,0 +1,235 @@
+//! `panelprep inspect --truth DIR`: a labelled set, scored as a whole.
+//!
+//! Each folder in DIR that holds a `clip.csv` is a clip, with its labels in `truth`. What is asked of a place that truly
+//! broke: was half of it found, and how late were its first 10 mm² broken? A place is a connected piece of the mask.
+
+use super::fault::Fault;
+use super::inspect::{Inspected, Placed, stage};
+use super::labels::Labels;
+use super::load::Taught;
+use super::outcome::Outcome;
+use crate::geometry::Mask;
+use crate::inspect::{Confusion, Demands, Score, pieces_of, score_within};
+use crate::recipe::Recipe;
+use crate::report::{Bar, bars};
+use crate::verdict::{Judgement, Verdict};
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// Ends of the classes of size, mm².
+const SIZES_MM2: [f64; 6] = [0.0, 5.0, 25.0, 50.0, 200.0, f64::INFINITY];
+/// A place's time to break is that of its first surface of this size, mm².
+const TIMED_MM2: f64 = 10.0;
+/// Ends of the classes of lateness, s.
+const LATE_S: [f64; 7] = [f64::NEG_INFINITY, -1.0, -0.5, 0.0, 0.5, 1.0, f64::INFINITY];
+
+/// One place that truly broke.
+struct Place {
+    area_mm2: f64,
+    found: bool,
+    late_s: Option<f64>,
+}
+
+/// One clip.
+struct Row {
+    name: String,
+    verdict: Verdict,
+    whole: Score,
+    within: Score,
+    grids: Confusion,
+    places: Vec<Place>,
+}
+
+/// Scores the set in `folder`.
+///
+/// # Errors
+/// Where it holds no clip, or a clip or its labels cannot be read.
+pub fn run(
+    taught: &Taught,
+    folder: &Path,
+    placed: Placed,
+    recipe: &Recipe,
+    demands: Demands,
+    pictures: Option<&Path>,
+) -> Result<Outcome, Fault> {
+    let clips = clips(folder)?;
+    let mut rows = Vec::with_capacity(clips.len());
+    for clip in &clips {
+        eprintln!("{}", clip.display());
+        let truth = clip.join("truth");
+        let inspected = stage(taught, clip, placed, recipe, demands, Some(&truth))?;
+        rows.push(row(clip, &inspected, &Labels::read(&truth)?)?);
+    }
+    let mut outcome = told(&rows);
+    if let Some(pictures) = pictures {
+        for (name, picture) in plots(&rows)? {
+            super::pictures::save(pictures, name, &picture)?;
+        }
+    }
+    outcome.put("set", json!(folder));
+    Ok(outcome)
+}
+
+fn clips(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
+    let entries = fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let entries = entries.map_err(|error| Fault::file(folder, error))?;
+    let mut clips: Vec<PathBuf> =
+        entries.iter().map(fs::DirEntry::path).filter(|path| path.join("clip.csv").is_file()).collect();
+    clips.sort();
+    let none = || std::io::Error::other("no folder in it holds a clip.csv; a labelled set is a folder of clips");
+    if clips.is_empty() { Err(Fault::file(folder, none())) } else { Ok(clips) }
+}
+
+fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault> {
+    let inspection = &inspected.inspection;
+    let (Some((whole, grids)), footprint) = (inspected.score, &inspection.footprint) else {
+        return Err(Fault::file(clip, std::io::Error::other("it has no labels")));
+    };
+    let region = footprint.region();
+    let within = score_within(&inspection.mask(), &labels.mask, &region).map_err(Fault::stage)?;
+    let width = labels.mask.width;
+    let place = |piece: &Vec<usize>| {
+        let mut mask = Mask::empty(width, labels.mask.height);
+        piece.iter().for_each(|&index| mask.inside[index] = true);
+        let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
+        let mut found_s: Vec<f64> =
+            piece.iter().filter_map(|&index| inspection.break_time_s(index % width, index / width)).collect();
+        let mut true_s: Vec<f64> = piece.iter().filter_map(|&index| labels.time_s(index)).collect();
+        let found = found_s.len() * 2 >= piece.len();
+        found_s.sort_by(f64::total_cmp);
+        true_s.sort_by(f64::total_cmp);
+        let nth = (TIMED_MM2 / area_mm2 * piece.len() as f64).ceil() as usize;
+        let late_s = found_s.get(nth).zip(true_s.get(nth)).map(|(found_s, true_s)| found_s - true_s);
+        Place { area_mm2, found, late_s }
+    };
+    let inside = Mask {
+        inside: labels.mask.inside.iter().zip(&region.inside).map(|(broke, inside)| *broke && *inside).collect(),
+        ..labels.mask
+    };
+    Ok(Row {
+        name: clip.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        verdict: inspection.judgement.verdict,
+        whole,
+        within,
+        grids,
+        places: pieces_of(&inside).iter().map(place).collect(),
+    })
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0_usize), |(sum, count), value| (sum + value, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
+/// Places of each class of size: how many, and how many were missed.
+fn by_size(rows: &[Row]) -> Vec<(String, usize, usize)> {
+    let places = || rows.iter().flat_map(|row| &row.places);
+    let class = |ends: &[f64]| {
+        let of = || places().filter(|place| (ends[0]..ends[1]).contains(&place.area_mm2));
+        (between(ends, "mm²"), of().count(), of().filter(|place| !place.found).count())
+    };
+    SIZES_MM2.windows(2).map(class).collect()
+}
+
+fn by_lateness(rows: &[Row]) -> Vec<(String, usize)> {
+    let late = || rows.iter().flat_map(|row| &row.places).filter_map(|place| place.late_s);
+    LATE_S
+        .windows(2)
+        .map(|ends| (between(ends, "s"), late().filter(|s| (ends[0]..ends[1]).contains(s)).count()))
+        .collect()
+}
+
+fn between(ends: &[f64], unit: &str) -> String {
+    match (ends[0].is_finite(), ends[1].is_finite()) {
+        (true, true) => format!("{} to {} {unit}", ends[0], ends[1]),
+        (true, false) => format!("from {} {unit}", ends[0]),
+        _ => format!("below {} {unit}", ends[1]),
+    }
+}
+
+fn told(rows: &[Row]) -> Outcome {
+    let broken = || rows.iter().filter(|row| row.grids.true_fail + row.grids.false_pass > 0);
+    let sum = |of: fn(&Confusion) -> usize| rows.iter().map(|row| of(&row.grids)).sum::<usize>();
+    let confusion = Confusion {
+        true_fail: sum(|grids| grids.true_fail),
+        false_fail: sum(|grids| grids.false_fail),
+        false_pass: sum(|grids| grids.false_pass),
+        true_pass: sum(|grids| grids.true_pass),
+    };
+    let late: Vec<f64> = rows.iter().flat_map(|row| &row.places).filter_map(|place| place.late_s).collect();
+    let near = late.iter().filter(|late_s| late_s.abs() <= 0.5).count();
+    let iou = mean(broken().map(|row| row.whole.iou));
+    let within = mean(broken().map(|row| row.within.iou));
+    let (precision, recall) =
+        (mean(broken().map(|row| row.whole.precision)), mean(broken().map(|row| row.whole.recall)));
+    // A set says how good the method is, not how good a panel is.
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words = vec![format!("{:16} verdict   iou   within  prec.  recall  places missed", "clip")];
+    for row in rows {
+        let Score { iou, precision, recall } = row.whole;
+        let missed = row.places.iter().filter(|place| !place.found).count();
+        outcome.say(format!(
+            "{:16} {:8}  {iou:.3}  {:.3}   {precision:.3}  {recall:.3}  {:6} {missed:6}",
+            row.name,
+            row.verdict.word(),
+            row.within.iou,
+            row.places.len()
+        ));
+    }
+    let shown = |value: Option<f64>| value.map_or("–".to_owned(), |value| format!("{value:.3}"));
+    outcome.say(format!(
+        "mean of clips with breaks: intersection over union {} ({} without ±1 px of rim), precision {}, recall {}",
+        shown(iou),
+        shown(within),
+        shown(precision),
+        shown(recall)
+    ));
+    let Confusion { true_fail, false_fail, false_pass, true_pass } = confusion;
+    outcome.say(format!(
+        "grids: {true_fail} rightly failed, {false_fail} wrongly failed, {false_pass} wrongly passed, {true_pass} rightly passed"
+    ));
+    let sizes = by_size(rows);
+    for (class, places, missed) in &sizes {
+        outcome.say(format!("  places of {class:16} {places:4}, missed {missed:4}"));
+    }
+    outcome.say(format!("time to break, from {TIMED_MM2} mm² on: {near} of {} within 0.5 s", late.len()));
+    let clips: Vec<Value> = rows
+        .iter()
+        .map(|row| {
+            json!({"clip": row.name, "verdict": row.verdict, "iou": row.whole.iou, "iou_within": row.within.iou,
+               "precision": row.whole.precision, "recall": row.whole.recall})
+        })
+        .collect();
+    let sizes: Vec<Value> = sizes
+        .iter()
+        .map(|(class, places, missed)| json!({"size": class, "places": places, "missed": missed}))
+        .collect();
+    outcome.put("score", json!({
+        "clips": rows.len(), "iou": iou, "iou_within": within, "precision": precision, "recall": recall,
+        "grids": {"true_fail": true_fail, "false_fail": false_fail, "false_pass": false_pass, "true_pass": true_pass},
+        "miss_by_size": sizes, "timed": late.len(), "within_half_a_second": near,
+    }));
+    outcome.put("clips", json!(clips));
+    outcome
+}
+
+fn plots(rows: &[Row]) -> Result<[(&'static str, crate::geometry::ColorPicture); 2], Fault> {
+    let missed: Vec<Bar> = by_size(rows)
+        .into_iter()
+        .map(|(class, places, missed)| Bar {
+            label: format!("{class} ({missed} of {places})"),
+            share: missed as f64 / places.max(1) as f64,
+        })
+        .collect();
+    let lateness = by_lateness(rows);
+    let all: usize = lateness.iter().map(|(_, count)| count).sum();
+    let late: Vec<Bar> = lateness
+        .into_iter()
+        .map(|(class, count)| Bar { label: format!("{class} ({count})"), share: count as f64 / all.max(1) as f64 })
+        .collect();
+    Ok([
+        ("missed_by_size", bars("places missed, by size", &missed).map_err(Fault::stage)?),
+        ("time_error", bars("how late the first 10 mm² were found", &late).map_err(Fault::stage)?),
+    ])
+}

@@ -1,0 +1,223 @@
+//! Is the panel still where it was, and is it in focus? Told by its outline, which is seen wet or dry.
+//!
+//! Across the outline, a profile's gradient has its centre where the edge is and a peak that is as high as the edge is
+//! sharp; neither changes with light, nor with the film inside. For edges at normals nᵢ that moved by δᵢ, the panel moved
+//! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without those that lie far from it.  (1)
+//! An outline without contrast tells nothing, and is said to.
+
+use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid};
+use crate::panel::TaughtPanel;
+use nalgebra::{Matrix2, Vector2};
+
+/// Places on the outline, and how far a profile reaches to both sides, px.
+const PLACES: usize = 240;
+const REACH_PX: i32 = 8;
+/// A profile needs this much contrast in the dry picture, and a peak of this share of it, to tell anything.
+const MIN_CONTRAST: f32 = 12.0;
+const MIN_PROFILES: usize = 40;
+/// Of a profile's gradient, what is below this share of its largest step is noise.
+const NOISE_SHARE: f32 = 0.25;
+
+/// One place on the outline.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    at: Vector2<f32>,
+    normal: Vector2<f32>,
+}
+
+/// An edge in one profile.
+#[derive(Debug, Clone, Copy)]
+struct Edge {
+    /// From the profile's middle along the normal, px.
+    offset_px: f32,
+    /// The largest step as a share of the whole way.
+    sharpness: f32,
+    contrast: f32,
+}
+
+/// The outline as the dry picture shows it.
+#[derive(Debug)]
+pub struct Outline {
+    places: Vec<Place>,
+    first: Vec<Option<Edge>>,
+}
+
+/// The outline against the first picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Steadiness {
+    /// How far the panel moved in the picture, px.
+    pub moved_px: f64,
+    /// Sharpness against the first picture's: 1 is as sharp.
+    pub sharpness: f64,
+}
+
+impl Outline {
+    /// The taught outline where the panel stands now.
+    pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
+        let project = |&point| camera.project_inside(camera_from_panel * point);
+        let pixels: Vec<Pixel> = taught.outline.iter().filter_map(project).collect();
+        let step = (pixels.len() / PLACES).max(1);
+        // The normal over some pixels to both sides: the taught outline goes from pixel to pixel.
+        let reach = (pixels.len() / 100).max(2);
+        let place = |i: usize| {
+            let [from, at, to] = [i + pixels.len() - reach, i, i + reach].map(|i| pixels[i % pixels.len()]);
+            let along = Vector2::new((to.u - from.u) as f32, (to.v - from.v) as f32);
+            let length = along.norm();
+            (length > 1.0).then(|| Place {
+                at: Vector2::new(at.u as f32, at.v as f32),
+                normal: Vector2::new(-along.y, along.x) / length,
+            })
+        };
+        let places = if pixels.len() > 4 * reach {
+            (0..pixels.len()).step_by(step).filter_map(place).collect()
+        } else {
+            vec![]
+        };
+        Outline { places, first: Vec::new() }
+    }
+
+    /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
+    /// a share of the edge; `None` where the outline has no contrast.
+    pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
+        self.first = self.places.iter().map(|place| edge(place, picture)).collect();
+        let mut sharp: Vec<f32> = self.first.iter().flatten().map(|edge| edge.sharpness).collect();
+        (sharp.len() >= MIN_PROFILES).then(|| f64::from(median(&mut sharp)))
+    }
+
+    /// What moved since, and how sharp it is.
+    pub fn hold_against(&self, picture: &ColorPicture) -> Option<Steadiness> {
+        let pairs: Vec<(Place, Edge, Option<Edge>)> = (self.places.iter().zip(&self.first))
+            .filter_map(|(place, first)| first.map(|first| (*place, first, edge(place, picture))))
+            .collect();
+        if pairs.len() < MIN_PROFILES {
+            return None;
+        }
+        let seen: Vec<(Place, Edge, Edge)> = pairs
+            .iter()
+            .filter_map(|&(place, first, now)| {
+                now.filter(|now| now.contrast > 0.3 * first.contrast).map(|now| (place, first, now))
+            })
+            .collect();
+        // Most of the outline is gone: the panel is elsewhere, or nothing is seen.
+        if seen.len() * 2 < pairs.len() {
+            return Some(Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 });
+        }
+        let shifts: Vec<(Vector2<f32>, f32)> =
+            seen.iter().map(|(place, first, now)| (place.normal, now.offset_px - first.offset_px)).collect();
+        let mut sharp: Vec<f32> = seen.iter().map(|(_, first, now)| now.sharpness / first.sharpness).collect();
+        Some(Steadiness { moved_px: f64::from(moved(&shifts).norm()), sharpness: f64::from(median(&mut sharp)) })
+    }
+}
+
+// (1), four times, without what lies more than three times the median away
+fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
+    let mut d = Vector2::zeros();
+    let mut bound = f32::INFINITY;
+    for _ in 0..4 {
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for (n, shift) in shifts.iter().filter(|(n, shift)| (n.dot(&d) - shift).abs() <= bound) {
+            normal += n * n.transpose();
+            right += n * *shift;
+        }
+        let Some(inverse) = normal.try_inverse() else { return d };
+        d = inverse * right;
+        let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
+        bound = (3.0 * median(&mut left)).max(0.05);
+    }
+    d
+}
+
+fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
+    const COUNT: usize = 2 * REACH_PX as usize + 1;
+    let mut profile = [0.0_f32; COUNT];
+    for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
+        *value = gray(picture, place.at + place.normal * step as f32)?;
+    }
+    let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
+    let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
+    let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
+    if contrast < MIN_CONTRAST {
+        return None;
+    }
+    let (mut sum, mut weight) = (0.0, 0.0);
+    for (i, step) in steps.iter().enumerate() {
+        let height = (step.abs() - NOISE_SHARE * largest).max(0.0);
+        sum += height * (i as f32 + 0.5 - REACH_PX as f32);
+        weight += height;
+    }
+    Some(Edge { offset_px: sum / weight, sharpness: largest / contrast, contrast })
+}
+
+/// The mean of the channels between four pixels; `None` beyond the picture.
+fn gray(picture: &ColorPicture, at: Vector2<f32>) -> Option<f32> {
+    let (left, top) = (at.x.floor(), at.y.floor());
+    let fits = left >= 0.0 && top >= 0.0 && left + 1.0 < picture.width as f32 && top + 1.0 < picture.height as f32;
+    if !fits {
+        return None;
+    }
+    let (across, down) = (at.x - left, at.y - top);
+    let value = |column: usize, row: usize| {
+        let [r, g, b] = picture.rgb[row * picture.width + column].map(f32::from);
+        (r + g + b) / 3.0
+    };
+    let (column, row) = (left as usize, top as usize);
+    let mix = |row: usize| value(column, row) * (1.0 - across) + value(column + 1, row) * across;
+    Some(mix(row) * (1.0 - down) + mix(row + 1) * down)
+}
+
+fn median(values: &mut [f32]) -> f32 {
+    let middle = values.len() / 2;
+    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dark square of 60 px before a light ground, its edges `blur_px` wide, `shift` to the right; `inside` grey.
+    fn square(shift: f32, blur_px: f32, inside: f32) -> ColorPicture {
+        let mut picture = ColorPicture::filled(100, 100, [0; 3]);
+        let cover = |from: f32, at: f32| ((at - from) / blur_px + 0.5).clamp(0.0, 1.0);
+        for (index, pixel) in picture.rgb.iter_mut().enumerate() {
+            let (u, v) = ((index % 100) as f32 - shift, (index / 100) as f32);
+            let share = cover(20.0, u) * cover(-80.0, -u) * cover(20.0, v) * cover(-80.0, -v);
+            *pixel = [(180.0 + (inside - 180.0) * share) as u8; 3];
+        }
+        picture
+    }
+
+    fn outline() -> Outline {
+        let side = |i: u16| f32::from(i) + 24.0;
+        let place =
+            |u: f32, v: f32, nu: f32, nv: f32| Place { at: Vector2::new(u, v), normal: Vector2::new(nu, nv) };
+        let places = (0..52).flat_map(|i| {
+            [
+                place(20.0, side(i), -1.0, 0.0),
+                place(80.0, side(i), 1.0, 0.0),
+                place(side(i), 20.0, 0.0, -1.0),
+                place(side(i), 80.0, 0.0, 1.0),
+            ]
+        });
+        Outline { places: places.collect(), first: Vec::new() }
+    }
+
+    #[test]
+    fn a_shift_and_a_blur_are_measured_whatever_the_film_inside() {
+        let mut outline = outline();
+        assert!(outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast") > 0.4);
+        for shift in [0.0, 0.4, 1.0, 3.0] {
+            let found = outline.hold_against(&square(shift, 1.0, 42.0)).expect("contrast");
+            assert!((found.moved_px - f64::from(shift)).abs() < 0.15, "{shift}: {found:?}");
+            assert!(found.sharpness > 0.7, "{found:?}");
+        }
+        let blurred = outline.hold_against(&square(0.0, 6.0, 42.0)).expect("contrast");
+        assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
+    }
+
+    #[test]
+    fn without_contrast_nothing_is_told() {
+        let mut outline = outline();
+        assert_eq!(outline.begin(&square(0.0, 1.0, 178.0)), None);
+        assert_eq!(outline.hold_against(&square(0.0, 1.0, 70.0)), None);
+    }
+}

@@ -1,0 +1,133 @@
+//! The page of one water-break test, as a quality inspector signs it (ASTM F22).
+
+use super::page::{Figure, Page, Row, Section};
+use crate::inspect::{Demands, Inspection};
+use crate::recipe::Recipe;
+
+/// What a person fills in by hand.
+const BLANK: &str = "……………………………………";
+
+/// The page of a test: verdict, grids, how the film was watched, pictures, and lines to sign. `clip` names what was
+/// tested.
+pub fn inspection_page(
+    inspection: &Inspection,
+    (recipe, demands): (&Recipe, &Demands),
+    clip: &str,
+    figures: Vec<Figure>,
+) -> Page {
+    Page {
+        title: format!("Water-break test, panel {}", recipe.panel()),
+        subtitle: format!("Clip {clip}"),
+        judgement: inspection.judgement.clone(),
+        sections: vec![
+            seen(inspection, figures),
+            grids(inspection),
+            watched(inspection, (recipe, demands)),
+            signature(inspection, recipe),
+        ],
+    }
+}
+
+fn section(heading: &str, text: String, rows: Vec<Row>) -> Section {
+    Section { heading: heading.to_owned(), text, rows, figures: Vec::new() }
+}
+
+fn seen(inspection: &Inspection, figures: Vec<Figure>) -> Section {
+    let row = |(index, found): (usize, &crate::inspect::Break)| {
+        let grids: Vec<String> = found.grids.iter().map(ToString::to_string).collect();
+        let closed = if found.closed_again() { "; the film closed over it again" } else { "" };
+        let value =
+            format!("{:.1} mm² from {:.1} s, in {}{closed}", found.area_mm2, found.first_seen_s, grids.join(", "));
+        Row::new(&format!("break {}", index + 1), value, "")
+    };
+    let rows = inspection.breaks.iter().enumerate().map(row).collect();
+    let text = format!(
+        "{} places where the film broke. Times count from the first fully wet picture; areas are on the curved surface.",
+        inspection.breaks.len()
+    );
+    Section { figures, ..section("What broke", text, rows) }
+}
+
+fn grids(inspection: &Inspection) -> Section {
+    let limit = format!("< {:.1} mm²", inspection.observation.min_break_mm2);
+    let row = |(grid, footprint): (&crate::inspect::GridInspection, &crate::inspect::GridFootprint)| {
+        let word = match (grid.failed, grid.seen) {
+            (true, _) => "failed",
+            (false, true) => "passed",
+            (false, false) => "not passed: not wholly seen",
+        };
+        let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();
+        let share = if grid.seen { String::new() } else { format!(", {:.0} % seen", 100.0 * footprint.seen_share) };
+        let value = format!("{word}; {:.1} of {:.0} mm² broke{when}{share}", grid.broken_mm2, footprint.area_mm2);
+        Row::new(&grid.id.to_string(), value, &limit)
+    };
+    let rows = inspection.grids.iter().zip(inspection.footprint.grids()).map(row).collect();
+    section("Grids", "Broken film in each.".to_owned(), rows)
+}
+
+fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> Section {
+    let observation = &inspection.observation;
+    let (quality, settings) = (&observation.quality, recipe.inspect());
+    let light = settings.max_light_change_percent();
+    let percent = |share: f64| format!("{:+.1} %", 100.0 * (share - 1.0));
+    let unknown = || "not measured: the outline has no contrast".to_owned();
+    let mut rows = vec![
+        Row::new(
+            "film watched",
+            format!("{:.1} s", observation.observed_s),
+            format!("≥ {:.1} s", demands.min_observed_s()),
+        ),
+        Row::new("wet pictures", observation.frames.to_string(), format!("≥ {}", demands.min_frames())),
+        Row::new(
+            "longest gap",
+            format!("{:.2} s", observation.longest_gap_s),
+            format!("≤ {:.2} s", demands.max_gap_s()),
+        ),
+        Row::new(
+            "pictures that could be judged by",
+            quality.usable.to_string(),
+            format!("≥ {}", demands.min_usable(observation.frames)),
+        ),
+        Row::new("dry picture", if observation.has_dry { "taken" } else { "missing" }, "taken"),
+        Row::new(
+            "wet in no picture",
+            format!("{:.1} % of the region", observation.never_wet_percent),
+            format!("≤ {:.0} %", settings.max_never_wet_percent()),
+        ),
+        Row::new(
+            "panel moved in the picture",
+            quality.moved_px.map_or_else(unknown, |px| format!("{px:.2} px")),
+            format!("≤ {:.1} px", settings.max_moved_px()),
+        ),
+        Row::new(
+            "least sharpness",
+            quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")),
+            "",
+        ),
+        Row::new("smallest break that is surely found", format!("{:.1} mm²", observation.detection_limit_mm2), ""),
+    ];
+    if quality.usable > 0 {
+        let value = format!("{} to {}", percent(quality.light[0]), percent(quality.light[1]));
+        rows.insert(4, Row::new("change of the light", value, format!("±{light:.0} %")));
+    }
+    if let Some(film) = observation.film_left {
+        rows.push(Row::new("the film leaves of the dry brightness", format!("{:.0} %", 100.0 * film), ""));
+    }
+    let text = "Every number with its limit. A part of a test is no test.".to_owned();
+    section("How the film was watched", text, rows)
+}
+
+fn signature(inspection: &Inspection, recipe: &Recipe) -> Section {
+    let process = recipe.process();
+    let stated =
+        |value: Option<String>| value.map_or(BLANK.to_owned(), |value| format!("{value} (stated by the recipe)"));
+    let temperature = process.water_temperature_c().map(|celsius| format!("{celsius} °C"));
+    let mut rows = vec![
+        Row::new("water: kind, conductivity", stated(process.water()), ""),
+        Row::new("water: temperature", stated(temperature), ""),
+        Row::new("lamp: kind, brightness at the panel", stated(process.lamp()), ""),
+        Row::new("film watched", format!("{:.1} s", inspection.observation.observed_s), ""),
+    ];
+    rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
+    section("Inspector", "Who signs has looked at the pictures (ASTM F22).".to_owned(), rows)
+}

@@ -1,0 +1,75 @@
+//! What troubles the view of a film, beside the film itself: light, glints, drops, exposure.
+
+use super::noise::{Purpose, Seed};
+use rand::RngExt;
+
+/// How hard a film is to read. Everything drawn comes from the film's seed; these are the extents.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FilmSpec {
+    /// Brightness of the whole picture; at 1 the dry panel has about 72 grey levels.
+    pub exposure: f64,
+    /// The lamp drifts from its light at the beginning by up to this share, up or down.
+    pub drift: f64,
+    /// It flickers from picture to picture by up to this share.
+    pub flicker: f64,
+    /// A shadow with soft edges passes that takes this share of the light; 0 is none.
+    pub shadow: f64,
+    /// When the shadow's middle is at the panel's centre, s.
+    pub shadow_at_s: f64,
+    /// Glints on the film at a time: bright, additive, travelling.
+    pub glints: usize,
+    /// Drops that run down the panel at a time.
+    pub drops: usize,
+    /// Beads that stay on each place where the film breaks.
+    pub beads: usize,
+    /// How much more the film darkens when it is new than later, as a share.
+    pub thinning: f64,
+}
+
+impl FilmSpec {
+    /// Steady light, no glints: the run-off alone.
+    pub const CALM: FilmSpec = FilmSpec {
+        exposure: 1.0,
+        drift: 0.0,
+        flicker: 0.0,
+        shadow: 0.0,
+        shadow_at_s: 0.0,
+        glints: 0,
+        drops: 0,
+        beads: 0,
+        thinning: 0.0,
+    };
+
+    /// A good cell on a common day.
+    pub const USUAL: FilmSpec = FilmSpec {
+        exposure: 1.0,
+        drift: 0.05,
+        flicker: 0.01,
+        shadow: 0.0,
+        shadow_at_s: 0.0,
+        glints: 8,
+        drops: 3,
+        beads: 1,
+        thinning: 0.08,
+    };
+
+    /// A film as hard as they come, by its seed: exposures from dark to bright, ±15 % of drift, a shadow in every
+    /// second one.
+    pub fn hard(seed: u64) -> FilmSpec {
+        let mut random = Seed(seed).stream(Purpose::Light, 1);
+        let mut between = |low: f64, high: f64| random.random_range(low..high);
+        let exposure = 0.45 * (2.5_f64 / 0.45).powf(between(0.0, 1.0));
+        let shadow = between(-0.3, 0.3).max(0.0);
+        FilmSpec {
+            exposure,
+            drift: between(0.02, 0.15),
+            flicker: between(0.0, 0.03),
+            shadow,
+            shadow_at_s: between(6.0, 20.0),
+            glints: between(8.0, 40.0) as usize,
+            drops: between(2.0, 12.0) as usize,
+            beads: between(0.0, 4.0) as usize,
+            thinning: between(0.0, 0.15),
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! What travels over the film: glints, additive and bright, and drops, which are thick film that runs down.
+//!
+//! Each lives for a while and is then born elsewhere; where it is follows from the time alone. Its way has a speed that
+//! swells and ebbs: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
+
+use super::noise::{Purpose, Seed};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use std::f64::consts::TAU;
+
+/// The panel's pixels: where travellers are born, and how large a millimetre is.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ground {
+    pub low_px: [f64; 2],
+    pub high_px: [f64; 2],
+    pub px_per_mm: f64,
+}
+
+/// One traveller at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Spotted {
+    pub centre_px: [f32; 2],
+    pub radius_px: f32,
+    /// Grey levels at exposure 1; 0 for a drop.
+    pub peak_gray: f32,
+}
+
+/// Glints or drops.
+#[derive(Debug, Clone)]
+pub(super) struct Travellers {
+    seed: Seed,
+    purpose: Purpose,
+    count: usize,
+    ground: Ground,
+}
+
+impl Travellers {
+    pub fn new(seed: Seed, purpose: Purpose, count: usize, ground: Ground) -> Self {
+        Travellers { seed, purpose, count, ground }
+    }
+
+    /// All of them at this time, s.
+    pub fn at(&self, time_s: f64) -> Vec<Spotted> {
+        (0..self.count as u64).map(|index| self.one(index, time_s)).collect()
+    }
+
+    fn one(&self, index: u64, time_s: f64) -> Spotted {
+        let mut random = self.seed.stream(self.purpose, index);
+        let (life_s, ahead_s) = (random.random_range(3.0..14.0), random.random_range(0.0..14.0));
+        let age_s = (time_s + 1_000.0 + ahead_s).rem_euclid(life_s);
+        let life = ((time_s + 1_000.0 + ahead_s) / life_s).floor() as u64;
+        let mut random = self.seed.stream(self.purpose, (index + 1) * 100_000 + life);
+        let glint = self.purpose == Purpose::Glints;
+        let start_px = [0, 1].map(|axis| random.random_range(self.ground.low_px[axis]..self.ground.high_px[axis]));
+        let (speed_mm_s, radius_mm) = if glint {
+            (logarithmic(&mut random, 3.0, 40.0), logarithmic(&mut random, 0.5, 2.0))
+        } else {
+            (logarithmic(&mut random, 8.0, 60.0), random.random_range(0.9..2.2))
+        };
+        // Glints go any way that is more down than up; drops run down.
+        let aside_rad = if glint { random.random_range(-1.8..1.8) } else { random.random_range(-0.15..0.15) };
+        let (swell, beat) = (random.random_range(0.0..0.9), TAU * random.random_range(0.3..1.5));
+        let gone_px = speed_mm_s * self.ground.px_per_mm * (age_s + swell * (beat * age_s).sin() / beat);
+        let direction = [f64::sin(aside_rad), f64::cos(aside_rad)];
+        let peak = logarithmic(&mut random, 25.0, 250.0) * (0.75 + 0.25 * (3.0 * beat * age_s).sin());
+        Spotted {
+            centre_px: [0, 1].map(|axis| (start_px[axis] + gone_px * direction[axis]) as f32),
+            radius_px: (radius_mm * self.ground.px_per_mm) as f32,
+            peak_gray: if glint { peak as f32 } else { 0.0 },
+        }
+    }
+}
+
+fn logarithmic(random: &mut Pcg64, low: f64, high: f64) -> f64 {
+    low * (high / low).powf(random.random_range(0.0..1.0))
+}
+
+impl Spotted {
+    /// A glint's light along one row: Gaussian.
+    pub fn shine(&self, row: usize, first_column: usize, levels: &mut [f32]) {
+        let (reach, dv) = (3.0 * self.radius_px, row as f32 - self.centre_px[1]);
+        for (column, level) in self.columns(dv, reach, first_column, levels) {
+            let du = column - self.centre_px[0];
+            *level += self.peak_gray * (-(du * du + dv * dv) / (2.0 * self.radius_px * self.radius_px)).exp();
+        }
+    }
+
+    /// A drop's share of the pixels of one row, 0…1.
+    pub fn cover(&self, row: usize, first_column: usize, shares: &mut [f32]) {
+        let dv = row as f32 - self.centre_px[1];
+        for (column, share) in self.columns(dv, self.radius_px + 1.0, first_column, shares) {
+            let away = (column - self.centre_px[0]).hypot(dv);
+            *share = share.max((self.radius_px - away + 0.5).clamp(0.0, 1.0));
+        }
+    }
+
+    fn columns<'a>(
+        &self,
+        dv: f32,
+        reach: f32,
+        first_column: usize,
+        row: &'a mut [f32],
+    ) -> impl Iterator<Item = (f32, &'a mut f32)> + use<'a> {
+        let half = (reach * reach - dv * dv).max(0.0).sqrt();
+        let clip = |column: f32| ((column - first_column as f32).max(0.0) as usize).min(row.len());
+        let (from, to) = (clip((self.centre_px[0] - half).ceil()), clip((self.centre_px[0] + half).floor() + 1.0));
+        let to = if half > 0.0 { to.max(from) } else { from };
+        row[from..to].iter_mut().enumerate().map(move |(i, value)| ((first_column + from + i) as f32, value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GROUND: Ground = Ground { low_px: [100.0, 100.0], high_px: [500.0, 400.0], px_per_mm: 2.0 };
+
+    #[test]
+    fn travellers_move_without_jumps_while_they_live() {
+        let glints = Travellers::new(Seed(3), Purpose::Glints, 30, GROUND);
+        let (now, soon) = (glints.at(7.0), glints.at(7.01));
+        let steps = now
+            .iter()
+            .zip(&soon)
+            .map(|(a, b)| (a.centre_px[0] - b.centre_px[0]).hypot(a.centre_px[1] - b.centre_px[1]));
+        // 40 mm/s at most, twice that while it swells: 1.6 px in 10 ms.
+        assert!(steps.clone().filter(|step| *step < 1.6).count() >= 29 && steps.clone().any(|step| step > 0.0));
+        assert_eq!(glints.at(7.0), now);
+    }
+
+    /// By hand: a pixel beside the centre has exp(−1/8) of the peak with a radius of 2 px.
+    #[test]
+    fn a_glint_is_a_bell_and_a_drop_a_disc() {
+        let spotted = Spotted { centre_px: [10.0, 5.0], radius_px: 2.0, peak_gray: 100.0 };
+        let mut row = vec![0.0; 20];
+        spotted.shine(5, 0, &mut row);
+        assert!((row[10] - 100.0).abs() < 1e-4 && (row[11] - 88.25).abs() < 0.01 && row[17] == 0.0);
+        let mut row = vec![0.0; 20];
+        spotted.cover(5, 4, &mut row);
+        assert_eq!((row[6], row[8], row[9]), (1.0, 0.5, 0.0));
+    }
+}

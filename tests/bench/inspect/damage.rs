@@ -1,0 +1,134 @@
+//! Clips that are no test: each must be `invalid`, with its reason.
+
+use crate::clips::{Bench, phase, times_s};
+use panelprep::geometry::ColorPicture;
+use panelprep::sim::{FilmSpec, Grease, WET_FROM_S};
+use panelprep::verdict::Verdict;
+
+const OBSERVED_S: f64 = 8.0;
+/// In the middle of the film, s.
+const MIDDLE_S: f64 = WET_FROM_S + 4.0;
+
+/// What is done to the pictures of a clip: `None` leaves one out.
+type Damage = fn(ColorPicture, f64) -> Option<ColorPicture>;
+
+const DAMAGES: [(&str, &str, Damage); 12] = [
+    ("cut short", "too_short", |picture, time_s| (time_s < WET_FROM_S + 7.0).then_some(picture)),
+    ("every second one lost", "too_few_frames", |picture, time_s| {
+        (time_s < WET_FROM_S + 0.1 || (time_s * 5.0).round() as u32 % 2 == 0).then_some(picture)
+    }),
+    ("1.5 s lost", "gap", |picture, time_s| (!(MIDDLE_S..MIDDLE_S + 1.5).contains(&time_s)).then_some(picture)),
+    ("no dry picture", "no_dry_picture", |picture, time_s| (time_s >= 1.0).then_some(picture)),
+    ("a film that changes little", "dark", |picture, _| Some(scaled(picture, 0.15))),
+    ("overexposed", "not_seen", |picture, _| Some(scaled(picture, 4.5))),
+    ("lamp down by a half", "light", |picture, time_s| {
+        Some(scaled(picture, if time_s > MIDDLE_S { 0.5 } else { 1.0 }))
+    }),
+    ("lamp up by a half", "light", |picture, time_s| {
+        Some(scaled(picture, if time_s > MIDDLE_S { 1.5 } else { 1.0 }))
+    }),
+    ("out of focus from the middle on", "focus", |picture, time_s| {
+        Some(if time_s > MIDDLE_S { blurred(&picture, 4) } else { picture })
+    }),
+    ("out of focus throughout", "focus", |picture, _| Some(blurred(&picture, 4))),
+    ("moved by 3 px", "moved", |picture, time_s| {
+        Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
+    }),
+    ("covered for 2 s", "bright", |picture, time_s| {
+        Some(if (MIDDLE_S..MIDDLE_S + 2.0).contains(&time_s) { covered(picture) } else { picture })
+    }),
+];
+
+/// How many of how many were not told.
+pub fn run(seeds: u64, reduction: usize) -> usize {
+    let mut wrong = 0;
+    for seed in 1..=seeds {
+        let bench = Bench::new(seed, reduction, "");
+        let grease = Grease::Mixed { count: 3, until_s: WET_FROM_S + 6.0 };
+        let spots = if seed % 2 == 0 { Vec::new() } else { bench.cell.greased(&grease, seed) };
+        let film = bench.cell.film_as(&spots, &FilmSpec::USUAL, seed);
+        let demands = bench.demands(OBSERVED_S);
+        let mut frozen = None;
+        let still: (&str, &str, Damage) = ("a camera that stands still", "frozen", |picture, _| Some(picture));
+        let whole: (&str, &str, Damage) = ("whole", "", |picture, _| Some(picture));
+        for (name, code, damage) in DAMAGES.into_iter().chain([still, whole]) {
+            let mut watch = bench.watch(&bench.recipe, OBSERVED_S);
+            for time_s in times_s(&demands) {
+                let picture = if code == "frozen" && time_s > MIDDLE_S {
+                    frozen.get_or_insert_with(|| film.picture(time_s)).clone()
+                } else {
+                    film.picture(time_s)
+                };
+                if let Some(picture) = damage(picture, time_s) {
+                    watch.push(&picture, time_s, phase(&film, time_s)).expect("in order");
+                }
+            }
+            let judgement = watch.finish().expect("wet pictures").judgement;
+            let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
+            let right = match code {
+                "" => judgement.verdict != Verdict::Invalid,
+                _ => judgement.verdict == Verdict::Invalid && codes.contains(&code),
+            };
+            wrong += usize::from(!right);
+            println!(
+                "{seed:4}  {name:32} {:8} {codes:?}{}",
+                judgement.verdict.word(),
+                if right { "" } else { "  <-" }
+            );
+        }
+    }
+    println!("damaged clips, {seeds} seeds: {wrong} not told, or told wrongly (needed 0)");
+    wrong
+}
+
+fn scaled(mut picture: ColorPicture, share: f64) -> ColorPicture {
+    picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * share).round() as u8);
+    picture
+}
+
+fn shifted(picture: &ColorPicture, right: usize) -> ColorPicture {
+    let mut moved = picture.clone();
+    for row in 0..picture.height {
+        let line = &picture.rgb[row * picture.width..(row + 1) * picture.width];
+        moved.rgb[row * picture.width + right..(row + 1) * picture.width]
+            .copy_from_slice(&line[..picture.width - right]);
+    }
+    moved
+}
+
+fn covered(mut picture: ColorPicture) -> ColorPicture {
+    let (width, half) = (picture.width, picture.width * 55 / 100);
+    for row in 0..picture.height {
+        picture.rgb[row * width..row * width + half].fill([150, 140, 120]);
+    }
+    picture
+}
+
+/// A box of `2 reach + 1` px, twice, along rows and columns.
+fn blurred(picture: &ColorPicture, reach: usize) -> ColorPicture {
+    let (width, height) = (picture.width, picture.height);
+    let pass = |from: &[[u8; 3]], along: usize, length: usize, across: usize, count: usize| {
+        let mut out = vec![[0; 3]; from.len()];
+        for line in 0..count {
+            let mut sum = [0_i32; 3];
+            let at = |i: usize| from[line * across + i.min(length - 1) * along].map(i32::from);
+            let add =
+                |sum: &mut [i32; 3], value: [i32; 3], sign: i32| (0..3).for_each(|c| sum[c] += sign * value[c]);
+            (0..reach).for_each(|i| add(&mut sum, at(i), 1));
+            add(&mut sum, at(0).map(|value| value * (reach as i32 + 1)), 1);
+            for i in 0..length {
+                add(&mut sum, at(i + reach), 1);
+                add(&mut sum, at(i.saturating_sub(reach + 1)), -1);
+                out[line * across + i * along] =
+                    sum.map(|value| (value / (2 * reach as i32 + 1)).clamp(0, 255) as u8);
+            }
+        }
+        out
+    };
+    let mut rgb = picture.rgb.clone();
+    for _ in 0..2 {
+        rgb = pass(&rgb, 1, width, width, height);
+        rgb = pass(&rgb, width, height, 1, width);
+    }
+    ColorPicture { width, height, rgb }
+}
