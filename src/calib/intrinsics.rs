@@ -121,7 +121,8 @@ pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result
             },
         });
         let seen: Vec<_> = used.iter().map(|view| &view.corners).zip(poses.iter().copied()).collect();
-        let covariance = lens_covariance(&found.camera, &seen).ok_or(CalibError::NotSettled { what: "the lens" })?;
+        let covariance =
+            lens_covariance(&found.camera, &seen).ok_or(CalibError::NotSettled { what: "the lens" })?;
         return Ok(Calibrated {
             camera: found.camera,
             covariance,

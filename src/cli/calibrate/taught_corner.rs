@@ -39,7 +39,7 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     };
     let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
     let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * mount.value;
-    let found = find_corner(&shot.picture, &recipe, &camera.value, &taught.panel, panel_from_camera)?;
+    let found = find_corner(&shot.picture, (&recipe, 0), &camera.value, &taught.panel, panel_from_camera)?;
     let in_camera = panel_from_camera.inverse() * corner.point;
     let Some(expected) = camera.value.project(in_camera) else {
         return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));
