@@ -1,11 +1,11 @@
 //! The link and the mock over loopback, on the wall clock: what only sockets show. No test depends on how fast the machine is
 //! beyond the link's own deadlines.
 
-use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, setup, speed};
+use super::cell::{BASE, TOOL_OUTPUT, pass, sanding_tool, speed};
 use super::loopback::served;
-use panelprep::devices::mock::{self, Clock, Fault, FaultSpec, MockServer, Ports, Setup, StopCause as Stop};
-use panelprep::devices::robot::{Address, BlockingLink};
-use panelprep::eki::{Command, CommandId, LinkLimits, LinkLoss, Pace, QueueError, Report, Signal, StopCause};
+use panelprep::devices::mock::{Fault, StopCause as Stop};
+use panelprep::devices::robot::BlockingLink;
+use panelprep::eki::{Command, CommandId, LinkLoss, QueueError, Report, Signal, StopCause};
 use std::time::Duration;
 
 /// Waits for the first report of which this is something.
