@@ -127,7 +127,14 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
     has("CELL_TELL_STATE", &["IF CELL_READY THEN", "TCP=$POS_ACT"]);
     // A state's number goes on from 0.
     has("CELL_TELL_STATE", &["IF CELL_SEQ<2147483647 THEN", "CELL_SEQ=CELL_SEQ+1", "ELSE", "CELL_SEQ=0"]);
-    // 3 s without a request, whatever commands come.
+    // 3 s without a request, whatever commands come and whoever tries to connect beside a client that is gone.
+    has(
+        "CELL_LINKS",
+        &[
+            "IF (NOT CELL_CMD_WAS) AND (NOT CELL_STAT_WAS) AND ($FLAG[CELL_F_CMD_ALIVE] OR $FLAG[CELL_F_STAT_ALIVE]) THEN",
+            "$TIMER[CELL_T_SILENT]=0",
+        ],
+    );
     assert!(body("CELL_REQUEST").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
     assert!(!body("CELL_COMMAND").contains(&"$TIMER[CELL_T_SILENT]=0".to_owned()));
     // A dead submit interpreter stops the arm after as long as a silent client.

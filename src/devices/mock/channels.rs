@@ -61,7 +61,11 @@ impl Controller {
         if channel == Channel::Command {
             self.answers.forget_ack();
         }
-        (self.last_frame_ms, self.last_request_ms) = (now_ms, now_ms);
+        self.last_frame_ms = now_ms;
+        // Beside a client that is gone without a word a new one must not keep him alive by trying.
+        if !self.is_connected(channel.other()) {
+            self.last_request_ms = now_ms;
+        }
         self.awaits_commands = true;
         self.show_alive(channel);
         true

@@ -41,8 +41,8 @@ pub(super) fn step(speed: f64, limits: Limits, step_s: f64) -> (f64, f64) {
     if left_s > 0.0 {
         change(&mut gone, &mut now, &mut left_s, 0.0);
     }
-    // A nanometre before the stop is the stop.
-    if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, now) }
+    // A nanometre before the stop is the stop, and a nanometre a second stands: rounding alone would leave 10⁻³²⁰ for ever.
+    if to_stop - gone < 1e-6 { (to_stop, 0.0) } else { (gone, if now < 1e-6 { 0.0 } else { now }) }
 }
 
 #[cfg(test)]
@@ -90,6 +90,16 @@ mod tests {
     }
 
     proptest! {
+        /// Braking ends: at a speed of exactly 0, and a step after it must.
+        #[test]
+        fn a_brake_stands(mut speed in 0.1..2000.0f64, acceleration in 50.0..9000.0f64) {
+            let steps = (speed / acceleration / 0.012).ceil() as usize + 1;
+            for _ in 0..steps {
+                speed = step(speed, Limits { to_stop: 1e4, speed: 0.0, acceleration }, 0.012).1;
+            }
+            prop_assert_eq!(speed, 0.0);
+        }
+
         #[test]
         fn it_stops_where_and_when_it_must(
             to_stop in 1e-3..500.0f64, speed in 10.0..2000.0f64, acceleration in 100.0..9000.0f64,

@@ -13,6 +13,15 @@ pub enum Channel {
     State,
 }
 
+impl Channel {
+    pub(super) fn other(self) -> Self {
+        match self {
+            Channel::Command => Channel::State,
+            Channel::State => Channel::Command,
+        }
+    }
+}
+
 /// Why a command is refused; the number is `Err` in the acknowledgement.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {

@@ -117,6 +117,24 @@ fn silence_stops_what_is_queued() {
     assert_eq!((quiet.causes(), quiet.controller.is_connected(Channel::State)), (vec![StopCause::LinkLost], false));
 }
 
+/// The command channel's client is gone, the state channel's without a word: whoever tries again every second must not
+/// keep it alive, and is served after three.
+#[test]
+fn a_client_that_tries_again_does_not_keep_a_dead_one_alive() {
+    let mut rig = Rig::ready(Clock::Free);
+    rig.controller.disconnect(Channel::Command);
+    for _ in 0..3 {
+        rig.controller.advance_ms(1_000);
+        if !rig.controller.is_connected(Channel::State) {
+            break;
+        }
+        assert!(rig.controller.connect(Channel::Command) && !rig.controller.connect(Channel::State));
+        rig.controller.disconnect(Channel::Command);
+    }
+    rig.controller.advance_ms(100);
+    assert!([Channel::Command, Channel::State].map(|channel| rig.controller.connect(channel)) == [true; 2]);
+}
+
 #[test]
 fn a_lost_link_stops_what_is_queued() {
     for channel in [Channel::Command, Channel::State] {
