@@ -6,8 +6,8 @@
 //! given, the corners are those of `cornerSubPix`, as OpenCV's users know them. A board with a unique first corner is turned so that the outer square there is black;
 //! of others the picture's own order stays, upper left first.
 
-use super::chain::Seen;
 use super::board::Board;
+use super::chain::Seen;
 use super::charuco;
 use super::error::CalibError;
 use super::foreign;

@@ -6,12 +6,12 @@
 //! Whether that is good enough is `gate`'s to judge.
 
 use super::adjust::{self, Adjusted};
-use super::chain::Station;
-use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
+use super::chain::Station;
 use super::consensus::{self, MIN_SPREAD_DEG};
 use super::error::CalibError;
+use super::influence;
 use super::pose::{BoardPose, board_pose};
 use super::quantile::{f_quantile, radius_95};
 use super::suspects::{self, Suspect};

@@ -5,11 +5,11 @@
 //! information of (2) in `adjust` foretells it.
 
 use super::adjust::covariance_at;
-use super::chain::{Seen, Station};
-use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
+use super::chain::{Seen, Station};
 use super::hand_eye::HandEye;
+use super::influence;
 use super::quantile::radius_95;
 use crate::geometry::{Base, Degrees, Flange, KukaPose, PinholeCamera, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};

@@ -4,10 +4,10 @@
 //! down, two pictures that changed places, a number that was mistyped, and poses that are wrong altogether.
 
 use super::adjust::Adjusted;
-use super::chain::{Seen, Station};
-use super::influence;
 use super::arrangement::Arrangement;
 use super::board::Board;
+use super::chain::{Seen, Station};
+use super::influence;
 use super::pose::{BoardPose, board_pose};
 use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Point, Rigid};
 use std::fmt::Write;

@@ -17,7 +17,8 @@ mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use calibration::{
-    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount, ToolMount,
+    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
+    ToolMount,
 };
 pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
