@@ -188,7 +188,7 @@ pub fn faulty<A: Side>(seed: u64, fault: usize) -> (Vec<String>, Vec<String>) {
         }
         _ => {
             let mut pose = KukaPose::from_rigid(&stations[at].base_from_flange);
-            if seed % 2 == 0 {
+            if seed.is_multiple_of(2) {
                 pose.y_mm += 3.0
             } else {
                 pose.b_deg += 0.9

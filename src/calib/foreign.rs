@@ -174,8 +174,6 @@ pub(super) fn homography(places: &[[f64; 2]], pixels: &[Pixel]) -> Option<Matrix
 pub(super) struct CameraFound {
     pub camera: PinholeCamera,
     pub rms_px: f64,
-    /// Standard deviations of fx, fy, cx, cy, k1, k2, p1, p2, k3.
-    pub deviations: [f64; 9],
     pub camera_from_board: Vec<Isometry3<f64>>,
 }
 
@@ -195,9 +193,8 @@ pub(super) fn calibrate_camera(
         .collect();
     let (mut matrix, mut distortion) = (Mat::default(), Vector::<f64>::new());
     let (mut turns, mut shifts): (Vector<Mat>, Vector<Mat>) = (Vector::new(), Vector::new());
-    let (mut intrinsic, mut extrinsic, mut each) = (Mat::default(), Mat::default(), Mat::default());
     let until = TermCriteria::new(TermCriteria_COUNT + TermCriteria_EPS, 30, f64::EPSILON);
-    let rms_px = calib3d::calibrate_camera_extended(
+    let rms_px = calib3d::calibrate_camera(
         &objects,
         &pixels,
         Size::new(width_px as i32, height_px as i32),
@@ -205,18 +202,12 @@ pub(super) fn calibrate_camera(
         &mut distortion,
         &mut turns,
         &mut shifts,
-        &mut intrinsic,
-        &mut extrinsic,
-        &mut each,
         0,
         named(OPERATION, until)?,
     );
     let rms_px = named(OPERATION, rms_px)?;
     let unusual = || ImagingError { operation: OPERATION, words: "a result of another size".to_owned() };
     let m = named(OPERATION, matrix.data_typed::<f64>())?;
-    let deviations = named(OPERATION, intrinsic.data_typed::<f64>())?;
-    let deviations: [f64; 9] =
-        deviations.get(..9).and_then(|numbers| numbers.try_into().ok()).ok_or_else(unusual)?;
     let [k1, k2, p1, p2, k3]: [f64; 5] =
         distortion.as_slice().get(..5).and_then(|numbers| numbers.try_into().ok()).ok_or_else(unusual)?;
     let mut camera_from_board = Vec::with_capacity(views.len());
@@ -240,5 +231,5 @@ pub(super) fn calibrate_camera(
         p2,
         k3,
     };
-    Ok(CameraFound { camera, rms_px, deviations, camera_from_board })
+    Ok(CameraFound { camera, rms_px, camera_from_board })
 }

@@ -51,7 +51,7 @@ pub struct Calibrated {
     pub camera: PinholeCamera,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
-    /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, as OpenCV states them.
+    /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
     /// Their covariance.
     pub covariance: LensCovariance,
@@ -127,7 +127,7 @@ pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result
             camera: found.camera,
             covariance,
             rms_px: found.rms_px,
-            deviations: found.deviations,
+            deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
             views: views.collect(),
             coverage: coverage(size, &used),
             tilt_deg: tilts(&poses),

@@ -2,8 +2,9 @@
 //!
 //! With J the slopes of all corners in the lens and Jᵢ in the pose of picture i,
 //!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J)⁻¹,   σ² = Σ v² / (rows − 9 − 6 pictures).                       (1)
-//! OpenCV states the roots of C's diagonal only; a mount needs C whole, since principal point, tangential distortion and
-//! focal length are far from independent.
+//! A mount needs C whole, since principal point, tangential distortion and focal length are far from independent. OpenCV
+//! states the roots of its diagonal only, and those √2 too large or a little more: its σ² divides by corners where each
+//! has two rows.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;

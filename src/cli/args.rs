@@ -66,8 +66,10 @@ pub enum Command {
     ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
-    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep run --cell target/cell/cell.toml")]
+    #[command(
+        after_help = "Example, after those of `panelprep teach --help` and `panelprep calibrate verify --help`:\n  \
+        panelprep run --cell target/cell/cell.toml"
+    )]
     Run(Run),
     /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
     #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \

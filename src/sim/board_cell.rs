@@ -120,7 +120,7 @@ impl BoardCell {
     /// Shots of the flange camera, the board in the cell.
     pub fn flange_shots(&self, count: usize) -> Vec<BoardShot<FlangeCamera>> {
         let base_from_board = base_from_board(&self.print);
-        self.shots(count, 1, &self.flange_camera(), 560.0, |camera_from_board| {
+        self.shots(count, 1, &self.flange_camera(), 440.0, |camera_from_board| {
             base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse()
         })
     }
@@ -166,7 +166,7 @@ impl BoardCell {
             let mut spread = |reach: f64| (2.0 * normal.share() - 1.0) * reach;
             let depth = distance_mm * (1.0 + spread(0.15));
             let middle = Vector3::new(spread(0.22) * depth, spread(0.14) * depth, depth);
-            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.6), spread(0.6), 0.0))
+            let turn = UnitQuaternion::from_scaled_axis(Vector3::new(spread(0.65), spread(0.65), 0.0))
                 * UnitQuaternion::from_scaled_axis(Vector3::z() * spread(1.5));
             let camera_from_board: Rigid<C, Board> = held(middle, turn, &self.print);
             let inside = |pixel: Pixel| {
