@@ -177,10 +177,9 @@ fn spoil(random: &mut Pcg64Mcg, path: &mut Path) -> &'static str {
             "an axis beyond its limits"
         }
         _ => {
-            // As near to the wrist's pole as one place of the path comes, and a tenth nearer.
-            let margin_deg = path.joints[nth].a5_deg.abs() + 0.1;
-            path.arm = Some(arm(&format!("[arm]\nwrist_margin_deg = {}\n", margin_deg.min(45.0))));
-            "a place near the wrist's pole"
+            // The wrist's centre stands 210 mm behind the tip: at most 350 mm from axis 1, along X.
+            path.arm = Some(arm("[arm]\noverhead_margin_mm = 450\n"));
+            "a wrist too near axis 1"
         }
     }
 }
