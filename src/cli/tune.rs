@@ -64,7 +64,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         ));
     };
     let mut outcome = told(&advice);
-    if let (Some(folder), Some(last)) = (&args.truth, of(Phase::Wet).last()) {
+    if let (Some(folder), Some(last)) = (&args.truth, of(Phase::Wet).next_back()) {
         let truth = Labels::read(folder)?.mask;
         let last = picture(last)?;
         let (threshold, score) =

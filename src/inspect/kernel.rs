@@ -71,7 +71,7 @@ pub fn add_up(light: &[u16], dry: &[u16], state: &[u8], film_q15: u32, band_q10:
     Sum { found, expected, pixels }
 }
 
-/// Pixels of the region, those that are hidden, and a sum that tells pictures apart.
+/// How many of the region's pixels a glint or overexposure hides under light of this gain.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn hidden(light: &[u16], dry: &[u16], state: &[u8], gain_q12: u32) -> u32 {
     let mut hidden = 0_u32;

@@ -65,9 +65,8 @@ pub struct Quality {
     last_s: f64,
 }
 
-impl Quality {
-    /// Before the first picture.
-    pub fn new() -> Self {
+impl Default for Quality {
+    fn default() -> Self {
         Quality {
             usable: 0,
             flawed: [0; 5],
@@ -80,7 +79,9 @@ impl Quality {
             last_s: 0.0,
         }
     }
+}
 
+impl Quality {
     /// Takes what one picture says of itself; whether it can be judged by.
     pub fn take(
         &mut self,

@@ -101,7 +101,7 @@ impl Watch {
             model: Model::new(*footprint.window(), footprint.inside(), weights, demands.persist_frames()),
             thesis: is_thesis.then(|| Thesis { film: film(), dry: None, reference: None }),
             outline: Outline::new(taught, camera, camera_from_panel),
-            quality: Quality::new(),
+            quality: Quality::default(),
             settings: settings.clone(),
             demands,
             picture_px: (camera.width_px, camera.height_px),

@@ -173,7 +173,7 @@ impl Film {
         const AROUND_PX: usize = 16;
         assert_eq!((picture.width, picture.height), (self.width, self.height), "a picture of this film");
         let shown = || self.rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
-        let (Some((top, _)), Some((bottom, _))) = (shown().next(), shown().last()) else { return };
+        let (Some((top, _)), Some((bottom, _))) = (shown().next(), shown().next_back()) else { return };
         let left = shown().map(|(_, row)| row.first_column).min().unwrap_or(0);
         let right = shown().map(|(_, row)| row.first_column + row.wetted.len()).max().unwrap_or(0);
         let span = |from: usize, to: usize, size: usize| from.saturating_sub(AROUND_PX)..(to + AROUND_PX).min(size);
@@ -276,7 +276,7 @@ fn travelling(row: &Row, index: usize, glints: &[Spotted], drops: &[Spotted]) ->
 /// Where the panel is in the picture.
 fn ground(rows: &[Row], view: &View<'_>) -> Ground {
     let shown = || rows.iter().enumerate().filter(|(_, row)| !row.wetted.is_empty());
-    let (top, bottom) = (shown().next().map_or(0, |row| row.0), shown().last().map_or(1, |row| row.0 + 1));
+    let (top, bottom) = (shown().next().map_or(0, |row| row.0), shown().next_back().map_or(1, |row| row.0 + 1));
     let left = shown().map(|(_, row)| row.first_column).min().unwrap_or(0);
     let right = shown().map(|(_, row)| row.first_column + row.wetted.len()).max().unwrap_or(1).max(left + 1);
     // The panel stands 780 mm before the camera, more or less.
