@@ -18,7 +18,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert!(matches!(story.outcome.state.at, At::Complete { verdict: Verdict::Pass }), "{story}");
     let stages = {
         use Kind::{Abrade, Inspect, Locate, Plan, Reach, Refine, Verify};
-        [Locate, Refine, Refine, Reach, Inspect, Plan, Verify, Abrade, Inspect]
+        [Locate, Refine, Reach, Inspect, Plan, Verify, Abrade, Inspect]
     };
     assert_eq!(story.stages(), stages, "{story}");
     assert!(!story.outcome.passes.is_empty() && story.outcome.passes.iter().all(|(_, times)| *times == 1));
