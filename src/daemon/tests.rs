@@ -37,7 +37,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     }
     let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED));
     assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
-    let corners = ["corner_before", "corner_after", "corner_before", "corner_after"];
+    let corners = ["corner_before", "corner_after"];
     let figures = [&["located"], &corners[..], &LATER[..]].concat();
     assert_eq!(story.figures, figures);
     let Budget { hand_eye_mm, locate_mm, fit_mm, robot_mm, .. } = story.budget;

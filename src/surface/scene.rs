@@ -61,7 +61,7 @@ pub(crate) struct Spoil {
     pub missing: f64,
     /// Half-width of a square hole in the grid r2c2, px.
     pub hole_px: f64,
-    /// Half-width of a band in the picture's middle whose points stand mirrored, px: the scan of a fold.
+    /// Half-width of a band in the picture's middle along which the points run back, px: the scan of a fold.
     pub fold_px: f64,
 }
 
@@ -107,9 +107,7 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
         let [flying, missing, how_far] = [0, 1, 2].map(|_| random.random::<f64>());
         let noise = normal() * spoil.noise_mm + if flying < spoil.flying { 4.0 * how_far - 2.0 } else { 0.0 };
         let in_hole = (pixel.u - 207.0).abs() < spoil.hole_px && (pixel.v - 150.0).abs() < spoil.hole_px;
-        let mirrored = Pixel::at(LENS.width_px as f64 - pixel.u, pixel.v);
-        let in_fold = (pixel.u - mirrored.u).abs() < 2.0 * spoil.fold_px;
-        let ray = LENS.unproject::<Camera>(if in_fold { mirrored } else { pixel }).expect("inside").mm;
+        let ray = LENS.unproject::<Camera>(folded(pixel, spoil.fold_px)).expect("inside").mm;
         let depth = depth(shape, ray).filter(|_| missing >= spoil.missing && !in_hole);
         depth.map_or([f32::NAN; 3], |depth| {
             let seen = ray * depth + ray.normalize() * noise;
@@ -121,6 +119,19 @@ pub(crate) fn taught(shape: Shape, spoil: Spoil, recipe: &Recipe) -> TaughtPanel
     let cloud = OrganizedCloud::new(LENS.width_px, LENS.height_px, points, vec![[80; 3]; count]).expect("counts");
     let base_from_camera: Rigid<Base, Camera> = Rigid::claim(Isometry3::identity());
     TaughtPanel::learn(&cloud, LENS, base_from_camera, recipe).unwrap_or_else(|e| panic!("{e}"))
+}
+
+// What a pixel shows where the surface is folded: back by half a pixel for each in the band, forth again on both sides of
+// it, so that no neighbours are far from each other.
+fn folded(pixel: Pixel, fold_px: f64) -> Pixel {
+    let from_middle = pixel.u - LENS.cx_px;
+    let (size, side) = (from_middle.abs(), from_middle.signum());
+    let shown = match size {
+        _ if size < fold_px => -0.5 * size,
+        _ if size < 3.0 * fold_px => 1.75 * (size - fold_px) - 0.5 * fold_px,
+        _ => size,
+    };
+    Pixel::at(LENS.cx_px + side * shown, pixel.v)
 }
 
 // Newton along the ray.
