@@ -280,7 +280,8 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
         let base_from_flange: Rigid<Base, Flange> = corner.base_from_flange.to_rigid();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
         let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
-        let reference_px = super::refine::find_corner(&picture, (recipe, index), &camera, &panel, panel_from_camera)?;
+        let reference_px =
+            super::refine::find_corner(&picture, (recipe, index), &camera, &panel, panel_from_camera)?;
         let taught = panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera);
         corners.push(taught.map_err(Fault::stage)?);
     }

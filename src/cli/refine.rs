@@ -142,7 +142,10 @@ impl RefinedPlace {
         ));
         if self.refined.corners.len() > 1 {
             let left_mm = self.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
-            outcome.say(format!("turned by {:.3}°; the corners are left {left_mm:.3} mm off, at most", self.refined.turned.0));
+            outcome.say(format!(
+                "turned by {:.3}°; the corners are left {left_mm:.3} mm off, at most",
+                self.refined.turned.0
+            ));
         }
         outcome.put("base_from_panel", json!(pose));
         outcome.put("shift_mm", json!(self.refined.shift_mm));

@@ -8,7 +8,9 @@ mod tables;
 #[cfg(test)]
 mod tests;
 
-pub use tables::{Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Path, Pattern, Process, Region, Surface};
+pub use tables::{
+    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Path, Pattern, Process, Region, Surface,
+};
 
 use crate::config::{self, Problems, Section};
 
