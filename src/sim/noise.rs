@@ -22,11 +22,11 @@ pub(super) enum Purpose {
     BoardCorners,
     BoardScan,
     Touch,
-    Trial,
     Grease,
     Light,
     Glints,
     Drops,
+    Trial,
 }
 
 /// The seed from which everything is drawn.

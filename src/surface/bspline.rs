@@ -99,17 +99,26 @@ impl BSplineSurface {
         if controls.len() != needed {
             return Err(SurfaceError::ControlCount { found: controls.len(), needed });
         }
-        let middle = |knots: &KnotVector| (knots.domain().start() + knots.domain().end()) / 2.0;
-        let at = Parameter { u: middle(&knots_u), v: middle(&knots_v) };
         let spans = SpanSurface::of([&knots_u, &knots_v], &controls);
         let mut surface = BSplineSurface { knots_u, knots_v, controls, side: 1.0, spans };
-        let normal = surface.normal(at).ok_or(SurfaceError::NoSide)?;
-        let towards = normal.mm.dot(&(viewer - surface.point(at)).mm);
+        let towards = surface.faces(viewer);
         if towards == 0.0 || !towards.is_finite() {
             return Err(SurfaceError::NoSide);
         }
         surface.side = towards.signum();
         Ok(surface)
+    }
+
+    /// By how many of 5 × 5 places more the raw normal shows towards this point than away from it: one place alone could
+    /// lie in a fold.
+    fn faces(&self, viewer: Point<Panel>) -> f64 {
+        let place = |knots: &KnotVector, step: i32| {
+            let (start, end) = (*knots.domain().start(), *knots.domain().end());
+            start + (end - start) * (0.5 + f64::from(step)) / 5.0
+        };
+        let at = |index: i32| Parameter { u: place(&self.knots_u, index / 5), v: place(&self.knots_v, index % 5) };
+        let side = |at| self.normal(at).map_or(0.0, |normal| normal.mm.dot(&(viewer - self.point(at)).mm).signum());
+        (0..25).map(|index| side(at(index))).sum()
     }
 
     /// Knots along u.
