@@ -87,7 +87,6 @@ fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result
     let found = &calibrations.scanner;
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
     let simulated_cell = sim::Cell::new(simulation.seed, simulation.scene.into(), reduction);
-    let simulated_cell = simulated_cell.with_films(sim::FilmSpec::USUAL);
     let delivers = simulated_cell.scanner();
     if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
         return Ok(simulated_cell);

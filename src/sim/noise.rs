@@ -22,11 +22,11 @@ pub(super) enum Purpose {
     BoardCorners,
     BoardScan,
     Touch,
-    Grease,
+    Trial,
     Light,
     Glints,
     Drops,
-    Trial,
+    Grease,
 }
 
 /// The seed from which everything is drawn.

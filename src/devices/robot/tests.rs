@@ -188,7 +188,8 @@ fn a_link_that_comes_back_moves_nothing() {
     server.handle().with(|controller| controller.disconnect(mock::Channel::Command));
     // On a socket each: the state channel may tell of the stop before the command channel's end is seen.
     wait(&mut link, |report| matches!(report, Report::LinkLost { .. } | Report::Interrupted { .. }).then_some(()));
-    while !matches!(link.next(Duration::from_secs(20)).expect("the controller goes on"), Report::Connected { .. }) {}
+    while !matches!(link.next(Duration::from_secs(20)).expect("the controller goes on"), Report::Connected { .. }) {
+    }
     for _ in 0..20 {
         wait(&mut link, |report| matches!(report, Report::State(_)).then_some(()));
     }
