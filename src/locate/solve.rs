@@ -163,7 +163,7 @@ mod tests {
             Constraint { point: place(i), gradient: normal, residual: normal.dot(&moved), sample: i }
         };
         let surface: Vec<_> = (0..25).map(|i| constraint(i, -Vector3::z())).collect();
-        let side = |i: usize| if i % 5 == 0 || i % 5 == 4 { Vector3::x() } else { Vector3::y() };
+        let side = |i: usize| if i.is_multiple_of(5) || i % 5 == 4 { Vector3::x() } else { Vector3::y() };
         let outline: Vec<_> =
             (0..25).filter(|i| i % 5 == 0 || i % 5 == 4 || i / 5 == 0).map(|i| constraint(i, side(i))).collect();
         let of_surface = Sums::over(&surface, &WEIGHING, &centre);

@@ -26,10 +26,10 @@ pub fn swing(
         return Err(Obstacle::NotFinite);
     }
     let axes = arm.arm().axes();
-    for axis in 0..6 {
+    for (axis, &angle_deg) in to.iter().enumerate() {
         let allowed_deg = [axes.min_deg[axis], axes.max_deg[axis]];
-        if !(allowed_deg[0]..=allowed_deg[1]).contains(&to[axis]) {
-            return Err(Obstacle::AxisLimit { axis: axis + 1, angle_deg: to[axis], allowed_deg });
+        if !(allowed_deg[0]..=allowed_deg[1]).contains(&angle_deg) {
+            return Err(Obstacle::AxisLimit { axis: axis + 1, angle_deg, allowed_deg });
         }
     }
     let farthest_deg = (0..6).map(|axis| (to[axis] - from[axis]).abs()).fold(0.0, f64::max);

@@ -15,7 +15,7 @@ type Damage = fn(ColorPicture, f64) -> Option<ColorPicture>;
 const DAMAGES: [(&str, &str, Damage); 12] = [
     ("cut short", "too_short", |picture, time_s| (time_s < WET_FROM_S + 7.0).then_some(picture)),
     ("every second one lost", "too_few_frames", |picture, time_s| {
-        (time_s < WET_FROM_S + 0.1 || (time_s * 5.0).round() as u32 % 2 == 0).then_some(picture)
+        (time_s < WET_FROM_S + 0.1 || ((time_s * 5.0).round() as u32).is_multiple_of(2)).then_some(picture)
     }),
     ("1.5 s lost", "gap", |picture, time_s| (!(MIDDLE_S..MIDDLE_S + 1.5).contains(&time_s)).then_some(picture)),
     ("no dry picture", "no_dry_picture", |picture, time_s| (time_s >= 1.0).then_some(picture)),
