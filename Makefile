@@ -8,7 +8,7 @@ DEMO_OUT := target/demo
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds'
+	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
 
 setup:
@@ -43,7 +43,7 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
+bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup

@@ -1,4 +1,4 @@
-//! Calibration as issue 5 demands it, two seeds each; `make bench-calib` has the sweeps.
+//! Calibration against the truth, two seeds each; `make bench-calib` has the sweeps.
 
 use crate::boards::{self, BAD_ROBOT, GOOD_ROBOT, Lens, POSES, Side};
 use panelprep::calib::detect;

@@ -1,4 +1,4 @@
-//! Calibration against the renderer's truth: the sweeps of issue 5. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
+//! Calibration against the renderer's truth: the sweeps. `cargo bench --bench calib -- [SEEDS [RENDERED]]`
 //! shortens the statistics from 200 seeds and the rendered sweeps from 20.
 
 #[path = "../boards.rs"]
