@@ -49,6 +49,20 @@ pub struct Placed {
     pub base_from_panel: Rigid<Base, Panel>,
 }
 
+impl Placed {
+    /// From the cell's files and where `locate` found the panel.
+    ///
+    /// # Errors
+    /// Where a file is not what it must be.
+    pub fn read(files: &CellFiles, located: Option<&PathBuf>) -> Result<Self, Fault> {
+        Ok(Placed {
+            camera: files.scanner()?.value,
+            base_from_camera: files.base_from_camera()?.value,
+            base_from_panel: load::located(located)?,
+        })
+    }
+}
+
 /// Inspects a clip and tells.
 ///
 /// # Errors
@@ -56,11 +70,7 @@ pub struct Placed {
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = Placed {
-        camera: files.scanner()?.value,
-        base_from_camera: files.base_from_camera()?.value,
-        base_from_panel: load::located(args.located.as_ref())?,
-    };
+    let placed = Placed::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let demands = Demands::of(&recipe, files.cell.limits());
     let clip = match (&args.clip, &args.truth) {

@@ -28,11 +28,7 @@ const MIN_EVENNESS: f64 = 0.6;
 pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let placed = Placed {
-        camera: files.scanner()?.value,
-        base_from_camera: files.base_from_camera()?.value,
-        base_from_panel: load::located(args.located.as_ref())?,
-    };
+    let placed = Placed::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
     let clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;

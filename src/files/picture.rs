@@ -6,9 +6,9 @@
 //! calibration holds for the pixels as they were taken.
 
 use crate::geometry::{ColorPicture, GrayPicture, PinholeCamera};
-use image::codecs::jpeg::JpegEncoder;
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader};
+use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
@@ -95,7 +95,7 @@ pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
 /// # Errors
 /// Where the picture is empty or its pixels are not `width`·`height`.
 pub fn write_color_png(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
-    encode("PNG", picture.width, picture.height, Pixels::Rgb(&picture.rgb))
+    encode_png(picture.width, picture.height, picture.rgb.as_flattened(), ExtendedColorType::Rgb8)
 }
 
 /// A grey picture as PNG, packed for speed.
@@ -103,7 +103,7 @@ pub fn write_color_png(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> 
 /// # Errors
 /// As [`write_color_png`].
 pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
-    encode("PNG", picture.width, picture.height, Pixels::Gray(&picture.gray))
+    encode_png(picture.width, picture.height, &picture.gray, ExtendedColorType::L8)
 }
 
 /// A colour picture as JPEG of quality 95.
@@ -111,7 +111,18 @@ pub fn write_gray_png(picture: &GrayPicture) -> Result<Vec<u8>, PictureError> {
 /// # Errors
 /// As [`write_color_png`], and above 65535 px, JPEG's largest side.
 pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError> {
-    encode("JPEG", picture.width, picture.height, Pixels::Rgb(&picture.rgb))
+    let (width, height, pixels) = (picture.width, picture.height, picture.rgb.len());
+    fills(width, height, pixels, "JPEG")?;
+    let unwritable = |problem| unwritable("JPEG", width, height, pixels, problem);
+    let (Ok(columns), Ok(rows)) = (u16::try_from(width), u16::try_from(height)) else {
+        return Err(unwritable(format!("a side is longer than {} px", u16::MAX)));
+    };
+    let mut file = Vec::new();
+    let mut encoder = Encoder::new(&mut file, JPEG_QUALITY);
+    // Colour at full resolution: the film is judged by its colour, too.
+    encoder.set_sampling_factor(SamplingFactor::F_1_1);
+    let written = encoder.encode(picture.rgb.as_flattened(), columns, rows, ColorType::Rgb);
+    written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
 /// Refuses a picture that is not from the calibrated camera.
@@ -166,31 +177,34 @@ fn first_bytes(bytes: &[u8]) -> String {
     }
 }
 
-enum Pixels<'p> {
-    Gray(&'p [u8]),
-    Rgb(&'p [[u8; 3]]),
-}
-
-fn encode(format: &'static str, width: usize, height: usize, pixels: Pixels<'_>) -> Result<Vec<u8>, PictureError> {
-    let (count, bytes, color) = match pixels {
-        Pixels::Gray(gray) => (gray.len(), gray, ExtendedColorType::L8),
-        Pixels::Rgb(rgb) => (rgb.len(), rgb.as_flattened(), ExtendedColorType::Rgb8),
-    };
-    let unwritable = |problem| PictureError::Unwritable { format, width, height, pixels: count, problem };
+fn encode_png(
+    width: usize,
+    height: usize,
+    bytes: &[u8],
+    color: ExtendedColorType,
+) -> Result<Vec<u8>, PictureError> {
+    let channels = usize::from(color.channel_count());
+    fills(width, height, bytes.len() / channels, "PNG")?;
+    let unwritable = |problem| unwritable("PNG", width, height, bytes.len() / channels, problem);
     let (Ok(columns), Ok(rows)) = (u32::try_from(width), u32::try_from(height)) else {
         return Err(unwritable("a side is too long".to_owned()));
     };
-    // The encoders assert this.
-    if count == 0 || width.checked_mul(height) != Some(count) {
-        return Err(unwritable(format!("{count} pixels do not fill it")));
-    }
     let mut file = Vec::new();
-    let written = match format {
-        "JPEG" => JpegEncoder::new_with_quality(&mut file, JPEG_QUALITY).write_image(bytes, columns, rows, color),
-        _ => PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(bytes, columns, rows, color),
-    };
+    let written = PngEncoder::new_with_quality(&mut file, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(bytes, columns, rows, color);
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
+}
+
+/// The encoders would assert this, or write a picture that nobody can read.
+fn fills(width: usize, height: usize, pixels: usize, format: &'static str) -> Result<(), PictureError> {
+    match pixels != 0 && width.checked_mul(height) == Some(pixels) {
+        true => Ok(()),
+        false => Err(unwritable(format, width, height, pixels, format!("{pixels} pixels do not fill it"))),
+    }
+}
+
+fn unwritable(format: &'static str, width: usize, height: usize, pixels: usize, problem: String) -> PictureError {
+    PictureError::Unwritable { format, width, height, pixels, problem }
 }
 
 #[cfg(test)]

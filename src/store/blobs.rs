@@ -5,6 +5,10 @@ use crate::files::content_hash;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Parts begun by this process: two threads may keep the same content at once.
+static PARTS: AtomicU64 = AtomicU64::new(0);
 
 #[derive(Debug)]
 pub(super) struct Blobs {
@@ -50,7 +54,7 @@ impl Blobs {
             Err(StoreError::File { source, .. }) if source.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(error),
         }
-        let part = self.folder.join(format!("{hash}.{}.part", std::process::id()));
+        let part = self.part(&hash);
         let written = write_flushed(&part, bytes).map_err(at("write", &part));
         let renamed = written.and_then(|()| fs::rename(&part, &path).map_err(at("rename", &part)));
         if renamed.is_err() {
@@ -62,9 +66,14 @@ impl Blobs {
         Ok(hash)
     }
 
+    fn part(&self, name: &str) -> PathBuf {
+        let number = PARTS.fetch_add(1, Ordering::Relaxed);
+        self.folder.join(format!("{name}.{}.{number}.part", std::process::id()))
+    }
+
     /// Free space, MB, once a file could be written and flushed here.
     pub fn free_mb(&self) -> Result<u64, StoreError> {
-        let probe = self.folder.join(format!("probe.{}.part", std::process::id()));
+        let probe = self.part("probe");
         let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
         let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
         written.and(removed)?;

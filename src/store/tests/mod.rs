@@ -146,6 +146,28 @@ fn nothing_half_written_stays() {
     assert!(!names.is_empty() && names.iter().all(|name| name.len() == 64), "{names:?}");
 }
 
+/// The keeper of a clip and the cycle's own record may hold the same picture.
+#[test]
+fn two_threads_may_keep_the_same_content_at_once() {
+    let (_folder, store) = new_store();
+    let picture = vec![7_u8; 2_000_000];
+    let start = std::sync::Barrier::new(8);
+    let kept: Vec<String> = std::thread::scope(|scope| {
+        let writer = || {
+            let writer = store.blob_writer().expect("a writer");
+            let (picture, started) = (&picture, &start);
+            scope.spawn(move || {
+                started.wait();
+                writer.put(picture).expect("kept")
+            })
+        };
+        let writers: Vec<_> = (0..8).map(|_| writer()).collect();
+        writers.into_iter().map(|writer| writer.join().expect("no panic")).collect()
+    });
+    assert!(kept.iter().all(|hash| *hash == crate::files::content_hash(&picture)), "{kept:?}");
+    assert_eq!(store.blob(&kept[0]).expect("whole"), picture);
+}
+
 #[test]
 fn a_newer_store_and_a_foreign_database_are_refused() {
     let (folder, store) = new_store();
