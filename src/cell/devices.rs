@@ -1,5 +1,6 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
 
+use super::zivid::ZividCamera;
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
@@ -13,7 +14,9 @@ pub enum Camera {
         /// The folder.
         folder: PathBuf,
     },
-    /// `kind = "zivid"` or `"gige"`: the camera itself.
+    /// `kind = "zivid"`: the camera behind its SDK.
+    Zivid(ZividCamera),
+    /// `kind = "gige"`: the camera itself.
     Device {
         /// The serial number; the only camera found where there is none.
         serial: Option<String>,

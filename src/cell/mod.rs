@@ -11,6 +11,7 @@ mod devices;
 mod limits;
 mod names;
 mod rough;
+mod zivid;
 
 #[cfg(test)]
 mod tests;
@@ -25,6 +26,7 @@ pub use devices::{Camera, Robot, RobotKind};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use rough::RoughMounts;
+pub use zivid::ZividCamera;
 
 use crate::config::{self, Problems, Section};
 use crate::geometry::Joints;
@@ -109,7 +111,7 @@ impl Cell {
     fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
         let store = top.take::<String>("store", (), Some("store".to_owned()));
         let socket = top.take::<Option<String>>("socket", (), Some(None));
-        let scanner = devices::take_camera(folder, &top.section("scanner"), "zivid");
+        let scanner = zivid::take_scanner(folder, &top.section("scanner"));
         let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), "gige");
         let robot = devices::take_robot(&top.section("robot"));
         let poses = names::take_poses(&top.section("poses"));
@@ -144,7 +146,7 @@ impl Cell {
         self.socket.as_deref()
     }
 
-    /// The fixed 3D camera; a device is a Zivid.
+    /// The fixed 3D camera.
     pub fn scanner(&self) -> &Camera {
         &self.scanner
     }

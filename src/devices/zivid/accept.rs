@@ -1,0 +1,185 @@
+//! Is what came the shot that was asked for? Pure: each doubt is a fault, nothing is repaired.
+
+use super::fault::ZividFault;
+use super::message::{SettingsHash, Size, Taken};
+use super::sensor::Planes;
+
+/// What a shot is held against.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Asked {
+    /// What was asked for, in words.
+    pub what: &'static str,
+    /// By which settings.
+    pub settings: SettingsHash,
+    /// Of which camera.
+    pub serial: String,
+    /// The size of its calibration.
+    pub size: Size,
+    /// When it was asked for, ns of the monotonic clock: nothing older counts.
+    pub from_ns: u64,
+    /// When it had come.
+    pub until_ns: u64,
+    /// The number of the shot before.
+    pub last_number: u64,
+    /// The checksum of the shot before; none for a file camera, which plays the same one again and again.
+    pub last_sum: Option<u32>,
+}
+
+/// Smallest share of a shot's points that must be there. What a panel needs is asked where it is located; this is a
+/// camera that sees nothing.
+pub const LEAST_POINTS_PERCENT: f64 = 1.0;
+/// Longest pause to cool while a film is taken, ms. A 3D shot of a scene that stands bears any.
+pub const MOST_THROTTLED_MS: f64 = 500.0;
+
+/// Holds a shot's or picture's data against what was asked; `sum` is the checksum of its payload.
+///
+/// # Errors
+/// Where it is another camera's, of another size, by other settings, old, or the same as before.
+pub fn accept(taken: &Taken, sum: u32, asked: &Asked) -> Result<(), ZividFault> {
+    if taken.serial != asked.serial {
+        let (found, expected) = (taken.serial.clone(), asked.serial.clone());
+        return Err(ZividFault::WrongCamera { found, expected });
+    }
+    if taken.size != asked.size {
+        let px = |size: Size| [size.width, size.height];
+        return Err(ZividFault::WrongSize {
+            what: asked.what,
+            found_px: px(taken.size),
+            expected_px: px(asked.size),
+        });
+    }
+    if taken.settings != asked.settings {
+        let message = format!("a shot by settings {} came, asked were {}", taken.settings, asked.settings);
+        return Err(ZividFault::Settings { what: "the settings of what came", message });
+    }
+    let in_order = asked.from_ns <= taken.begun_ns
+        && taken.begun_ns <= taken.exposed_ns
+        && taken.exposed_ns <= taken.ready_ns
+        && taken.ready_ns <= asked.until_ns;
+    if !in_order {
+        let Taken { begun_ns, exposed_ns, ready_ns, .. } = taken;
+        let (from_ns, until_ns) = (asked.from_ns, asked.until_ns);
+        return Err(ZividFault::Frozen(format!(
+            "a shot begun at {begun_ns} ns, exposed until {exposed_ns} and ready at {ready_ns} does not lie between \
+             request and answer, {from_ns} to {until_ns}"
+        )));
+    }
+    if taken.number <= asked.last_number {
+        let (found, last) = (taken.number, asked.last_number);
+        return Err(ZividFault::Frozen(format!("shot {found} came after shot {last}")));
+    }
+    if asked.last_sum == Some(sum) {
+        let number = taken.number;
+        return Err(ZividFault::Frozen(format!("shot {number} is the one before to the last bit")));
+    }
+    Ok(())
+}
+
+/// Looks at the points themselves.
+///
+/// # Errors
+/// Where there are next to none, or some that no camera measures.
+pub fn accept_points(planes: &Planes) -> Result<(), ZividFault> {
+    let (mut there, mut infinite) = (0_usize, 0_usize);
+    for point in &planes.points_mm {
+        there += usize::from(point.iter().all(|number| number.is_finite()));
+        infinite += usize::from(point.iter().any(|number| number.is_infinite()));
+    }
+    if infinite > 0 {
+        return Err(ZividFault::NotFinite(infinite));
+    }
+    let found_percent = 100.0 * there as f64 / planes.points_mm.len().max(1) as f64;
+    match found_percent >= LEAST_POINTS_PERCENT {
+        true => Ok(()),
+        false => Err(ZividFault::NoPoints { found_percent, needed_percent: LEAST_POINTS_PERCENT }),
+    }
+}
+
+/// Whether a film may hold a picture that the camera paused for.
+///
+/// # Errors
+/// Where it paused for too long.
+pub fn accept_pause(taken: &Taken, during: &'static str) -> Result<(), ZividFault> {
+    let (paused_ms, allowed_ms, lens_c) = (taken.throttled_ms, MOST_THROTTLED_MS, taken.lens_c);
+    match paused_ms <= allowed_ms {
+        true => Ok(()),
+        false => Err(ZividFault::Throttled { during, paused_ms, allowed_ms, lens_c }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIZE: Size = Size { width: 4, height: 2 };
+
+    fn asked() -> Asked {
+        Asked {
+            what: "a 3D shot",
+            settings: "abc".to_owned(),
+            serial: "12".to_owned(),
+            size: SIZE,
+            from_ns: 100,
+            until_ns: 200,
+            last_number: 6,
+            last_sum: Some(1),
+        }
+    }
+
+    fn taken() -> Taken {
+        Taken {
+            size: SIZE,
+            settings: "abc".to_owned(),
+            serial: "12".to_owned(),
+            number: 7,
+            begun_ns: 100,
+            exposed_ns: 150,
+            ready_ns: 200,
+            throttled_ms: 500.0,
+            lens_c: Some(41.0),
+            dropped: 0,
+        }
+    }
+
+    #[test]
+    fn what_was_asked_for_is_accepted_at_its_limits() {
+        assert_eq!(accept(&taken(), 2, &asked()), Ok(()));
+        assert_eq!(accept_pause(&taken(), "a picture"), Ok(()));
+    }
+
+    #[test]
+    fn each_doubt_has_its_row() {
+        let row = |change: &dyn Fn(&mut Taken)| {
+            let mut taken = taken();
+            change(&mut taken);
+            accept(&taken, 2, &asked()).map_err(|fault| fault.row())
+        };
+        assert_eq!(row(&|taken| taken.serial = "13".to_owned()), Err("C5"));
+        assert_eq!(row(&|taken| taken.size = Size { width: 2, height: 4 }), Err("C5"));
+        assert_eq!(row(&|taken| taken.settings = "abd".to_owned()), Err("C5"));
+        assert_eq!(row(&|taken| taken.begun_ns = 99), Err("C9"), "taken before it was asked for");
+        assert_eq!(row(&|taken| taken.exposed_ns = 99), Err("C9"));
+        assert_eq!(row(&|taken| taken.exposed_ns = 201), Err("C9"));
+        assert_eq!(row(&|taken| taken.ready_ns = 201), Err("C9"));
+        assert_eq!(row(&|taken| taken.number = 6), Err("C9"));
+        assert_eq!(accept(&taken(), 1, &asked()).map_err(|fault| fault.row()), Err("C9"));
+        assert_eq!(accept(&taken(), 1, &Asked { last_sum: None, ..asked() }), Ok(()), "a file camera");
+        let hot = Taken { throttled_ms: 500.1, ..taken() };
+        let words = accept_pause(&hot, "a picture").expect_err("hot").to_string();
+        assert!(words.starts_with("C3 the 3D camera is hot") && words.contains("its lens has 41 °C"), "{words}");
+        assert!(accept_pause(&Taken { throttled_ms: f64::NAN, ..taken() }, "a picture").is_err());
+    }
+
+    /// By hand: 1 of 100 points is 1 %, and enough; 0 is not.
+    #[test]
+    fn a_shot_needs_points() {
+        let mut planes = Planes::of(Size { width: 10, height: 10 });
+        planes.points_mm.fill([f32::NAN; 3]);
+        let none = accept_points(&planes).expect_err("all missing").to_string();
+        assert!(none.starts_with("C6 no 3D data: 0.00 % of"), "{none}");
+        planes.points_mm[7] = [1.0, 2.0, 700.0];
+        assert_eq!(accept_points(&planes), Ok(()));
+        planes.points_mm[8] = [1.0, f32::NAN, f32::NEG_INFINITY];
+        assert_eq!(accept_points(&planes), Err(ZividFault::NotFinite(1)));
+    }
+}

@@ -1,0 +1,143 @@
+//! How often a worker that ends is started again, in any clock's time: so many restarts in a stretch of time, and then it stays
+//! down until a person asks for it.
+//!
+//! A worker that ends again and again has a cause that starting does not mend, and each start exposes and heats the
+//! camera. The first start is free.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+/// So many restarts in so much time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Restarts {
+    /// Restarts, at most.
+    pub most: usize,
+    /// In this time, whenever it begins.
+    pub within: Duration,
+}
+
+impl Default for Restarts {
+    /// `faults.md`, C11.
+    fn default() -> Self {
+        Restarts { most: 3, within: Duration::from_secs(600) }
+    }
+}
+
+/// What is left of it.
+#[derive(Debug, Clone)]
+pub struct Budget {
+    allowed: Restarts,
+    /// When restarts were used, the oldest first.
+    used: VecDeque<Duration>,
+    is_spent: bool,
+}
+
+/// What to do about a worker that ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// Start it again; this is restart `number` of the allowed ones.
+    Restart {
+        /// Counted from 1.
+        number: usize,
+    },
+    /// Leave it.
+    StayDown,
+}
+
+impl Budget {
+    /// A whole budget.
+    pub fn new(allowed: Restarts) -> Self {
+        Budget { allowed, used: VecDeque::new(), is_spent: false }
+    }
+
+    /// The worker ended at `now`, time since any fixed instant.
+    pub fn ended(&mut self, now: Duration) -> Verdict {
+        self.forget(now);
+        if self.is_spent || self.used.len() >= self.allowed.most {
+            self.is_spent = true;
+            return Verdict::StayDown;
+        }
+        self.used.push_back(now);
+        Verdict::Restart { number: self.used.len() }
+    }
+
+    /// A person asks for the worker: where it stays down, whether it may be started. That counts as a restart, so it
+    /// is refused until the oldest is far enough back.
+    pub fn asked(&mut self, now: Duration) -> Verdict {
+        self.forget(now);
+        self.is_spent = false;
+        self.ended(now)
+    }
+
+    /// How long from `now` until a person may ask for it; zero where that is now.
+    pub fn wait(&self, now: Duration) -> Duration {
+        let oldest = (self.used.len() >= self.allowed.most).then(|| self.used.front()).flatten();
+        oldest.map_or(Duration::ZERO, |oldest| (*oldest + self.allowed.within).saturating_sub(now))
+    }
+
+    /// What is allowed.
+    pub fn allowed(&self) -> Restarts {
+        self.allowed
+    }
+
+    fn forget(&mut self, now: Duration) {
+        let is_over = |used: &Duration| now.saturating_sub(*used) >= self.allowed.within;
+        while self.used.front().is_some_and(is_over) {
+            self.used.pop_front();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Verdict::{Restart, StayDown};
+    use super::*;
+    use proptest::prelude::*;
+
+    fn at(minutes: u64) -> Duration {
+        Duration::from_secs(60 * minutes)
+    }
+
+    /// By hand, in virtual time: ends at minutes 0, 3, 6 are mended, the fourth at 9 is not; nor is one at 30 that
+    /// nobody asked for. A person has it back, since all three are then more than 10 minutes ago.
+    #[test]
+    fn the_fourth_in_ten_minutes_stays_down() {
+        let mut budget = Budget::new(Restarts::default());
+        let ends = [0, 3, 6].map(|minute| budget.ended(at(minute)));
+        assert_eq!(ends, [1, 2, 3].map(|number| Restart { number }));
+        assert_eq!((budget.ended(at(9)), budget.wait(at(9))), (StayDown, at(1)));
+        assert_eq!(budget.asked(at(9)), StayDown, "asking does not make more of it");
+        assert_eq!(budget.ended(at(30)), StayDown, "time alone does not start it");
+        assert_eq!((budget.wait(at(30)), budget.asked(at(30))), (Duration::ZERO, Restart { number: 1 }));
+    }
+
+    /// By hand: of ends at 0, 4, 8 and 12 never four lie within ten minutes.
+    #[test]
+    fn restarts_that_are_long_ago_count_no_more() {
+        let mut budget = Budget::new(Restarts::default());
+        let numbers = [0, 4, 8, 12, 16].map(|minute| budget.ended(at(minute)));
+        assert_eq!(numbers, [1, 2, 3, 3, 3].map(|number| Restart { number }));
+    }
+
+    proptest! {
+        /// Whatever ends when, and whoever asks: in no stretch of ten minutes are there more than three starts.
+        #[test]
+        fn no_stretch_of_time_has_more_starts(
+            steps in proptest::collection::vec((0_u64..400, any::<bool>()), 1..60),
+        ) {
+            let mut budget = Budget::new(Restarts::default());
+            let (mut now, mut starts) = (Duration::ZERO, Vec::new());
+            for (seconds, person) in steps {
+                now += Duration::from_secs(seconds);
+                let verdict = if person { budget.asked(now) } else { budget.ended(now) };
+                if verdict != StayDown {
+                    starts.push(now);
+                }
+                for first in &starts {
+                    let within = starts.iter().filter(|start| *start >= first && **start < *first + at(10));
+                    prop_assert!(within.count() <= 3, "{starts:?}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,294 @@
+// The SDK's side of the interface in panelprep_zivid.h. It calls what the vendor's public samples document and nothing
+// else; the same text is built against the SDK on the cell's computer (make zivid) and against the declarations in
+// stub/ where there is no SDK (make zivid-stub).
+
+#include "panelprep_zivid.h"
+
+#include <Zivid/Experimental/Calibration.h>
+#include <Zivid/Experimental/SettingsInfo.h>
+#include <Zivid/Zivid.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cstring>
+#include <optional>
+#include <stdexcept>
+#include <string>
+#include <type_traits>
+#include <variant>
+#include <vector>
+
+// What is copied whole has to lie as the interface says.
+static_assert(sizeof(Zivid::PointXYZ) == 3 * sizeof(float), "a point is three floats");
+static_assert(sizeof(Zivid::ColorRGBA_SRGB) == 4, "a colour is four bytes");
+static_assert(sizeof(Zivid::SNR) == sizeof(float), "a signal to noise ratio is a float");
+
+struct pz_session {
+    Zivid::Application application; // outlives everything else
+    std::optional<Zivid::Camera> camera;
+    std::vector<std::variant<Zivid::Settings, Zivid::Settings2D>> settings;
+    std::optional<Zivid::Frame> frame;
+    std::optional<Zivid::Frame2D> frame2d;
+};
+
+namespace {
+
+struct OutOfOrder : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
+void say(pz_message *message, const std::string &text) {
+    const size_t length = std::min(text.size(), sizeof message->text - 1);
+    std::memcpy(message->text, text.data(), length);
+    message->text[length] = '\0';
+}
+
+template <size_t N> void name(char (&target)[N], const std::string &text) {
+    if (text.size() >= N) {
+        throw std::length_error("a name of the camera is too long: " + text);
+    }
+    std::memcpy(target, text.c_str(), text.size() + 1);
+}
+
+// Runs a call; where it throws, the message is the SDK's and the status is `usual`, or says that the camera is gone.
+template <typename Call> pz_status guarded(pz_session *session, pz_status usual, pz_message *message, Call call) {
+    try {
+        call();
+        return PZ_OK;
+    } catch (const OutOfOrder &error) {
+        say(message, error.what());
+        return PZ_OUT_OF_ORDER;
+    } catch (const std::exception &error) {
+        say(message, Zivid::toString(error));
+    } catch (...) {
+        say(message, "an error without a description");
+    }
+    try {
+        const bool opened = session != nullptr && session->camera.has_value();
+        if (opened && session->camera->state().status() != Zivid::CameraState::Status::connected) {
+            return PZ_GONE;
+        }
+    } catch (...) {
+        return PZ_GONE; // a camera that cannot even say how it is
+    }
+    return usual;
+}
+
+Zivid::Camera &camera_of(pz_session *session) {
+    if (!session->camera) {
+        throw OutOfOrder("no camera is open");
+    }
+    return *session->camera;
+}
+
+template <typename Kind> const Kind &settings_of(pz_session *session, uint32_t slot) {
+    if (slot >= session->settings.size() || !std::holds_alternative<Kind>(session->settings[slot])) {
+        throw OutOfOrder("no such settings were read");
+    }
+    return std::get<Kind>(session->settings[slot]);
+}
+
+template <typename Duration> double in_ms(const Duration &duration) {
+    return std::chrono::duration_cast<std::chrono::duration<double, std::milli>>(duration).count();
+}
+
+uint64_t now_ns() {
+    // On Linux this clock is CLOCK_MONOTONIC, as the caller's.
+    const auto since = std::chrono::steady_clock::now().time_since_epoch();
+    return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
+}
+
+double lens_c(Zivid::Camera &camera) {
+    return camera.state().temperature().lens().value();
+}
+
+// Disconnects what an earlier process left connected; the SDK would call that camera busy.
+void let_go(Zivid::Application &application, const char *serial) {
+    for (auto &camera : application.cameras()) {
+        const bool is_it = serial == nullptr || camera.info().serialNumber().toString() == serial;
+        if (is_it && camera.state().status() == Zivid::CameraState::Status::connected) {
+            camera.disconnect();
+        }
+    }
+}
+
+template <typename Settings>
+pz_status read_settings(pz_session *session, const char *file, uint32_t *slot, pz_size *size, pz_message *message) {
+    return guarded(session, PZ_SETTINGS, message, [&] {
+        auto &camera = camera_of(session);
+        Settings settings(file);
+        if constexpr (std::is_same_v<Settings, Zivid::Settings>) {
+            if (!settings.color().hasValue()) {
+                throw std::runtime_error("these settings have no Color part: a 3D shot is taken with its colours");
+            }
+        }
+        const auto resolution = Zivid::Experimental::SettingsInfo::resolution(camera.info(), settings);
+        *size = {resolution.width(), resolution.height()};
+        *slot = static_cast<uint32_t>(session->settings.size());
+        session->settings.emplace_back(std::move(settings));
+    });
+}
+
+} // namespace
+
+extern "C" {
+
+uint32_t pz_interface(void) {
+    return PZ_INTERFACE;
+}
+
+pz_session *pz_begin(char sdk[PZ_NAME_BYTES], pz_message *message) {
+    pz_session *session = nullptr;
+    guarded(nullptr, PZ_NOT_FOUND, message, [&] {
+        char version[PZ_NAME_BYTES];
+        name(version, Zivid::Version::coreLibraryVersion());
+        session = new pz_session();
+        std::memcpy(sdk, version, sizeof version);
+    });
+    return session;
+}
+
+void pz_end(pz_session *session) {
+    pz_message ignored;
+    guarded(session, PZ_GONE, &ignored, [&] {
+        if (session->camera) {
+            session->camera->disconnect();
+        }
+    });
+    delete session;
+}
+
+pz_status pz_connect(pz_session *session, const char *serial, const char *file, pz_identity *identity,
+                     pz_message *message) {
+    if (session->camera) {
+        pz_message ignored; // it may be gone, which is why it is opened again
+        guarded(session, PZ_GONE, &ignored, [&] { session->camera->disconnect(); });
+        session->camera.reset();
+    }
+    session->frame.reset();
+    session->frame2d.reset();
+    session->settings.clear();
+    return guarded(session, PZ_NOT_FOUND, message, [&] {
+        auto &application = session->application;
+        if (file != nullptr) {
+            session->camera = application.createFileCamera(file);
+        } else {
+            let_go(application, serial);
+            session->camera = serial == nullptr ? application.connectCamera()
+                                                : application.connectCamera(Zivid::CameraInfo::SerialNumber{serial});
+        }
+        const auto info = session->camera->info();
+        name(identity->serial, info.serialNumber().toString());
+        name(identity->model, info.modelName().toString());
+    });
+}
+
+pz_status pz_settings_scan(pz_session *session, const char *file, uint32_t *slot, pz_size *size, pz_message *message) {
+    return read_settings<Zivid::Settings>(session, file, slot, size, message);
+}
+
+pz_status pz_settings_picture(pz_session *session, const char *file, uint32_t *slot, pz_size *size,
+                              pz_message *message) {
+    return read_settings<Zivid::Settings2D>(session, file, slot, size, message);
+}
+
+pz_status pz_scan(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        auto &camera = camera_of(session);
+        session->frame.reset(); // the SDK keeps two unfinished shots at most
+        session->frame = camera.capture2D3D(settings_of<Zivid::Settings>(session, slot));
+        taken->exposed_ns = now_ns(); // what follows may wait for the computation
+        const auto metrics = session->frame->info().metrics();
+        const auto cloud = session->frame->pointCloud();
+        taken->size = {cloud.width(), cloud.height()};
+        taken->throttled_ms = in_ms(metrics.throttlingTime().value());
+        taken->lens_c = lens_c(camera);
+    });
+}
+
+pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr, size_t pixels, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        if (!session->frame) {
+            throw OutOfOrder("no shot was taken");
+        }
+        const auto cloud = session->frame->pointCloud();
+        if (cloud.size() != pixels) {
+            throw OutOfOrder("there is room for " + std::to_string(pixels) + " points, the shot has " +
+                             std::to_string(cloud.size()));
+        }
+        const auto points = cloud.copyPointsXYZ();
+        std::memcpy(xyz, points.data(), pixels * sizeof(Zivid::PointXYZ));
+        const auto colors = cloud.copyColorsRGBA_SRGB();
+        for (size_t at = 0; at < pixels; ++at) {
+            const auto &color = colors.data()[at];
+            rgb[3 * at] = color.r, rgb[3 * at + 1] = color.g, rgb[3 * at + 2] = color.b;
+        }
+        const auto ratios = cloud.copySNRs();
+        std::memcpy(snr, ratios.data(), pixels * sizeof(float));
+        session->frame.reset();
+    });
+}
+
+pz_status pz_picture(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        auto &camera = camera_of(session);
+        session->frame2d.reset();
+        session->frame2d = camera.capture2D(settings_of<Zivid::Settings2D>(session, slot));
+        taken->exposed_ns = now_ns();
+        const auto metrics = session->frame2d->info().metrics();
+        const auto image = session->frame2d->imageRGBA_SRGB();
+        taken->size = {image.width(), image.height()};
+        taken->throttled_ms = in_ms(metrics.throttlingTime().value());
+        taken->lens_c = lens_c(camera);
+    });
+}
+
+pz_status pz_copy_picture(pz_session *session, uint8_t *rgb, size_t pixels, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        if (!session->frame2d) {
+            throw OutOfOrder("no picture was taken");
+        }
+        const auto image = session->frame2d->imageRGBA_SRGB();
+        const size_t found = image.width() * image.height();
+        if (found != pixels) {
+            throw OutOfOrder("there is room for " + std::to_string(pixels) + " pixels, the picture has " +
+                             std::to_string(found));
+        }
+        for (size_t at = 0; at < pixels; ++at) {
+            const auto &color = image.data()[at];
+            rgb[3 * at] = color.r, rgb[3 * at + 1] = color.g, rgb[3 * at + 2] = color.b;
+        }
+        session->frame2d.reset();
+    });
+}
+
+pz_status pz_intrinsics(pz_session *session, uint32_t slot, pz_lens *lens, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        auto &camera = camera_of(session);
+        if (slot >= session->settings.size()) {
+            throw OutOfOrder("no such settings were read");
+        }
+        const auto found = std::visit(
+            [&](const auto &settings) { return Zivid::Experimental::Calibration::intrinsics(camera, settings); },
+            session->settings[slot]);
+        const auto matrix = found.cameraMatrix();
+        const auto distortion = found.distortion();
+        *lens = {{matrix.fx().value(), matrix.fy().value(), matrix.cx().value(), matrix.cy().value()},
+                 {distortion.k1().value(), distortion.k2().value(), distortion.p1().value(), distortion.p2().value(),
+                  distortion.k3().value()}};
+    });
+}
+
+pz_status pz_state(pz_session *session, pz_temperatures *temperatures, pz_message *message) {
+    return guarded(session, PZ_GONE, message, [&] {
+        const auto state = camera_of(session).state();
+        if (state.status() != Zivid::CameraState::Status::connected) {
+            throw std::runtime_error("the camera is not connected");
+        }
+        const auto found = state.temperature();
+        *temperatures = {found.dmd().value(), found.general().value(), found.led().value(), found.lens().value(),
+                         found.pcb().value()};
+    });
+}
+
+} // extern "C"

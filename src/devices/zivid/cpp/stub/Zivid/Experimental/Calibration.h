@@ -1,0 +1,8 @@
+// As Zivid/Zivid.h of this folder says.
+#pragma once
+#include "../Zivid.h"
+
+namespace Zivid::Experimental::Calibration {
+CameraIntrinsics intrinsics(const Camera &camera, const Settings &settings);
+CameraIntrinsics intrinsics(const Camera &camera, const Settings2D &settings);
+} // namespace Zivid::Experimental::Calibration

@@ -1,0 +1,213 @@
+//! What goes wrong with the camera, in the words of the fault model (`faults.md`, C1–C11): what happened, what the program
+//! does, what to do.
+
+use std::time::Duration;
+
+/// A fault of the 3D camera. Each begins with its row of the fault model.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ZividFault {
+    /// No such camera.
+    #[error("C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds")]
+    NotFound(String),
+    /// The worker's program or its library is not there.
+    #[error("C1 the 3D camera's worker cannot work: {0}")]
+    NoWorker(String),
+    /// It was open and is gone.
+    #[error("C2 the 3D camera was lost during {during}: {message}; it is opened again by itself once it answers")]
+    Lost {
+        /// What was asked of it.
+        during: &'static str,
+        /// In the SDK's words.
+        message: String,
+    },
+    /// No answer in time.
+    #[error("C3 no answer within {} s to {during}, the worker was ended; {next}", waited.as_secs_f64())]
+    Timeout {
+        /// What was asked.
+        during: &'static str,
+        /// How long was waited.
+        waited: Duration,
+        /// What happens now.
+        next: Next,
+    },
+    /// The camera gave no shot, time after time.
+    #[error("C3 the 3D camera gave nothing for {during} in {tries} tries: {message}")]
+    NoShot {
+        /// What was asked.
+        during: &'static str,
+        /// How often.
+        tries: u32,
+        /// In the SDK's words.
+        message: String,
+    },
+    /// The camera paused to cool.
+    #[error(
+        "C3 the 3D camera is hot and paused for {paused_ms:.0} ms during {during}, allowed are {allowed_ms:.0}{}; let it cool, \
+         lower Brightness in its settings", lens(*lens_c)
+    )]
+    Throttled {
+        /// What was asked.
+        during: &'static str,
+        /// How long.
+        paused_ms: f64,
+        /// Allowed.
+        allowed_ms: f64,
+        /// Temperature of the lens, °C.
+        lens_c: Option<f64>,
+    },
+    /// What came is not whole, or not what was sent.
+    #[error("C4 {during} came damaged and was thrown away: {cause}; the worker was ended; {next}")]
+    Damaged {
+        /// What was asked.
+        during: &'static str,
+        /// What is wrong with it.
+        cause: String,
+        /// What happens now.
+        next: Next,
+    },
+    /// Points that are none.
+    #[error("C4 the shot has {0} points with a coordinate that is infinite and was thrown away")]
+    NotFinite(usize),
+    /// Another size than the calibrated one.
+    #[error(
+        "C5 {what}: {}×{} px, the camera's calibration says {}×{}; take full resolution in the settings, or calibrate with \
+         these", found_px[0], found_px[1], expected_px[0], expected_px[1]
+    )]
+    WrongSize {
+        /// What has it.
+        what: &'static str,
+        /// Width and height, px.
+        found_px: [usize; 2],
+        /// In the calibration.
+        expected_px: [usize; 2],
+    },
+    /// Another camera.
+    #[error("C5 the camera found is {found}, expected is {expected}: its calibration is for that one")]
+    WrongCamera {
+        /// Its serial number.
+        found: String,
+        /// The one of cell and calibration.
+        expected: String,
+    },
+    /// The worker is of another program.
+    #[error("C5 the worker's version is {found}, this program's is {expected}; restart the service after an upgrade")]
+    WrongVersion {
+        /// The worker's.
+        found: String,
+        /// This program's.
+        expected: String,
+    },
+    /// Settings that are not taken.
+    #[error("C5 {what} are refused: {message}")]
+    Settings {
+        /// Which, in words.
+        what: &'static str,
+        /// In the SDK's words.
+        message: String,
+    },
+    /// No points.
+    #[error(
+        "C6 no 3D data: {found_percent:.2} % of the shot's points are there, at least {needed_percent} % are needed; is the \
+         panel in the camera's range, its lens shut or wet, the exposure right?"
+    )]
+    NoPoints {
+        /// Found.
+        found_percent: f64,
+        /// Needed.
+        needed_percent: f64,
+    },
+    /// The same again, or an old one.
+    #[error("C9 the 3D camera stands still: {0}")]
+    Frozen(String),
+    /// The worker ended.
+    #[error("C11 the 3D camera's worker ended ({how}) during {during}; {next}")]
+    Ended {
+        /// How.
+        how: String,
+        /// What was going on.
+        during: &'static str,
+        /// What happens now.
+        next: Next,
+    },
+    /// The worker is being started.
+    #[error("C11 the 3D camera's worker starts, since {} s; its first shot may take {} s more", since.as_secs(), most.as_secs())]
+    Starting {
+        /// For how long now.
+        since: Duration,
+        /// How long it may take at most.
+        most: Duration,
+    },
+    /// The worker stays down.
+    #[error(
+        "C11 the 3D camera's worker stays down: it ended {ended} times within {} min, {allowed} restarts are allowed. Last: \
+         {last}. Mend the cause, then reset; not before {} s from now", within.as_secs() / 60, wait.as_secs()
+    )]
+    Down {
+        /// How often it ended.
+        ended: usize,
+        /// Restarts that are allowed.
+        allowed: usize,
+        /// In this time.
+        within: Duration,
+        /// The fault before, in words.
+        last: String,
+        /// Until it may be started.
+        wait: Duration,
+    },
+    /// A protocol of the worker that it does not hold to, or a request out of order.
+    #[error("C11 the worker refuses {during}: {message}")]
+    OutOfOrder {
+        /// What was asked.
+        during: &'static str,
+        /// In its words.
+        message: String,
+    },
+}
+
+/// What happens to a worker that was lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Next {
+    /// It is started again.
+    Restart {
+        /// Counted from 1.
+        number: usize,
+        /// Of so many.
+        of: usize,
+        /// In this time.
+        within: Duration,
+    },
+    /// It is not.
+    StaysDown,
+}
+
+impl std::fmt::Display for Next {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Next::Restart { number, of, within } => {
+                write!(f, "it is started again, restart {number} of {of} in {} min", within.as_secs() / 60)
+            }
+            Next::StaysDown => f.write_str("it stays down, its restarts are used up"),
+        }
+    }
+}
+
+fn lens(lens_c: Option<f64>) -> String {
+    lens_c.map_or(String::new(), |celsius| format!(", its lens has {celsius:.0} °C"))
+}
+
+impl ZividFault {
+    /// Its row of the fault model.
+    pub fn row(&self) -> &'static str {
+        use ZividFault as F;
+        match self {
+            F::NotFound(_) | F::NoWorker(_) => "C1",
+            F::Lost { .. } => "C2",
+            F::Timeout { .. } | F::NoShot { .. } | F::Throttled { .. } => "C3",
+            F::Damaged { .. } | F::NotFinite(_) => "C4",
+            F::WrongSize { .. } | F::WrongCamera { .. } | F::WrongVersion { .. } | F::Settings { .. } => "C5",
+            F::NoPoints { .. } => "C6",
+            F::Frozen(_) => "C9",
+            F::Ended { .. } | F::Starting { .. } | F::Down { .. } | F::OutOfOrder { .. } => "C11",
+        }
+    }
+}

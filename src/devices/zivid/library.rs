@@ -1,0 +1,331 @@
+//! `libpanelprep_zivid.so`, opened at run time: the camera behind the SDK. Only the worker does this.
+//!
+//! This file is the foreign boundary and holds all that is `unsafe` in the program: the library's own initialisation runs when
+//! it is opened, and its functions are called by the types that `cpp/panelprep_zivid.h` declares. The number of that
+//! interface is asked before anything else, so that an older or newer library is refused and not called. Sizes are those
+//! of the buffers that are handed over. A session is used by one thread at a time (`&mut self`).
+#![allow(unsafe_code, reason = "calls into the camera vendor's SDK go through a C interface")]
+
+use super::message::{Identity, Lens, Refusal, Size, Source, Temperatures, Trouble, Use};
+use super::sensor::{Exposed, Planes, Sensor, Slot};
+use libloading::Library;
+use std::ffi::{CStr, CString, OsStr, c_char};
+use std::os::unix::ffi::OsStrExt;
+use std::path::{Path, PathBuf};
+use std::ptr::{NonNull, null};
+
+/// `PZ_INTERFACE` of the header that this file was written by.
+const INTERFACE: u32 = 1;
+const NAME_BYTES: usize = 64;
+const MESSAGE_BYTES: usize = 1024;
+
+/// Why the library cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum LibraryError {
+    /// It cannot be opened, or lacks a function.
+    #[error(
+        "{}: {cause}; build it where the Zivid SDK is installed with `make zivid`, or name it with [scanner] library",
+        file.display()
+    )]
+    Open {
+        /// The library.
+        file: PathBuf,
+        /// What the system says.
+        cause: libloading::Error,
+    },
+    /// It was built by another header.
+    #[error("{}: its interface is number {found}, this program's {INTERFACE}; build it again with `make zivid`", file.display())]
+    Interface {
+        /// The library.
+        file: PathBuf,
+        /// Its number.
+        found: u32,
+    },
+    /// The SDK does not start.
+    #[error("the Zivid SDK does not start: {0}")]
+    Sdk(String),
+}
+
+#[repr(C)]
+struct Message {
+    text: [c_char; MESSAGE_BYTES],
+}
+
+#[repr(C)]
+struct RawIdentity {
+    serial: [c_char; NAME_BYTES],
+    model: [c_char; NAME_BYTES],
+}
+
+#[repr(C)]
+#[derive(Clone, Copy, Default)]
+struct RawSize {
+    width: u64,
+    height: u64,
+}
+
+#[repr(C)]
+#[derive(Default)]
+struct RawTaken {
+    size: RawSize,
+    exposed_ns: u64,
+    throttled_ms: f64,
+    lens_c: f64,
+}
+
+#[repr(C)]
+#[derive(Default)]
+struct RawTemperatures {
+    dmd_c: f64,
+    general_c: f64,
+    led_c: f64,
+    lens_c: f64,
+    pcb_c: f64,
+}
+
+#[repr(C)]
+#[derive(Default)]
+struct RawLens {
+    matrix_px: [f64; 4],
+    distortion: [f64; 5],
+}
+
+/// `pz_session`, which only the library sees into.
+#[repr(C)]
+struct RawSession {
+    _private: [u8; 0],
+}
+
+type Session = *mut RawSession;
+type Status = i32;
+
+/// The library's functions. They stay valid while it is open, which is as long as this program runs: an SDK with threads
+/// of its own is not closed under them.
+struct Functions {
+    end: unsafe extern "C" fn(Session),
+    connect:
+        unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
+    settings_scan: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
+    settings_picture: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
+    scan: unsafe extern "C" fn(Session, u32, *mut RawTaken, *mut Message) -> Status,
+    copy_scan: unsafe extern "C" fn(Session, *mut f32, *mut u8, *mut f32, usize, *mut Message) -> Status,
+    picture: unsafe extern "C" fn(Session, u32, *mut RawTaken, *mut Message) -> Status,
+    copy_picture: unsafe extern "C" fn(Session, *mut u8, usize, *mut Message) -> Status,
+    intrinsics: unsafe extern "C" fn(Session, u32, *mut RawLens, *mut Message) -> Status,
+    state: unsafe extern "C" fn(Session, *mut RawTemperatures, *mut Message) -> Status,
+}
+
+/// A camera behind the SDK.
+pub struct Sdk {
+    functions: Functions,
+    session: NonNull<RawSession>,
+    version: String,
+}
+
+// SAFETY: the header allows a session to be used by one thread at a time, whichever that is, and `&mut self` holds
+// callers to that; nothing of it is shared.
+unsafe impl Send for Sdk {}
+
+impl Sdk {
+    /// Opens the library and starts the SDK.
+    ///
+    /// # Errors
+    /// Where the library cannot be opened or is of another interface, or the SDK does not start.
+    pub fn open(file: &Path) -> Result<Self, LibraryError> {
+        let failed = |cause| LibraryError::Open { file: file.to_owned(), cause };
+        // SAFETY: the library's initialisation is the vendor's and ours; it runs in a process that is there for it.
+        let library: &'static Library = Box::leak(Box::new(unsafe { Library::new(file) }.map_err(failed)?));
+        // SAFETY: of every interface, this function has this type.
+        let interface: unsafe extern "C" fn() -> u32 =
+            *unsafe { library.get(b"pz_interface\0") }.map_err(failed)?;
+        // SAFETY: it takes nothing and gives a number.
+        let found = unsafe { interface() };
+        if found != INTERFACE {
+            return Err(LibraryError::Interface { file: file.to_owned(), found });
+        }
+        macro_rules! function {
+            // SAFETY: of this interface, the function of this name has the type that it is assigned to, as the header
+            // declares it.
+            ($name:literal) => {
+                *unsafe { library.get(concat!("pz_", $name, "\0").as_bytes()) }.map_err(failed)?
+            };
+        }
+        let begin: unsafe extern "C" fn(*mut c_char, *mut Message) -> Session = function!("begin");
+        let functions = Functions {
+            end: function!("end"),
+            connect: function!("connect"),
+            settings_scan: function!("settings_scan"),
+            settings_picture: function!("settings_picture"),
+            scan: function!("scan"),
+            copy_scan: function!("copy_scan"),
+            picture: function!("picture"),
+            copy_picture: function!("copy_picture"),
+            intrinsics: function!("intrinsics"),
+            state: function!("state"),
+        };
+        let (mut sdk, mut message) = ([0; NAME_BYTES], Message::empty());
+        // SAFETY: both buffers have the sizes that the header names.
+        let session = unsafe { begin(sdk.as_mut_ptr(), &raw mut message) };
+        let session = NonNull::new(session).ok_or_else(|| LibraryError::Sdk(message.read()))?;
+        Ok(Sdk { functions, session, version: words(&sdk) })
+    }
+
+    /// Makes a call and reads its status.
+    fn call(&mut self, call: impl FnOnce(&Functions, Session, *mut Message) -> Status) -> Result<(), Refusal> {
+        let mut message = Message::empty();
+        let trouble = match call(&self.functions, self.session.as_ptr(), &raw mut message) {
+            0 => return Ok(()),
+            1 => Trouble::NotFound,
+            2 => Trouble::Gone,
+            3 => Trouble::NoShot,
+            4 => Trouble::Settings,
+            _ => Trouble::OutOfOrder,
+        };
+        Err(Refusal { trouble, message: message.read() })
+    }
+}
+
+impl Drop for Sdk {
+    fn drop(&mut self) {
+        // SAFETY: the session is open, and nobody uses it afterwards.
+        unsafe { (self.functions.end)(self.session.as_ptr()) }
+    }
+}
+
+impl Sensor for Sdk {
+    fn sdk(&self) -> String {
+        self.version.clone()
+    }
+
+    fn connect(&mut self, source: &Source) -> Result<Identity, Refusal> {
+        let (serial, file) = match source {
+            Source::Only => (None, None),
+            Source::Serial(serial) => (Some(c_string(serial.as_ref())?), None),
+            Source::File(file) => (None, Some(c_string(file.as_ref())?)),
+        };
+        let pointer = |text: &Option<CString>| text.as_ref().map_or(null(), |text| text.as_ptr());
+        let (serial, file) = (&serial, &file);
+        let mut identity = RawIdentity { serial: [0; NAME_BYTES], model: [0; NAME_BYTES] };
+        let into = &raw mut identity;
+        self.call(|functions, session, message| {
+            // SAFETY: the texts end in NUL or are null and outlive the call, and so do identity and message.
+            unsafe { (functions.connect)(session, pointer(serial), pointer(file), into, message) }
+        })?;
+        Ok(Identity { serial: words(&identity.serial), model: words(&identity.model) })
+    }
+
+    fn settings(&mut self, usage: Use, file: &Path) -> Result<(Slot, Size), Refusal> {
+        let file = c_string(file.as_os_str())?;
+        let (mut slot, mut size) = (0, RawSize::default());
+        let (slot_into, size_into) = (&raw mut slot, &raw mut size);
+        self.call(|functions, session, message| {
+            let read = match usage {
+                Use::Scan => functions.settings_scan,
+                Use::Picture => functions.settings_picture,
+            };
+            // SAFETY: the text ends in NUL, and all that is pointed at outlives the call.
+            unsafe { read(session, file.as_ptr(), slot_into, size_into, message) }
+        })?;
+        Ok((Slot(slot), size.checked()?))
+    }
+
+    fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal> {
+        let mut taken = RawTaken::default();
+        let into = &raw mut taken;
+        // SAFETY: what is pointed at outlives the call.
+        self.call(|functions, session, message| unsafe { (functions.scan)(session, slot.0, into, message) })?;
+        let exposed = taken.read()?;
+        let mut planes = Planes::of(exposed.size);
+        let pixels = planes.points_mm.len();
+        let (points, colors) = (planes.points_mm.as_flattened_mut(), planes.colors.as_flattened_mut());
+        let (points, colors, snr) = (points.as_mut_ptr(), colors.as_mut_ptr(), planes.snr.as_mut_ptr());
+        self.call(|functions, session, message| {
+            // SAFETY: the planes have 3, 3 and 1 numbers for each of so many pixels, and outlive the call.
+            unsafe { (functions.copy_scan)(session, points, colors, snr, pixels, message) }
+        })?;
+        Ok((exposed, planes))
+    }
+
+    fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal> {
+        let mut taken = RawTaken::default();
+        let into = &raw mut taken;
+        // SAFETY: what is pointed at outlives the call.
+        self.call(|functions, session, message| unsafe { (functions.picture)(session, slot.0, into, message) })?;
+        let exposed = taken.read()?;
+        let mut rgb = vec![[0; 3]; exposed.size.pixels()];
+        let (pixels, bytes) = (rgb.len(), rgb.as_flattened_mut().as_mut_ptr());
+        self.call(|functions, session, message| {
+            // SAFETY: there are 3 bytes for each of so many pixels, and they outlive the call.
+            unsafe { (functions.copy_picture)(session, bytes, pixels, message) }
+        })?;
+        Ok((exposed, rgb))
+    }
+
+    fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal> {
+        let mut lens = RawLens::default();
+        let into = &raw mut lens;
+        // SAFETY: what is pointed at outlives the call.
+        self.call(|functions, session, message| unsafe { (functions.intrinsics)(session, slot.0, into, message) })?;
+        Ok(Lens { matrix_px: lens.matrix_px, distortion: lens.distortion })
+    }
+
+    fn state(&mut self) -> Result<Temperatures, Refusal> {
+        let mut found = RawTemperatures::default();
+        let into = &raw mut found;
+        // SAFETY: what is pointed at outlives the call.
+        self.call(|functions, session, message| unsafe { (functions.state)(session, into, message) })?;
+        let told = |celsius: f64| Some(celsius).filter(|celsius| celsius.is_finite());
+        let RawTemperatures { dmd_c, general_c, led_c, lens_c, pcb_c } = found;
+        let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(told);
+        Ok(Temperatures { dmd_c, general_c, led_c, lens_c, pcb_c })
+    }
+}
+
+impl Message {
+    fn empty() -> Self {
+        Message { text: [0; MESSAGE_BYTES] }
+    }
+
+    fn read(&self) -> String {
+        words(&self.text)
+    }
+}
+
+/// The largest side of a picture: far beyond any camera of this kind, and small enough to reckon with.
+const MOST_SIDE_PX: u64 = 16_384;
+
+impl RawSize {
+    fn checked(self) -> Result<Size, Refusal> {
+        let side = |pixels: u64| usize::try_from(pixels).ok().filter(|_| (1..=MOST_SIDE_PX).contains(&pixels));
+        match (side(self.width), side(self.height)) {
+            (Some(width), Some(height)) => Ok(Size { width, height }),
+            _ => {
+                let message = format!("a shot of {}×{} pixels is none", self.width, self.height);
+                Err(Refusal { trouble: Trouble::NoShot, message })
+            }
+        }
+    }
+}
+
+impl RawTaken {
+    fn read(&self) -> Result<Exposed, Refusal> {
+        let lens_c = Some(self.lens_c).filter(|celsius| celsius.is_finite());
+        let throttled_ms = if self.throttled_ms.is_finite() { self.throttled_ms } else { 0.0 };
+        Ok(Exposed { size: self.size.checked()?, exposed_ns: self.exposed_ns, throttled_ms, lens_c })
+    }
+}
+
+/// Text up to its NUL; all of it where there is none.
+fn words(text: &[c_char]) -> String {
+    let bytes: Vec<u8> = text.iter().map(|&c| c.to_ne_bytes()[0]).collect();
+    let text = CStr::from_bytes_until_nul(&bytes).map_or(bytes.as_slice(), CStr::to_bytes);
+    String::from_utf8_lossy(text).into_owned()
+}
+
+fn c_string(text: &OsStr) -> Result<CString, Refusal> {
+    let refused = |_| Refusal {
+        trouble: Trouble::Settings,
+        message: format!("{} holds a NUL", text.display()),
+    };
+    CString::new(text.as_bytes()).map_err(refused)
+}

@@ -1,0 +1,161 @@
+//! The daemon's end of the socket: one request, one answer, each by its deadline.
+
+use super::clock::now_ns;
+use super::message::{Hello, Reply, Request, Size, Taken};
+use super::sensor::Planes;
+use super::wire::{self, Kind, Opened, WireError};
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// A connection to a worker.
+#[derive(Debug)]
+pub struct Link {
+    stream: UnixStream,
+    sequence: u32,
+    is_ending: Arc<AtomicBool>,
+}
+
+/// An answer with what came along.
+#[derive(Debug)]
+pub enum Answer {
+    /// Words alone.
+    Words(Reply),
+    /// A 3D shot.
+    Scan(Came, Planes),
+    /// A picture.
+    Picture(Came, Vec<[u8; 3]>),
+}
+
+/// How a shot came.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Came {
+    /// How it was taken.
+    pub taken: Taken,
+    /// The checksum of its payload.
+    pub sum: u32,
+    /// When it had come whole, ns of the monotonic clock.
+    pub came_ns: u64,
+}
+
+impl Link {
+    /// Over this socket; where `is_ending` becomes true, what is waited for is given up.
+    pub fn new(stream: UnixStream, is_ending: Arc<AtomicBool>) -> Self {
+        Link { stream, sequence: 0, is_ending }
+    }
+
+    /// The worker's first words.
+    ///
+    /// # Errors
+    /// Where they do not come in time or are not read.
+    pub fn hello(&mut self, within: Duration) -> Result<Hello, WireError> {
+        let mut timed = self.timed(Instant::now() + within);
+        let opened = wire::open(&mut timed, Kind::Hello)?;
+        let hello = serde_json::from_slice(&opened.head)?;
+        opened.without_payload(&mut timed)?;
+        Ok(hello)
+    }
+
+    /// Asks, and waits for the answer.
+    ///
+    /// # Errors
+    /// Where none comes in time, or what comes is none. Nothing can be asked afterwards: who knows what is under way.
+    pub fn ask(&mut self, request: &Request, within: Duration) -> Result<Answer, WireError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let sequence = self.sequence;
+        let mut timed = self.timed(Instant::now() + within);
+        wire::write(&mut timed, (Kind::Request, sequence), &serde_json::to_vec(request)?, &[])?;
+        let opened = wire::open(&mut timed, Kind::Reply)?;
+        if opened.sequence != sequence {
+            return Err(WireError::Sequence { found: opened.sequence, allowed: sequence });
+        }
+        match serde_json::from_slice(&opened.head)? {
+            Reply::Scan(taken) => scan(opened, &mut timed, taken),
+            Reply::Picture(taken) => {
+                opened.holds(bytes(taken.size, 3))?;
+                let mut rgb = vec![[0; 3]; taken.size.pixels()];
+                let sum = opened.payload(&mut timed, &mut [rgb.as_flattened_mut()])?;
+                Ok(Answer::Picture(Came { taken, sum, came_ns: now_ns() }, rgb))
+            }
+            words => {
+                opened.without_payload(&mut timed)?;
+                Ok(Answer::Words(words))
+            }
+        }
+    }
+
+    fn timed(&self, until: Instant) -> Timed<'_> {
+        Timed { stream: &self.stream, until, is_ending: &self.is_ending }
+    }
+}
+
+/// x, y, z as f32, three colours, one f32.
+const SCAN_BYTES: usize = 12 + 3 + 4;
+
+fn bytes(size: Size, each: usize) -> usize {
+    size.pixels().saturating_mul(each)
+}
+
+fn scan(opened: Opened, timed: &mut Timed<'_>, taken: Taken) -> Result<Answer, WireError> {
+    opened.holds(bytes(taken.size, SCAN_BYTES))?;
+    // Read where it stays.
+    let mut planes = Planes::of(taken.size);
+    let into = &mut [
+        bytemuck::cast_slice_mut(planes.points_mm.as_mut_slice()),
+        planes.colors.as_flattened_mut(),
+        bytemuck::cast_slice_mut(planes.snr.as_mut_slice()),
+    ];
+    let sum = opened.payload(timed, into)?;
+    Ok(Answer::Scan(Came { taken, sum, came_ns: now_ns() }, planes))
+}
+
+/// How often is looked whether the program ends.
+const GLANCE: Duration = Duration::from_millis(100);
+
+/// A socket with a deadline for all that is read and written.
+struct Timed<'a> {
+    stream: &'a UnixStream,
+    until: Instant,
+    is_ending: &'a AtomicBool,
+}
+
+impl Timed<'_> {
+    /// How long to wait at once; an error where it is over.
+    fn patience(&self) -> std::io::Result<Duration> {
+        if self.is_ending.load(Ordering::Relaxed) {
+            return Err(std::io::Error::other("the program ends"));
+        }
+        let left = self.until.saturating_duration_since(Instant::now());
+        if left.is_zero() { Err(ErrorKind::TimedOut.into()) } else { Ok(left.min(GLANCE)) }
+    }
+}
+
+impl Read for Timed<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> std::io::Result<usize> {
+        loop {
+            self.stream.set_read_timeout(Some(self.patience()?))?;
+            match (&*self.stream).read(bytes) {
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                other => return other,
+            }
+        }
+    }
+}
+
+impl Write for Timed<'_> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        loop {
+            self.stream.set_write_timeout(Some(self.patience()?))?;
+            match (&*self.stream).write(bytes) {
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                other => return other,
+            }
+        }
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        Ok(())
+    }
+}

@@ -1,0 +1,231 @@
+//! What daemon and worker say to each other: the heads of the frames.
+//!
+//! The daemon asks, the worker answers each request once, in order. Settings travel as the text of their YAML file and
+//! are named by its SHA-256 from then on, so that nobody takes a shot with other settings than were sent. Times
+//! are of `CLOCK_MONOTONIC`, which both processes read.
+
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+
+/// Which camera to open.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The only one found.
+    Only,
+    /// The one with this serial number.
+    Serial(String),
+    /// A file camera, `.zfc`: the SDK computes from raw pictures that were recorded once.
+    File(PathBuf),
+}
+
+/// What settings are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Use {
+    /// 3D shots with colour.
+    Scan,
+    /// Colour pictures.
+    Picture,
+}
+
+/// SHA-256 of a settings file, hexadecimal.
+pub type SettingsHash = String;
+
+/// What the daemon asks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// Open this camera; one that is open is closed first.
+    Connect {
+        /// Which.
+        source: Source,
+    },
+    /// Read these settings.
+    Settings {
+        /// What for.
+        usage: Use,
+        /// The file's text.
+        yaml: String,
+        /// Its hash.
+        hash: SettingsHash,
+    },
+    /// A 3D shot with colour.
+    Scan {
+        /// By these settings.
+        settings: SettingsHash,
+    },
+    /// A picture.
+    Picture {
+        /// By these settings.
+        settings: SettingsHash,
+    },
+    /// Pictures one after the other, from now on.
+    BeginClip {
+        /// By these settings.
+        settings: SettingsHash,
+        /// At most so many a second.
+        pictures_per_second: f64,
+    },
+    /// The next of them. Those that nobody took in time are gone.
+    NextPicture,
+    /// No more of them.
+    EndClip,
+    /// The camera's model of its lens at these settings.
+    Intrinsics {
+        /// The settings.
+        settings: SettingsHash,
+    },
+    /// Its temperatures.
+    State,
+}
+
+/// What the worker says when it begins.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hello {
+    /// The program's version.
+    pub program: String,
+    /// The SDK's version, or why there is none.
+    pub sdk: Result<String, String>,
+}
+
+/// What the worker answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Reply {
+    /// The camera is open.
+    Connected(Identity),
+    /// The settings were read.
+    Settings(Size),
+    /// A 3D shot: its payload is x, y, z of each point as f32, mm; then red, green, blue; then the signal to noise
+    /// ratio as f32.
+    Scan(Taken),
+    /// A picture: its payload is red, green, blue.
+    Picture(Taken),
+    /// The clip goes on.
+    ClipBegun,
+    /// The clip is over.
+    ClipEnded(ClipEnd),
+    /// The lens.
+    Intrinsics(Lens),
+    /// The temperatures.
+    State(Temperatures),
+    /// It cannot be done.
+    Refused(Refusal),
+}
+
+/// Which camera it is.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Identity {
+    /// Serial number.
+    pub serial: String,
+    /// Model.
+    pub model: String,
+}
+
+/// What settings deliver.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Size {
+    /// Columns, px.
+    pub width: usize,
+    /// Rows, px.
+    pub height: usize,
+}
+
+impl Size {
+    /// Pixels.
+    pub fn pixels(self) -> usize {
+        self.width.saturating_mul(self.height)
+    }
+}
+
+/// What is told of a shot or picture.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Taken {
+    /// Its size.
+    pub size: Size,
+    /// The settings that it was taken with.
+    pub settings: SettingsHash,
+    /// The camera's serial number.
+    pub serial: String,
+    /// Shots and pictures of this worker so far, this one too.
+    pub number: u64,
+    /// When the camera was asked for it, ns of the monotonic clock.
+    pub begun_ns: u64,
+    /// When the exposure was over.
+    pub exposed_ns: u64,
+    /// When its data were there.
+    pub ready_ns: u64,
+    /// How long the camera paused because it is hot, ms.
+    pub throttled_ms: f64,
+    /// Temperature of the lens, °C, where the camera tells it.
+    pub lens_c: Option<f64>,
+    /// Of a clip: pictures that were taken and that nobody took over, since it began.
+    pub dropped: u64,
+}
+
+/// How a clip ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ClipEnd {
+    /// Pictures taken.
+    pub taken: u64,
+    /// Of these, pictures that nobody took over in time.
+    pub dropped: u64,
+}
+
+/// The camera's own model of its lens, as OpenCV has it; the vendor calls it an approximation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// fx, fy, cx, cy, px.
+    pub matrix_px: [f64; 4],
+    /// k1, k2, p1, p2, k3.
+    pub distortion: [f64; 5],
+}
+
+/// The camera's temperatures, °C, each where it tells it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Temperatures {
+    /// The projector's mirrors.
+    pub dmd_c: Option<f64>,
+    /// Of the housing, in general.
+    pub general_c: Option<f64>,
+    /// The projector's light.
+    pub led_c: Option<f64>,
+    /// The lens.
+    pub lens_c: Option<f64>,
+    /// The board.
+    pub pcb_c: Option<f64>,
+}
+
+/// Why it cannot be done.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Refusal {
+    /// What kind of trouble.
+    pub trouble: Trouble,
+    /// In the worker's or the SDK's words.
+    pub message: String,
+}
+
+/// What kind of trouble.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Trouble {
+    /// There is no such camera, or it is in use.
+    NotFound,
+    /// The camera was open and is gone.
+    Gone,
+    /// The camera gave no shot; the next one may be good.
+    NoShot,
+    /// The settings are not the ones that were sent, or not ones that the SDK takes.
+    Settings,
+    /// Nothing of that kind goes on: a picture of no clip, a shot without a camera.
+    OutOfOrder,
+}

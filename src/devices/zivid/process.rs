@@ -1,0 +1,87 @@
+//! The worker as a process: the same program in another role, with one end of a socket as its standard input.
+//!
+//! What the SDK prints goes to standard error, with the service's own log. A worker that is let go hangs up by itself; one that
+//! does not within a moment is killed, and so is one whose daemon ends without a word.
+
+use std::ffi::OsString;
+use std::io;
+use std::os::fd::{AsFd, OwnedFd};
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Who is at the other end of a socket.
+pub trait Peer: Send {
+    /// Ends it now, whatever it does.
+    fn kill(&mut self);
+    /// How it ended, where it does so within this time.
+    fn ended(&mut self, within: Duration) -> Option<String>;
+    /// Its process.
+    fn id(&self) -> Option<u32>;
+}
+
+/// Starts a worker and gives the daemon's end of its socket.
+pub type Launcher = Box<dyn FnMut() -> io::Result<(UnixStream, Box<dyn Peer>)> + Send>;
+
+/// Starts this program with these arguments.
+pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
+    Box::new(move || {
+        let (ours, theirs) = UnixStream::pair()?;
+        let child = Command::new(&program)
+            .args(&arguments)
+            .stdin(Stdio::from(OwnedFd::from(theirs)))
+            .stdout(Stdio::from(io::stderr().as_fd().try_clone_to_owned()?))
+            .stderr(Stdio::inherit())
+            .spawn()?;
+        Ok((ours, Box::new(Process { child }) as Box<dyn Peer>))
+    })
+}
+
+struct Process {
+    child: Child,
+}
+
+/// Between looks whether it has ended.
+const LOOK: Duration = Duration::from_millis(5);
+
+impl Peer for Process {
+    fn kill(&mut self) {
+        // Fails only where it has ended already.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
+    fn ended(&mut self, within: Duration) -> Option<String> {
+        let until = Instant::now() + within;
+        loop {
+            match self.child.try_wait() {
+                Ok(Some(status)) => return Some(status.to_string()),
+                Ok(None) if Instant::now() < until => std::thread::sleep(LOOK),
+                Ok(None) => return None,
+                Err(error) => return Some(format!("its end is not known: {error}")),
+            }
+        }
+    }
+
+    fn id(&self) -> Option<u32> {
+        Some(self.child.id())
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        self.kill();
+    }
+}
+
+/// The worker's end of its socket: its standard input. From here on the process ends with its daemon.
+///
+/// # Errors
+/// Where standard input is no socket, as when a person starts this.
+pub fn daemon() -> io::Result<UnixStream> {
+    rustix::process::set_parent_process_death_signal(Some(rustix::process::Signal::KILL))?;
+    let input = io::stdin().as_fd().try_clone_to_owned()?;
+    rustix::net::sockopt::socket_domain(&input)?;
+    Ok(UnixStream::from(input))
+}

@@ -1,0 +1,234 @@
+//! The Zivid as the cell's fixed camera.
+
+use super::fault::ZividFault;
+use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage};
+use super::link::Came;
+use super::message::{ClipEnd, Lens, Size, Taken, Temperatures};
+use super::process::Launcher;
+use crate::devices::cameras::{CameraError, Picture, Scanner, Shot};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// A 3D shot with all that is known of it.
+#[derive(Debug, Clone)]
+pub struct ZividShot {
+    /// Points and colours.
+    pub cloud: OrganizedCloud<Camera>,
+    /// Signal to noise ratio of each point.
+    pub snr: Vec<f32>,
+    /// How it was taken.
+    pub taken: Taken,
+    /// From there in the worker to here, checked, ms.
+    pub crossed_ms: f64,
+}
+
+/// A picture with all that is known of it.
+#[derive(Debug, Clone)]
+pub struct ZividPicture {
+    /// The picture.
+    pub picture: ColorPicture,
+    /// How it was taken; of a clip also how many were dropped so far.
+    pub taken: Taken,
+}
+
+/// The fixed camera behind its worker.
+pub struct ZividScanner {
+    orders: Sender<Order>,
+    shared: Arc<Shared>,
+    patience: Patience,
+    size: Size,
+}
+
+/// How long a check waits for a worker that is being started.
+const CHECK_PATIENCE: Duration = Duration::from_secs(10);
+/// How often one who waits for an answer looks whether the camera still delivers.
+const LOOK: Duration = Duration::from_millis(50);
+
+impl ZividScanner {
+    /// Begins to start the worker; the camera is there when it is warm.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn start(setup: Setup, launch: Launcher) -> std::io::Result<Self> {
+        let (orders, taken) = mpsc::channel();
+        let shared = Arc::new(Shared::new());
+        let (patience, size) = (setup.patience, setup.size);
+        let host = Host::new(setup, launch, shared.clone());
+        thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
+        Ok(ZividScanner { orders, shared, patience, size })
+    }
+
+    /// Waits until the camera delivers, as long as that may take.
+    ///
+    /// # Errors
+    /// Where it does not.
+    pub fn ready(&self, within: Duration) -> Result<(), ZividFault> {
+        match self.shared.settled(within) {
+            Stage::Ready(_) => Ok(()),
+            Stage::NoCamera(fault) | Stage::Down(fault) => Err(fault),
+            Stage::Starting(since) => Err(self.starting(since)),
+        }
+    }
+
+    fn starting(&self, since: Instant) -> ZividFault {
+        ZividFault::Starting { since: since.elapsed(), most: self.patience.start() }
+    }
+
+    /// What went wrong so far, how often a worker was lost, and the worker's process.
+    pub fn history(&self) -> (Vec<ZividFault>, usize, Option<u32>) {
+        let status = self.shared.status();
+        (status.faults.iter().cloned().collect(), status.lost, status.worker)
+    }
+
+    fn ask(&self, ask: Ask) -> Result<Found, ZividFault> {
+        if ask != Ask::Check {
+            // Nobody waits for a start.
+            self.ready(Duration::ZERO)?;
+        }
+        let is_given_up = Arc::new(AtomicBool::new(false));
+        let (answer, answered) = mpsc::channel();
+        let order = Order { ask, is_given_up: is_given_up.clone(), answer };
+        let gone = || ZividFault::NoWorker("the thread that keeps it has ended".to_owned());
+        self.orders.send(order).map_err(|_| gone())?;
+        loop {
+            match answered.recv_timeout(LOOK) {
+                Ok(found) => return found,
+                Err(RecvTimeoutError::Disconnected) => return Err(gone()),
+                // It was lost before it was asked, and is being started: that may take minutes.
+                Err(RecvTimeoutError::Timeout) if ask != Ask::Check => {
+                    if let Stage::Starting(since) = self.shared.status().stage {
+                        is_given_up.store(true, Ordering::Relaxed);
+                        // Of a worker that was lost by this very question the answer is on its way.
+                        return answered.recv_timeout(LOOK).unwrap_or(Err(self.starting(since)));
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+        }
+    }
+
+    /// A 3D shot with colours.
+    ///
+    /// # Errors
+    /// Where the camera gives none that can be accepted; likewise for the others.
+    pub fn shot(&mut self) -> Result<ZividShot, ZividFault> {
+        match self.ask(Ask::Scan)? {
+            Found::Scan(Came { taken, came_ns, .. }, planes) => {
+                let Size { width, height } = taken.size;
+                let crossed_ms = came_ns.saturating_sub(taken.ready_ns) as f64 * 1e-6;
+                let cloud = OrganizedCloud::new(width, height, planes.points_mm, planes.colors)
+                    .map_err(|error| unexpected(&error))?;
+                Ok(ZividShot { cloud, snr: planes.snr, taken, crossed_ms })
+            }
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+
+    /// One picture.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn photo(&mut self) -> Result<ZividPicture, ZividFault> {
+        self.picture_of(Ask::Picture)
+    }
+
+    /// Begins to take pictures one after the other, at most so many a second; another shot ends that.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), ZividFault> {
+        self.ask(Ask::BeginClip(pictures_per_second)).map(drop)
+    }
+
+    /// The next picture of the clip. Those that are not taken over in time are dropped, the oldest first, and counted.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn next_of_clip(&mut self) -> Result<ZividPicture, ZividFault> {
+        self.picture_of(Ask::NextPicture)
+    }
+
+    /// Ends the clip.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn end_clip(&mut self) -> Result<ClipEnd, ZividFault> {
+        match self.ask(Ask::EndClip)? {
+            Found::Clip(end) => Ok(end),
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+
+    /// The camera's own model of its lens at the settings of 3D shots.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn intrinsics(&mut self) -> Result<Lens, ZividFault> {
+        match self.ask(Ask::Intrinsics)? {
+            Found::Lens(lens) => Ok(lens),
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+
+    /// The camera's temperatures. Waits a while for one that is being started, and has one started that stays down,
+    /// where its restarts allow that: this is what a person's reset asks.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn temperatures(&mut self) -> Result<Temperatures, ZividFault> {
+        if let Stage::Starting(since) = self.shared.settled(CHECK_PATIENCE) {
+            return Err(self.starting(since));
+        }
+        match self.ask(Ask::Check)? {
+            Found::State(temperatures) => Ok(temperatures),
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+
+    fn picture_of(&mut self, ask: Ask) -> Result<ZividPicture, ZividFault> {
+        match self.ask(ask)? {
+            Found::Picture(Came { taken, .. }, rgb) => {
+                let Size { width, height } = self.size;
+                Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, taken })
+            }
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+}
+
+fn unexpected(what: &dyn std::fmt::Display) -> ZividFault {
+    ZividFault::OutOfOrder { during: "its work", message: what.to_string() }
+}
+
+impl Drop for ZividScanner {
+    fn drop(&mut self) {
+        self.shared.is_ending.store(true, Ordering::Relaxed);
+    }
+}
+
+/// When the exposure began, s of the machine's monotonic clock.
+fn time_s(taken: &Taken) -> f64 {
+    taken.begun_ns as f64 * 1e-9
+}
+
+impl Scanner for ZividScanner {
+    fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        let shot = self.shot()?;
+        Ok(Shot { time_s: time_s(&shot.taken), cloud: shot.cloud })
+    }
+
+    fn capture_2d(&mut self) -> Result<Picture, CameraError> {
+        let photo = self.photo()?;
+        Ok(Picture { time_s: time_s(&photo.taken), picture: photo.picture })
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        let found = self.temperatures()?;
+        tracing::info!(?found, "the 3D camera is well");
+        Ok(())
+    }
+}

@@ -1,0 +1,82 @@
+//! What the worker drives: a camera behind the SDK, one call at a time.
+
+use super::message::{Identity, Lens, Refusal, Size, Source, Temperatures, Use};
+use std::path::Path;
+
+/// Settings that were read, by the number that the sensor gave them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Slot(pub u32);
+
+/// How a shot was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Exposed {
+    /// Its size.
+    pub size: Size,
+    /// When the exposure was over, ns of the monotonic clock.
+    pub exposed_ns: u64,
+    /// How long the camera paused because it is hot, ms.
+    pub throttled_ms: f64,
+    /// Temperature of the lens, °C.
+    pub lens_c: Option<f64>,
+}
+
+/// The numbers of a 3D shot, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Planes {
+    /// x, y, z in the camera's frame, mm; NaN where missing.
+    pub points_mm: Vec<[f32; 3]>,
+    /// Red, green, blue, sRGB.
+    pub colors: Vec<[u8; 3]>,
+    /// Signal to noise ratio.
+    pub snr: Vec<f32>,
+}
+
+impl Planes {
+    /// Room for a shot of this size.
+    pub fn of(size: Size) -> Self {
+        let pixels = size.pixels();
+        Planes { points_mm: vec![[0.0; 3]; pixels], colors: vec![[0; 3]; pixels], snr: vec![0.0; pixels] }
+    }
+}
+
+/// A 3D camera that takes colour pictures too. Each call blocks; what it cannot do it refuses in words.
+pub trait Sensor: Send {
+    /// What it was built with.
+    fn sdk(&self) -> String;
+
+    /// Opens a camera; one that is open is let go first, and its settings with it.
+    ///
+    /// # Errors
+    /// Where there is no such camera; likewise for the others, where it does not do what is asked.
+    fn connect(&mut self, source: &Source) -> Result<Identity, Refusal>;
+
+    /// Reads settings from a YAML file.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn settings(&mut self, usage: Use, file: &Path) -> Result<(Slot, Size), Refusal>;
+
+    /// Takes a 3D shot.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn scan(&mut self, slot: Slot) -> Result<(Exposed, Planes), Refusal>;
+
+    /// Takes a picture: red, green, blue of each pixel.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn picture(&mut self, slot: Slot) -> Result<(Exposed, Vec<[u8; 3]>), Refusal>;
+
+    /// The camera's model of its lens.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn intrinsics(&mut self, slot: Slot) -> Result<Lens, Refusal>;
+
+    /// The camera's temperatures.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn state(&mut self) -> Result<Temperatures, Refusal>;
+}

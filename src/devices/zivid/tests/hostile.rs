@@ -1,0 +1,229 @@
+//! What may happen to bytes under way, between a good worker and the daemon.
+
+use super::super::*;
+use super::PATIENCE;
+use super::played::{Plan, in_thread, setup};
+use crate::devices::zivid::process::Launcher;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+/// The bytes of the worker's first words, of connect, two settings and the warm-up come before those of a shot.
+const SHOT: usize = 5;
+
+/// Does this to the worker's n-th frame, counted over all workers, before it goes on; says whether the rest is sent.
+type Tamper = dyn Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync;
+
+enum Rest {
+    GoesOn,
+    Stalls,
+    HangsUp,
+}
+
+/// A whole frame, by the lengths in its opening.
+fn frame(worker: &mut UnixStream) -> Option<Vec<u8>> {
+    let mut bytes = vec![0; 24];
+    worker.read_exact(&mut bytes).ok()?;
+    let head = u32::from_le_bytes(bytes[12..16].try_into().ok()?) as usize;
+    let payload = u64::from_le_bytes(bytes[16..24].try_into().ok()?) as usize;
+    bytes.resize(24 + 4 + head + 4 + payload + 4, 0);
+    worker.read_exact(&mut bytes[24..]).ok()?;
+    Some(bytes)
+}
+
+/// Good workers whose frames pass through other hands.
+fn tampered(tamper: impl Fn(usize, &mut Vec<u8>) -> Rest + Send + Sync + 'static) -> Launcher {
+    let (frames, tamper): (_, Arc<Tamper>) = (Arc::new(AtomicUsize::new(0)), Arc::new(tamper));
+    let inner = Mutex::new(super::played::played(Plan::default()));
+    in_thread(move |mut daemon| {
+        let (mut worker, _peer) = inner.lock().expect("one at a time")().expect("started");
+        let (mut asks, mut passes) = (daemon.try_clone().expect("a socket"), worker.try_clone().expect("a socket"));
+        std::thread::spawn(move || std::io::copy(&mut asks, &mut passes));
+        while let Some(mut bytes) = frame(&mut worker) {
+            let rest = tamper(frames.fetch_add(1, Ordering::Relaxed), &mut bytes);
+            if daemon.write_all(&bytes).is_err() {
+                return;
+            }
+            match rest {
+                Rest::GoesOn => {}
+                Rest::HangsUp => return,
+                // Until the daemon hangs up.
+                Rest::Stalls => drop(worker.shutdown(std::net::Shutdown::Write)),
+            }
+        }
+        let _ = daemon.read(&mut [0]);
+    })
+}
+
+/// The first shot is tampered with; its fault, and that the next one is good.
+fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> ZividFault {
+    let mut setup = setup();
+    setup.patience.scan = Duration::from_millis(400);
+    let launch = tampered(move |number, bytes| if number == SHOT { tamper(bytes) } else { Rest::GoesOn });
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    let fault = scanner.shot().expect_err("tampered with");
+    scanner.ready(PATIENCE).expect("started again");
+    scanner.shot().expect("the next one is good");
+    assert_eq!((scanner.history().0, scanner.history().1), (vec![fault.clone()], 1));
+    fault
+}
+
+/// A worker that is gone, at every part of a frame.
+#[test]
+fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
+    for keep in [0, 10, 26, 40, 300, 900] {
+        let fault = first_shot(move |bytes| {
+            bytes.truncate(keep);
+            Rest::HangsUp
+        });
+        let words = "C11 the 3D camera's worker ended (it hung up) during a 3D shot; it is started again, restart 1 of 3";
+        assert!(fault.to_string().starts_with(words), "{keep}: {fault}");
+    }
+}
+
+#[test]
+fn a_shot_that_stalls_under_way_is_given_up_in_time() {
+    for keep in [0, 20, 500] {
+        let since = Instant::now();
+        let fault = first_shot(move |bytes| {
+            bytes.truncate(keep);
+            Rest::Stalls
+        });
+        assert!(fault.to_string().starts_with("C3 no answer within 0.4 s to a 3D shot, the worker was ended"), "{fault}");
+        assert!(since.elapsed() >= Duration::from_millis(400));
+    }
+}
+
+/// A changed byte in opening, head, payload and checksum.
+#[test]
+fn a_shot_that_was_changed_is_thrown_away() {
+    for at in [0, 12, 26, 40, 700, usize::MAX] {
+        let fault = first_shot(move |bytes| {
+            let at = at.min(bytes.len() - 1);
+            bytes[at] ^= 0x20;
+            Rest::GoesOn
+        });
+        assert!(fault.to_string().starts_with("C4 a 3D shot came damaged and was thrown away"), "{at}: {fault}");
+    }
+}
+
+/// Right sums, and fewer numbers than the head says.
+#[test]
+fn a_payload_that_is_short_is_thrown_away() {
+    let fault = first_shot(|bytes| {
+        let head = u32::from_le_bytes([bytes[12], bytes[13], bytes[14], bytes[15]]) as usize;
+        let sequence = u32::from_le_bytes([bytes[8], bytes[9], bytes[10], bytes[11]]);
+        let (head, payload) = (bytes[28..28 + head].to_vec(), bytes[28 + head + 4..bytes.len() - 4 - 19].to_vec());
+        bytes.clear();
+        wire::write(bytes, (wire::Kind::Reply, sequence), &head, &[&payload]).expect("written");
+        Rest::GoesOn
+    });
+    let words = "C4 a 3D shot came damaged and was thrown away: a payload has 893 bytes, by its head it has 912";
+    assert!(fault.to_string().starts_with(words), "{fault}");
+}
+
+/// The answer before, once more.
+#[test]
+fn an_answer_to_another_request_is_thrown_away() {
+    let kept = Mutex::new(Vec::new());
+    let launch = tampered(move |number, bytes| {
+        let mut kept = kept.lock().expect("one at a time");
+        if number == SHOT {
+            bytes.clone_from(&kept);
+        }
+        kept.clone_from(bytes);
+        Rest::GoesOn
+    });
+    let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    let fault = scanner.shot().expect_err("the warm-up's").to_string();
+    assert!(fault.contains("found an answer to request 4, the last request was 5"), "{fault}");
+}
+
+/// Starting it again would not help, and is not tried.
+#[test]
+fn a_worker_of_another_version_stays_down() {
+    let launch = tampered(|number, bytes| {
+        if number == 0 {
+            bytes[4] = 9;
+        }
+        Rest::GoesOn
+    });
+    let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("refused").to_string();
+    let words = "C5 the worker's version is protocol 9, this program's is 1; restart the service after an upgrade";
+    assert_eq!(fault, words);
+    assert_eq!(scanner.shot().expect_err("down").to_string(), words);
+    assert_eq!(scanner.history().1, 0, "no restart was used");
+    scanner.temperatures().expect("a person's reset looks again, and the second worker is of this version");
+}
+
+#[test]
+fn a_worker_of_another_program_stays_down() {
+    let other = in_thread(|mut daemon| {
+        let hello = br#"{"program":"0.0.7","sdk":{"Ok":"played"}}"#;
+        wire::write(&mut daemon, (wire::Kind::Hello, 0), hello, &[]).expect("written");
+        let _ = daemon.read(&mut [0]);
+    });
+    let scanner = ZividScanner::start(setup(), other).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("refused").to_string();
+    assert!(fault.starts_with("C5 the worker's version is 0.0.7, this program's is "), "{fault}");
+}
+
+#[test]
+fn a_worker_without_its_library_says_so() {
+    let bare = in_thread(|mut daemon| {
+        worker::greet(&mut daemon, Err("libpanelprep_zivid.so: not found".to_owned())).expect("told");
+    });
+    let scanner = ZividScanner::start(setup(), bare).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("none").to_string();
+    assert_eq!(fault, "C1 the 3D camera's worker cannot work: libpanelprep_zivid.so: not found");
+}
+
+/// A worker that dies of its first shot each time is started three times more, and then left.
+#[test]
+fn the_fourth_end_stays_down_and_says_so() {
+    let launch = tampered(|number, bytes| {
+        // Of each worker: hello, connect, settings, settings, and half a shot.
+        if number % SHOT == SHOT - 1 {
+            bytes.truncate(100);
+            return Rest::HangsUp;
+        }
+        Rest::GoesOn
+    });
+    let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
+    let words = "C11 the 3D camera's worker stays down: it ended 4 times within 10 min, 3 restarts are allowed. Last: C11";
+    assert!(fault.starts_with(words) && fault.contains("not before"), "{fault}");
+    let (faults, lost, worker) = scanner.history();
+    assert_eq!((faults.len(), lost, worker), (5, 4, None), "each end, and that it stays down: {faults:#?}");
+    assert!(faults[2].to_string().ends_with("restart 3 of 3 in 10 min"), "{}", faults[2]);
+    assert!(faults[3].to_string().ends_with("it stays down, its restarts are used up"), "{}", faults[3]);
+    let refused = scanner.temperatures().expect_err("a reset does not make more of it");
+    assert!(matches!(refused, ZividFault::Down { .. }), "{refused}");
+    assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })));
+}
+
+/// Virtual time is `budget`'s; here the stretch is short, and a person's reset has the worker back after it.
+#[test]
+fn a_person_has_it_started_again_when_the_time_is_over() {
+    let restarts = Restarts { most: 1, within: Duration::from_millis(300) };
+    // The warm-up of the first two workers does not come through.
+    let launch = tampered(|number, bytes| {
+        if [SHOT - 1, 2 * SHOT - 1].contains(&number) {
+            bytes.clear();
+            return Rest::HangsUp;
+        }
+        Rest::GoesOn
+    });
+    let mut scanner = ZividScanner::start(Setup { restarts, ..setup() }, launch).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
+    assert!(fault.contains("it ended 2 times within 0 min, 1 restarts are allowed"), "{fault}");
+    std::thread::sleep(restarts.within);
+    assert!(matches!(scanner.shot(), Err(ZividFault::Down { .. })), "time alone does not start it");
+    scanner.temperatures().expect("a person does");
+    scanner.shot().expect("and it delivers");
+}

@@ -1,0 +1,149 @@
+//! The daemon's side against workers that are good, and against such as are not: threads instead of processes, so that
+//! each byte under way can be held, changed or left out.
+
+mod hostile;
+mod played;
+
+use self::played::{Plan, SIZE, played, setup};
+use super::*;
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// A camera that does by this plan, ready.
+fn ready(plan: Plan) -> ZividScanner {
+    let scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    scanner
+}
+
+/// It does so by itself.
+fn delivers_again(scanner: &mut ZividScanner) {
+    let since = Instant::now();
+    while scanner.shot().is_err() {
+        assert!(since.elapsed() < PATIENCE, "{:?}", scanner.history());
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
+#[test]
+fn a_good_camera_delivers_all_it_is_asked_for() {
+    let mut scanner = ready(Plan::default());
+    let shot = scanner.shot().expect("a shot");
+    assert_eq!((shot.cloud.width(), shot.cloud.height(), shot.snr.len()), (SIZE.width, SIZE.height, 48));
+    assert_eq!(shot.cloud.point(0, 0), None, "the first pixel sees nothing");
+    let point = shot.cloud.point(1, 0).expect("there").mm;
+    assert_eq!((point.x, point.y, point.z), (1.0, 2.0, 702.0), "shot 2; the first one was to warm up");
+    assert_eq!((shot.cloud.color_at(3), shot.taken.number), ([3, 2, 1], 2));
+    assert_eq!(shot.taken.settings, super::worker::settings_hash(&setup().scan_yaml));
+    assert!(shot.crossed_ms < 1_000.0, "{}", shot.crossed_ms);
+
+    let photo = scanner.photo().expect("a picture");
+    assert_eq!((photo.picture.rgb[5], photo.taken.number), ([5, 3, 0], 3));
+    assert_eq!(scanner.intrinsics().expect("a lens").matrix_px, [2.0, 2.0, 4.0, 3.0]);
+    assert_eq!(scanner.temperatures().expect("well").lens_c, Some(36.0));
+    assert_eq!(scanner.history().0, [], "nothing went wrong");
+}
+
+/// True times, in order; a reader that sleeps loses the oldest and is told how many.
+#[test]
+fn a_clip_has_true_times_and_drops_the_oldest() {
+    let mut scanner = ready(Plan::default());
+    scanner.begin_clip(200.0).expect("begun");
+    let mut last_ns = 0;
+    for _ in 0..5 {
+        let taken = scanner.next_of_clip().expect("a picture").taken;
+        assert!(taken.begun_ns > last_ns && taken.begun_ns <= taken.exposed_ns, "{taken:?}");
+        last_ns = taken.begun_ns;
+    }
+    std::thread::sleep(Duration::from_millis(150));
+    let late = scanner.next_of_clip().expect("a picture").taken;
+    // 30 were due; three wait. A busy machine takes fewer.
+    assert!(late.dropped >= 3, "{late:?}");
+    let end = scanner.end_clip().expect("over");
+    assert!(end.taken >= end.dropped + 6 && end.dropped >= late.dropped, "{end:?}");
+    let none = scanner.next_of_clip().expect_err("no clip").to_string();
+    assert_eq!(none, "C11 the worker refuses a picture of a clip: no clip is being taken");
+    scanner.begin_clip(200.0).expect("begun");
+    scanner.shot().expect("a shot ends the clip");
+    assert!(scanner.next_of_clip().is_err());
+    assert!(scanner.begin_clip(0.0).is_err() && scanner.begin_clip(f64::NAN).is_err());
+}
+
+/// What the sensor does at its n-th shot, and what is told of it.
+#[test]
+fn each_trouble_of_the_camera_has_its_name() {
+    let cases: [(Plan, &str); 8] = [
+        (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's points"),
+        (Plan { infinite: vec![2], ..Plan::default() }, "C4 the shot has 1 points with a coordinate that is infinite"),
+        (Plan { half: vec![2], ..Plan::default() }, "C5 a 3D shot: 4×3 px, the camera's calibration says 8×6"),
+        (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera stands still: a shot begun at"),
+        (
+            Plan { frozen: vec![3, 4], ..Plan::default() },
+            "C9 the 3D camera stands still: shot 4 is the one before to the last bit",
+        ),
+        (Plan { gone: vec![2], ..Plan::default() }, "C2 the 3D camera was lost during a 3D shot: unplugged"),
+        (
+            Plan { no_shot: vec![2, 3, 4], ..Plan::default() },
+            "C3 the 3D camera gave nothing for a 3D shot in 3 tries: no exposure",
+        ),
+        (Plan { panics: vec![2], ..Plan::default() }, "C11 the 3D camera's worker ended (it hung up) during a 3D shot"),
+    ];
+    for (plan, words) in cases {
+        let frozen = !plan.frozen.is_empty();
+        let mut scanner = ready(plan);
+        if frozen {
+            scanner.shot().expect("the one that is repeated");
+        }
+        let fault = scanner.shot().expect_err(words);
+        assert!(fault.to_string().starts_with(words), "{fault}");
+        assert!(fault.to_string().starts_with(fault.row()), "{fault}");
+        delivers_again(&mut scanner);
+        assert_eq!(scanner.history().0, [fault], "told once");
+    }
+}
+
+#[test]
+fn a_shot_that_fails_now_and_then_is_asked_for_again() {
+    let mut scanner = ready(Plan { no_shot: vec![2, 3], frozen: vec![5], ..Plan::default() });
+    assert_eq!(scanner.shot().expect("the third try").taken.number, 2, "shots that were none do not count");
+    scanner.shot().expect("one that came twice is thrown away");
+    assert_eq!(scanner.history().0, []);
+}
+
+/// A film with a pause is no film; a 3D shot of a scene that stands bears it.
+#[test]
+fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
+    let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
+    assert!((scanner.shot().expect("stands").taken.throttled_ms - 900.0).abs() < 1e-9);
+    let fault = scanner.photo().expect_err("too late").to_string();
+    let words = "C3 the 3D camera is hot and paused for 900 ms during a picture, allowed are 500, its lens has 36 °C";
+    assert!(fault.starts_with(words), "{fault}");
+}
+
+#[test]
+fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
+    let plan = Plan { absent_for: 3, ..Plan::default() };
+    let mut scanner = ZividScanner::start(setup(), played(plan)).expect("a thread");
+    let fault = scanner.ready(PATIENCE).expect_err("absent");
+    assert!(fault.to_string().starts_with("C1 the 3D camera is not found: no such camera; is it on"), "{fault}");
+    delivers_again(&mut scanner);
+    assert_eq!((scanner.history().0, scanner.history().1), (vec![fault], 0), "and no worker was lost");
+}
+
+#[test]
+fn another_camera_or_other_settings_are_refused_before_a_shot() {
+    let told = |setup: Setup| {
+        let scanner = ZividScanner::start(setup, played(Plan::default())).expect("a thread");
+        scanner.ready(PATIENCE).expect_err("refused").to_string()
+    };
+    let other = told(Setup { serial: Some("77".to_owned()), ..setup() });
+    assert_eq!(other, "C5 the camera found is STUB1, expected is 77: its calibration is for that one");
+    let other = told(Setup { source: Source::Serial("STUB2".to_owned()), ..setup() });
+    assert!(other.starts_with("C5 the camera found is STUB1, expected is STUB2"), "{other}");
+    let size = told(Setup { size: Size { width: 16, height: 12 }, ..setup() });
+    let words = "C5 the settings for 3D shots: 8×6 px, the camera's calibration says 16×12";
+    assert!(size.starts_with(words), "{size}");
+    let settings = told(Setup { picture_yaml: "nonsense".to_owned(), ..setup() });
+    assert_eq!(settings, "C5 the settings for pictures are refused: these are no settings");
+}

@@ -1,0 +1,401 @@
+//! The frames between daemon and worker: an opening, a head in JSON, a payload, each followed by a checksum.
+//!
+//! ```text
+//! opening, 24 bytes  "PPZV" · version u16 · kind u16 · sequence u32 · head's length u32 · payload's length u64
+//! checksum           CRC-32 of all bytes of the frame so far, those of earlier checksums left out; u32
+//! head               JSON
+//! checksum
+//! payload            planes of numbers, one after the other
+//! checksum
+//! ```
+//! Little endian. A length is believed only after its checksum, a head before a payload is stored by it. A sum that goes on
+//! from part to part ties the parts of a frame together. CRC-32 finds every change of up to 32 bits in a row; what it
+//! is for is a peer that is broken, not one that lies. What is cut, changed or foreign is an error, after which
+//! nothing more of that stream is read: there is no place to begin again.
+
+use crc32fast::Hasher;
+use std::io::{ErrorKind, Read, Write};
+
+const MAGIC: [u8; 4] = *b"PPZV";
+/// The version of this page: of the frames and of the messages in them.
+pub const VERSION: u16 = 1;
+const OPENING_BYTES: usize = 24;
+/// The largest head. Settings in YAML are the longest.
+pub const MOST_HEAD_BYTES: usize = 1 << 20;
+/// The largest payload: a 3D shot of 8 million points.
+pub const MOST_PAYLOAD_BYTES: usize = 160 << 20;
+/// A payload is summed and sent by pieces of this size, so that both ends work at the same time.
+const PIECE_BYTES: usize = 1 << 18;
+
+/// Who speaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// The worker, when it begins.
+    Hello,
+    /// The daemon.
+    Request,
+    /// The worker, once for each request.
+    Reply,
+}
+
+impl Kind {
+    const ALL: [Kind; 3] = [Kind::Hello, Kind::Request, Kind::Reply];
+
+    fn number(self) -> u16 {
+        match self {
+            Kind::Hello => 1,
+            Kind::Request => 2,
+            Kind::Reply => 3,
+        }
+    }
+}
+
+/// What is wrong with a frame.
+#[derive(Debug, thiserror::Error)]
+pub enum WireError {
+    /// The stream ended between two frames.
+    #[error("the connection has ended")]
+    Ended,
+    /// The stream ended within a frame.
+    #[error("the connection ended within the {part} of a frame")]
+    Cut {
+        /// Within what.
+        part: Part,
+    },
+    /// The frame came too slowly, or not at all.
+    #[error("no more came within the {part} of a frame")]
+    Stalled {
+        /// Within what.
+        part: Part,
+    },
+    /// It does not begin as a frame does.
+    #[error("found {found:02x?} where a frame begins, allowed is {MAGIC:02x?}")]
+    NotAFrame {
+        /// The first bytes.
+        found: [u8; 4],
+    },
+    /// The other program is of another version.
+    #[error("the frames are of version {found}, this program's of version {VERSION}")]
+    Version {
+        /// Found.
+        found: u16,
+    },
+    /// A checksum does not fit.
+    #[error("the checksum of a frame's {part} is {found:08x}, its bytes sum up to {computed:08x}")]
+    Checksum {
+        /// Of what.
+        part: Part,
+        /// Sent.
+        found: u32,
+        /// Computed.
+        computed: u32,
+    },
+    /// Something else was due.
+    #[error("found a frame of kind {found}, allowed is {allowed:?}")]
+    Kind {
+        /// Found.
+        found: u16,
+        /// What was due.
+        allowed: Kind,
+    },
+    /// A reply to something else.
+    #[error("found an answer to request {found}, the last request was {allowed}")]
+    Sequence {
+        /// Found.
+        found: u32,
+        /// What was due.
+        allowed: u32,
+    },
+    /// Longer than any frame is.
+    #[error("the {part} of a frame has {found} bytes, allowed are {allowed}")]
+    TooLong {
+        /// Of what.
+        part: Part,
+        /// Found.
+        found: u64,
+        /// Allowed.
+        allowed: u64,
+    },
+    /// A payload of another size than its head says.
+    #[error("a payload has {found} bytes, by its head it has {expected}")]
+    PayloadSize {
+        /// By the opening.
+        found: u64,
+        /// By the head.
+        expected: u64,
+    },
+    /// A head that says nothing known.
+    #[error("the head of a frame cannot be read: {0}")]
+    Head(#[from] serde_json::Error),
+    /// The system.
+    #[error("the connection fails: {0}")]
+    Io(std::io::Error),
+}
+
+/// A part of a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// Its first bytes.
+    Opening,
+    /// The JSON.
+    Head,
+    /// The numbers.
+    Payload,
+}
+
+impl std::fmt::Display for Part {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Part::Opening => "opening",
+            Part::Head => "head",
+            Part::Payload => "payload",
+        })
+    }
+}
+
+/// Writes a frame; the planes of the payload follow one another.
+///
+/// # Errors
+/// Where the stream takes no more. Nothing is written where a part is longer than a reader allows.
+pub fn write(
+    stream: &mut impl Write,
+    (kind, sequence): (Kind, u32),
+    head: &[u8],
+    planes: &[&[u8]],
+) -> Result<(), WireError> {
+    let payload_bytes: usize = planes.iter().map(|plane| plane.len()).sum();
+    allowed(Part::Head, head.len() as u64, MOST_HEAD_BYTES)?;
+    allowed(Part::Payload, payload_bytes as u64, MOST_PAYLOAD_BYTES)?;
+    let mut opening = Vec::with_capacity(OPENING_BYTES + head.len() + 8);
+    opening.extend(MAGIC);
+    opening.extend(VERSION.to_le_bytes());
+    opening.extend(kind.number().to_le_bytes());
+    opening.extend(sequence.to_le_bytes());
+    opening.extend((head.len() as u32).to_le_bytes());
+    opening.extend((payload_bytes as u64).to_le_bytes());
+    let mut sum = Hasher::new();
+    sum.update(&opening);
+    opening.extend(so_far(&sum).to_le_bytes());
+    sum.update(head);
+    opening.extend(head);
+    opening.extend(so_far(&sum).to_le_bytes());
+    stream.write_all(&opening).map_err(WireError::Io)?;
+    for piece in planes.iter().flat_map(|plane| plane.chunks(PIECE_BYTES)) {
+        sum.update(piece);
+        stream.write_all(piece).map_err(WireError::Io)?;
+    }
+    stream.write_all(&sum.finalize().to_le_bytes()).map_err(WireError::Io)?;
+    stream.flush().map_err(WireError::Io)
+}
+
+fn so_far(sum: &Hasher) -> u32 {
+    sum.clone().finalize()
+}
+
+fn allowed(part: Part, found: u64, most: usize) -> Result<(), WireError> {
+    let allowed = most as u64;
+    if found <= allowed { Ok(()) } else { Err(WireError::TooLong { part, found, allowed }) }
+}
+
+/// A frame whose payload has not been read yet.
+#[derive(Debug)]
+pub struct Opened {
+    /// Its number: a reply has its request's.
+    pub sequence: u32,
+    /// Its head, JSON.
+    pub head: Vec<u8>,
+    payload_bytes: u64,
+    sum: Hasher,
+}
+
+/// Reads a frame of this kind up to its payload.
+///
+/// # Errors
+/// Where the stream ends, or what comes is no such frame.
+pub fn open(stream: &mut impl Read, allowed_kind: Kind) -> Result<Opened, WireError> {
+    let mut opening = [0; OPENING_BYTES];
+    fill(stream, &mut opening[..1], Part::Opening).map_err(|error| match error {
+        WireError::Cut { .. } => WireError::Ended,
+        other => other,
+    })?;
+    fill(stream, &mut opening[1..], Part::Opening)?;
+    let [m0, m1, m2, m3, v0, v1, k0, k1, s0, s1, s2, s3, h0, h1, h2, h3, payload @ ..] = opening;
+    if [m0, m1, m2, m3] != MAGIC {
+        return Err(WireError::NotAFrame { found: [m0, m1, m2, m3] });
+    }
+    // Told before the checksum: another version may sum otherwise.
+    let version = u16::from_le_bytes([v0, v1]);
+    if version != VERSION {
+        return Err(WireError::Version { found: version });
+    }
+    let mut sum = Hasher::new();
+    sum.update(&opening);
+    check(stream, &sum, Part::Opening)?;
+    let kind = u16::from_le_bytes([k0, k1]);
+    if Kind::ALL.into_iter().find(|known| known.number() == kind) != Some(allowed_kind) {
+        return Err(WireError::Kind { found: kind, allowed: allowed_kind });
+    }
+    let head_bytes = u32::from_le_bytes([h0, h1, h2, h3]);
+    let payload_bytes = u64::from_le_bytes(payload);
+    allowed(Part::Head, u64::from(head_bytes), MOST_HEAD_BYTES)?;
+    allowed(Part::Payload, payload_bytes, MOST_PAYLOAD_BYTES)?;
+    let mut head = vec![0; head_bytes as usize];
+    fill(stream, &mut head, Part::Head)?;
+    sum.update(&head);
+    check(stream, &sum, Part::Head)?;
+    Ok(Opened { sequence: u32::from_le_bytes([s0, s1, s2, s3]), head, payload_bytes, sum })
+}
+
+impl Opened {
+    /// Holds the payload's size against what the head asks for, before there is room for it.
+    ///
+    /// # Errors
+    /// Where they differ.
+    pub fn holds(&self, expected: usize) -> Result<(), WireError> {
+        let (found, expected) = (self.payload_bytes, expected as u64);
+        if found == expected { Ok(()) } else { Err(WireError::PayloadSize { found, expected }) }
+    }
+
+    /// Reads the payload into planes of the size that the head asks for, and gives its checksum.
+    ///
+    /// # Errors
+    /// Where the payload is of another size, is cut, or does not sum up.
+    pub fn payload(self, stream: &mut impl Read, planes: &mut [&mut [u8]]) -> Result<u32, WireError> {
+        self.holds(planes.iter().map(|plane| plane.len()).sum())?;
+        let (mut sum, mut own) = (self.sum, Hasher::new());
+        for piece in planes.iter_mut().flat_map(|plane| plane.chunks_mut(PIECE_BYTES)) {
+            fill(stream, piece, Part::Payload)?;
+            sum.update(piece);
+            own.update(piece);
+        }
+        check(stream, &sum, Part::Payload)?;
+        Ok(own.finalize())
+    }
+
+    /// Ends a frame that has no payload.
+    ///
+    /// # Errors
+    /// Where it has one, or does not sum up.
+    pub fn without_payload(self, stream: &mut impl Read) -> Result<(), WireError> {
+        self.payload(stream, &mut []).map(drop)
+    }
+}
+
+fn check(stream: &mut impl Read, sum: &Hasher, part: Part) -> Result<(), WireError> {
+    let mut found = [0; 4];
+    fill(stream, &mut found, part)?;
+    let (found, computed) = (u32::from_le_bytes(found), so_far(sum));
+    if found == computed { Ok(()) } else { Err(WireError::Checksum { part, found, computed }) }
+}
+
+fn fill(stream: &mut impl Read, bytes: &mut [u8], part: Part) -> Result<(), WireError> {
+    stream.read_exact(bytes).map_err(|error| match error.kind() {
+        ErrorKind::UnexpectedEof | ErrorKind::ConnectionReset | ErrorKind::BrokenPipe => WireError::Cut { part },
+        ErrorKind::TimedOut | ErrorKind::WouldBlock => WireError::Stalled { part },
+        _ => WireError::Io(error),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn written(sequence: u32, head: &[u8], planes: &[&[u8]]) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        write(&mut bytes, (Kind::Reply, sequence), head, planes).expect("written");
+        bytes
+    }
+
+    /// Sequence, head and the planes of these sizes.
+    fn read(mut bytes: &[u8], sizes: &[usize]) -> Result<(u32, Vec<u8>, Vec<Vec<u8>>), WireError> {
+        let opened = open(&mut bytes, Kind::Reply)?;
+        let (sequence, head) = (opened.sequence, opened.head.clone());
+        let mut planes: Vec<Vec<u8>> = sizes.iter().map(|&size| vec![0; size]).collect();
+        let mut filled: Vec<&mut [u8]> = planes.iter_mut().map(Vec::as_mut_slice).collect();
+        opened.payload(&mut bytes, &mut filled)?;
+        Ok((sequence, head, planes))
+    }
+
+    /// By hand: 24 bytes of opening, 2 of head, 3 of payload and three checksums of 4.
+    #[test]
+    fn a_frame_is_what_the_page_says() {
+        let bytes = written(258, b"{}", &[&[1, 2, 3]]);
+        assert_eq!(bytes.len(), 24 + 4 + 2 + 4 + 3 + 4);
+        assert_eq!(bytes[..24], *b"PPZV\x01\0\x03\0\x02\x01\0\0\x02\0\0\0\x03\0\0\0\0\0\0\0");
+        assert_eq!(bytes[24..28], crc32fast::hash(&bytes[..24]).to_le_bytes());
+        assert_eq!(read(&bytes, &[2, 1]).expect("whole"), (258, b"{}".to_vec(), vec![vec![1, 2], vec![3]]));
+    }
+
+    #[test]
+    fn what_is_no_frame_is_told() {
+        let bytes = written(1, b"{}", &[&[7; 9]]);
+        let told = |bytes: &[u8], size| read(bytes, &[size]).expect_err("refused").to_string();
+        assert_eq!(told(&[], 9), "the connection has ended");
+        assert_eq!(told(&bytes[..30], 9), "the connection ended within the head of a frame");
+        assert_eq!(told(&bytes, 8), "a payload has 9 bytes, by its head it has 8");
+        assert!(told(b"HTTP/1.1 200 OK and more of the same", 9).starts_with("found [48, 54, 54, 50]"));
+        let mut newer = bytes.clone();
+        newer[4] = 2;
+        assert_eq!(told(&newer, 9), "the frames are of version 2, this program's of version 1");
+        let mut request = Vec::new();
+        write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
+        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is Reply");
+    }
+
+    /// A peer that claims a long payload gets no memory for it.
+    #[test]
+    fn a_length_beyond_all_frames_is_refused_on_both_sides() {
+        let mut opening = b"PPZV\x01\0\x03\0\0\0\0\0".to_vec();
+        opening.extend(0_u32.to_le_bytes());
+        opening.extend(u64::MAX.to_le_bytes());
+        opening.extend(crc32fast::hash(&opening).to_le_bytes());
+        assert!(matches!(read(&opening, &[]), Err(WireError::TooLong { part: Part::Payload, .. })));
+        let head = vec![b' '; MOST_HEAD_BYTES + 1];
+        let mut nothing = Vec::new();
+        let refused = write(&mut nothing, (Kind::Request, 0), &head, &[]);
+        assert!(matches!(refused, Err(WireError::TooLong { part: Part::Head, .. })) && nothing.is_empty());
+    }
+
+    proptest! {
+        #[test]
+        fn what_was_written_is_read(
+            sequence: u32, head in proptest::collection::vec(any::<u8>(), 0..300),
+            planes in proptest::collection::vec(proptest::collection::vec(any::<u8>(), 0..2_000), 0..4),
+        ) {
+            let slices: Vec<&[u8]> = planes.iter().map(Vec::as_slice).collect();
+            let sizes: Vec<usize> = planes.iter().map(Vec::len).collect();
+            let whole = read(&written(sequence, &head, &slices), &sizes);
+            prop_assert_eq!(whole.expect("whole"), (sequence, head, planes));
+        }
+
+        /// Wherever it ends, it is not taken for whole.
+        #[test]
+        fn every_cut_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90)) {
+            let bytes = written(7, b"{\"a\":1}", &[&payload]);
+            for end in 0..bytes.len() {
+                prop_assert!(read(&bytes[..end], &[payload.len()]).is_err(), "{end} of {}", bytes.len());
+            }
+        }
+
+        /// Whichever bits of a byte are another, it is refused.
+        #[test]
+        fn every_changed_byte_is_refused(payload in proptest::collection::vec(any::<u8>(), 0..90), bits in 1_u8..) {
+            let bytes = written(7, b"{\"a\":1}", &[&payload]);
+            for at in 0..bytes.len() {
+                let mut changed = bytes.clone();
+                changed[at] ^= bits;
+                prop_assert!(read(&changed, &[payload.len()]).is_err(), "byte {at} of {}", bytes.len());
+            }
+        }
+
+        /// Parts of two frames do not make a third.
+        #[test]
+        fn parts_of_different_frames_do_not_go_together(first: [u8; 8], second: [u8; 8]) {
+            prop_assume!(first != second);
+            let (one, other) = (written(1, &first, &[b"same"]), written(1, &second, &[b"same"]));
+            let mixed = [&one[..40], &other[40..]].concat();
+            prop_assert!(read(&mixed, &[4]).is_err());
+        }
+    }
+}
