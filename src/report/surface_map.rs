@@ -14,7 +14,7 @@ const FULL_MM: f64 = 0.1;
 /// The mean is over a square of 2 n + 1 pixels.
 const MEAN_RADIUS_PX: usize = 3;
 const OUTSIDE: Ink = Ink([245, 245, 245]);
-const MISSING: Ink = Ink([20, 20, 20]);
+const MISSING: Ink = Ink([204, 121, 167]);
 const LEFT_OUT: Ink = Ink::YELLOW;
 const IN_FRONT: Ink = Ink::VERMILLION;
 const BEHIND: Ink = Ink([0, 114, 178]);
