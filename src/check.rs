@@ -7,7 +7,7 @@ mod eki;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
-    TargetMount, ToolMount,
+    TargetMount, ToolMount, ZividCamera,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
@@ -124,10 +124,23 @@ fn most(score: impl Fn(&Kind) -> usize) -> Option<&'static Kind> {
     kinds.next().filter(|_| kinds.next().is_none())
 }
 
+fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
+    let which = match (&zivid.serial, &zivid.file_camera) {
+        (_, Some(file)) => format!("{device} played from {}", file.display()),
+        (Some(serial), None) => format!("{device} {serial}"),
+        (None, None) => format!("{device}, the only one found"),
+    };
+    match zivid.settings.is_some() && zivid.settings_2d.is_some() {
+        true => which,
+        false => format!("{which}; takes no shot before settings and settings_2d are named"),
+    }
+}
+
 fn say_cell(cell: &Cell) -> Vec<String> {
     let camera = |camera: &Camera, device: &str| match camera {
         Camera::Simulated => "simulated".to_owned(),
         Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
+        Camera::Zivid(zivid) => say_zivid(zivid, device),
         Camera::Device { serial: Some(serial) } => format!("{device} {serial}"),
         Camera::Device { serial: None } => format!("{device}, the only one found"),
     };
@@ -297,7 +310,7 @@ mod tests {
     /// By hand: 2 atan(972 / 1785) = 57.1°, 2 atan(600 / 1784) = 37.2°.
     #[test]
     fn what_was_understood_is_said() {
-        let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
+        let cell = "[robot]\nkind = 'eki'\nhost = 'krc'\n[scanner]\nkind = 'zivid'\nsettings = 's.yml'\nsettings_2d = 'p.yml'\n[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 2, 3]";
         assert_eq!(
             check_file("c/cell.toml", cell).says,
             [

@@ -77,6 +77,9 @@ pub enum Command {
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
         panelprep ctl state --cell target/cell/cell.toml --json")]
     Ctl(Ctl),
+    /// The 3D camera's worker: started by this program, with a socket as its standard input.
+    #[command(name = super::zivid::ROLE, hide = true)]
+    ZividWorker(ZividWorker),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
     #[command(
         after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
@@ -362,6 +365,14 @@ pub struct Run {
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
+}
+
+/// Options of the 3D camera's worker.
+#[derive(Debug, Clone, Args)]
+pub struct ZividWorker {
+    /// `libpanelprep_zivid.so`.
+    #[arg(long, value_name = "FILE")]
+    pub library: PathBuf,
 }
 
 /// Options of `ctl`.

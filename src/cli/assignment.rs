@@ -5,6 +5,7 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
+use super::zivid;
 use crate::calib::budget;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, Job, Order, Task};
@@ -39,7 +40,7 @@ impl Calibrated {
             hand_eye_mm: budget.hand_eye_mm,
             robot_mm: budget.robot_mm,
         };
-        let texts = vec![
+        let mut texts = vec![
             ("cell", disk::read_text(&common.cell)?),
             ("scanner", scanner.text),
             ("base_from_camera", base_from_camera.text),
@@ -47,6 +48,7 @@ impl Calibrated {
             ("flange_from_camera", flange_from_camera.text),
             ("flange_from_tool", tool.text),
         ];
+        texts.extend(zivid::settings(&files.cell)?);
         Ok(Calibrated { values, texts })
     }
 }

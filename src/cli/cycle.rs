@@ -93,6 +93,7 @@ pub fn one(
     let journal = store.journal().map_err(Fault::stage)?;
 
     let mut live = Live::start(&files.cell, &calibrated.values, simulation)?;
+    live.eyes.scanner.warm();
     if let Some(simulated) = &live.simulated {
         simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }

@@ -66,6 +66,20 @@ pub enum Fault {
         /// Its kind.
         kind: &'static str,
     },
+    /// A camera that was not told how to take a shot.
+    #[error(
+        "[scanner] {key} is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
+         (settings for 3D shots with colour, settings_2d for pictures)"
+    )]
+    NoCameraSettings {
+        /// The key.
+        key: &'static str,
+    },
+    /// Settings that are not the ones in use.
+    #[error(
+        "the camera's settings have changed since the service started, and it takes shots by those of then; restart it"
+    )]
+    CameraSettingsChanged,
     /// A calibration that no simulated scanner fits.
     #[error(
         "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \

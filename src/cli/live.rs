@@ -5,6 +5,7 @@
 
 use super::args::Simulation;
 use super::fault::Fault;
+use super::zivid;
 use crate::cell::{self, Cell, RobotKind};
 use crate::daemon::{Calibrations, Cameras, LinkedRobot};
 use crate::devices::cameras::{
@@ -127,7 +128,8 @@ fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>)
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
-        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "scanner", kind: "zivid" }),
+        cell::Camera::Zivid(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
+        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "scanner", kind: "gige" }),
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
         cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("flange_camera"))?.cameras().1),
@@ -135,6 +137,7 @@ fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>)
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }
         cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "flange_camera", kind: "gige" }),
+        cell::Camera::Zivid(_) => return Err(Fault::NoDriver { table: "flange_camera", kind: "zivid" }),
     };
     Ok(Cameras { scanner, flange })
 }

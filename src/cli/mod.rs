@@ -35,6 +35,7 @@ mod score;
 mod teach;
 mod tune;
 mod validate;
+mod zivid;
 
 pub use fault::Fault;
 pub use outcome::Outcome;
@@ -55,6 +56,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
     let outcome = match &arguments.command {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
         Command::Render(args) => render::run(args),
+        Command::ZividWorker(args) => return zivid::worker(args),
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args, common),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),

@@ -9,6 +9,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::person::Person;
 use super::report::{self, Kept};
+use super::zivid;
 use crate::cycle::At;
 use crate::daemon::{self, Desk, Letter, Loader, Service, Site, Socket, StoreRecord};
 use crate::devices::world::SimulatedWorld;
@@ -39,11 +40,12 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events = journal.len(),
         "starts in {}", recovered.at.word()
     );
+    let taken_by = zivid::settings(&files.cell)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
     let path = files.socket();
     let socket =
-        Socket::listen(&path, tell, loader(files.clone(), common.clone(), world.clone())).map_err(Fault::stage)?;
+        Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone())).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
@@ -99,14 +101,22 @@ fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHa
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
 }
 
-/// Reads all that a cycle works by, anew for each one.
-fn loader(files: Arc<CellFiles>, common: Common, world: Option<SimulatedWorld>) -> Arc<Loader> {
+/// Reads all that a cycle works by, anew for each one. The camera goes on by the settings that it was started with, so
+/// those in the files must be the same.
+fn loader(
+    (files, common): (Arc<CellFiles>, Common),
+    taken_by: Vec<(&'static str, String)>,
+    world: Option<SimulatedWorld>,
+) -> Arc<Loader> {
     Arc::new(move |name: &str, text: &str| {
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
         }
         let load = || -> Result<_, Fault> {
+            if zivid::settings(&files.cell)? != taken_by {
+                return Err(Fault::CameraSettingsChanged);
+            }
             let calibrated = Calibrated::read(&files, &common)?;
             let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;
             if let Some(world) = &world {

@@ -4,8 +4,10 @@
 //! - [`mock`]: a stand-in for the robot's controller
 //! - [`robot`]: the link to a controller, over TCP
 //! - [`world`]: the simulated world around the mock
+//! - [`zivid`]: the Zivid 3D camera, through its SDK in a process of its own
 
 pub mod cameras;
 pub mod mock;
 pub mod robot;
 pub mod world;
+pub mod zivid;

@@ -1,12 +1,13 @@
 //! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
 
 use super::{Check, machine};
-use crate::cell::{Camera, Cell, RobotKind};
+use crate::cell::{Camera, Cell, RobotKind, ZividCamera};
 use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::{ctl, live};
 use crate::daemon::{Single, SingleError};
 use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
+use crate::devices::zivid::Patience;
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
 
@@ -17,7 +18,8 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
         Camera::Recorded { folder } => {
             recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))
         }
-        Camera::Device { serial } => absent("scanner", "Zivid", serial.as_deref()),
+        Camera::Zivid(camera) => zivid(files, camera),
+        Camera::Device { serial } => absent("scanner", "GigE Vision", serial.as_deref()),
     };
     let flange_camera = match files.cell.flange_camera() {
         Camera::Simulated => vec![simulated("flange camera")],
@@ -28,6 +30,7 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
         Camera::Device { serial } => {
             vec![machine::receive_buffer(), absent("flange camera", "GigE Vision", serial.as_deref())]
         }
+        Camera::Zivid(camera) => vec![absent("flange camera", "Zivid", camera.serial.as_deref())],
     };
     std::iter::once(scanner).chain(flange_camera).collect()
 }
@@ -51,6 +54,30 @@ fn recorded(
             "not looked at: a recording is held against the lens's calibration",
             "calibrate first",
         ),
+    }
+}
+
+/// Starts the camera's worker, opens the camera and takes a shot to warm it up.
+fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
+    if ctl::state_of(&files.socket()).is_some() {
+        return Check::right("scanner", "a Zivid, held by the service that runs");
+    }
+    let Ok(lens) = files.scanner() else {
+        let found = "not looked at: its shots are held against the lens's calibration";
+        return Check::wrong("scanner", found, "calibrate first");
+    };
+    let mut scanner = match crate::cli::zivid::scanner(&files.cell, camera, &lens.value) {
+        Ok(scanner) => scanner,
+        Err(fault) => return Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file"),
+    };
+    match scanner.ready(Patience::default().start()).and_then(|()| scanner.temperatures()) {
+        Ok(found) => {
+            let lens = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
+            Check::right("scanner", format!("a Zivid, ready; temperature of its lens {lens}"))
+        }
+        Err(fault) => {
+            Check::wrong("scanner", fault.to_string(), "the page on the Zivid camera in README says what it needs")
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Why there is no shot.
 
+use crate::devices::zivid::ZividFault;
 use crate::files::{ClipError, CloudFileError, PictureError, PoseError};
 use std::path::PathBuf;
 
@@ -71,6 +72,9 @@ pub enum CameraError {
     /// A picture from the flange while it moves.
     #[error("a picture of the flange camera is taken with the arm standing, and it moves")]
     ArmMoves,
+    /// The Zivid, in the words of the fault model.
+    #[error(transparent)]
+    Zivid(#[from] ZividFault),
     /// A file of a recording that is not one.
     #[error("{}: {cause}", file.display())]
     File {

@@ -64,6 +64,9 @@ pub trait Scanner: Send {
     /// # Errors
     /// Where it would not.
     fn check(&mut self) -> Result<(), CameraError>;
+
+    /// Waits while the camera is being started, which may take minutes; how it stands then is for [`Scanner::check`].
+    fn warm(&mut self) {}
 }
 
 /// The colour camera on the flange, with a lamp of its own.
@@ -92,6 +95,10 @@ impl<S: Scanner + ?Sized> Scanner for Box<S> {
 
     fn check(&mut self) -> Result<(), CameraError> {
         (**self).check()
+    }
+
+    fn warm(&mut self) {
+        (**self).warm();
     }
 }
 

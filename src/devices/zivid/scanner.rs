@@ -231,4 +231,8 @@ impl Scanner for ZividScanner {
         tracing::info!(?found, "the 3D camera is well");
         Ok(())
     }
+
+    fn warm(&mut self) {
+        self.shared.settled(self.patience.start());
+    }
 }

@@ -1,0 +1,91 @@
+//! The Zivid camera of the configured cell, and the worker that serves it: this program in another role.
+
+use super::args::ZividWorker;
+use super::disk;
+use super::fault::Fault;
+use crate::cell::{Camera, Cell, Intrinsics, ZividCamera};
+use crate::devices::zivid::library::Sdk;
+use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividScanner, launcher, process, worker};
+use crate::geometry::PinholeCamera;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+/// As the loader searches it.
+const LIBRARY: &str = "libpanelprep_zivid.so";
+/// The worker's role on the command line.
+pub const ROLE: &str = "zivid-worker";
+
+/// Begins to start the camera that the cell's file names; `camera` is its calibration.
+///
+/// # Errors
+/// Where the cell does not name the camera's settings, a file cannot be read, or there is no thread or program.
+pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Result<ZividScanner, Fault> {
+    let [(_, scan_yaml), (_, picture_yaml)] = texts(zivid)?;
+    let source = match (&zivid.serial, &zivid.file_camera) {
+        (_, Some(file)) => Source::File(file.clone()),
+        (Some(serial), None) => Source::Serial(serial.clone()),
+        (None, None) => Source::Only,
+    };
+    let setup = Setup {
+        source,
+        // A file plays a camera that may be another.
+        serial: calibrated_serial(cell)?.filter(|_| zivid.file_camera.is_none()),
+        size: Size { width: camera.width_px, height: camera.height_px },
+        scan_yaml,
+        picture_yaml,
+        restarts: Restarts::default(),
+        patience: Patience::default(),
+    };
+    let program = std::env::current_exe().map_err(Fault::stage)?;
+    let library = zivid.library.clone().unwrap_or_else(|| PathBuf::from(LIBRARY));
+    let arguments = [ROLE.into(), "--library".into(), library.into()];
+    ZividScanner::start(setup, launcher(program, arguments.into())).map_err(Fault::stage)
+}
+
+/// The camera's settings as a cycle keeps them: what each is for, and its text. None of another camera, or where the
+/// cell's file names none.
+///
+/// # Errors
+/// Where a file cannot be read.
+pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
+    match cell.scanner() {
+        Camera::Zivid(zivid) => Ok(texts(zivid)?.into()),
+        _ => Ok(Vec::new()),
+    }
+}
+
+fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
+    let read = |key, file: &Option<PathBuf>| {
+        disk::read_text(file.as_deref().ok_or(Fault::NoCameraSettings { key })?)
+    };
+    let (scan, picture) = (read("settings", &zivid.settings)?, read("settings_2d", &zivid.settings_2d)?);
+    Ok([("zivid_settings", scan), ("zivid_settings_2d", picture)])
+}
+
+/// The serial number in the camera's calibration.
+fn calibrated_serial(cell: &Cell) -> Result<Option<String>, Fault> {
+    let Some(file) = &cell.calibration().scanner else { return Ok(None) };
+    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?.serial)
+}
+
+/// Serves the daemon at the other end of standard input until it hangs up.
+pub fn worker(args: &ZividWorker) -> ExitCode {
+    match served(&args.library) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            tracing::error!("the 3D camera's worker ends: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn served(library: &Path) -> Result<(), Box<dyn std::error::Error>> {
+    let mut daemon = process::daemon().map_err(|error| format!("it is started by `panelprep run` alone: {error}"))?;
+    match Sdk::open(library) {
+        Ok(sdk) => Ok(worker::serve(daemon, Box::new(sdk))?),
+        Err(error) => {
+            worker::greet(&mut daemon, Err(error.to_string()))?;
+            Err(error.into())
+        }
+    }
+}
