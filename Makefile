@@ -3,12 +3,13 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
 DEMO_OUT := target/demo
 
-.PHONY: help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
+.PHONY: zivid zivid-stub bench-worker help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface'
+	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-worker, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface'
+	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
 
 setup:
@@ -43,7 +44,24 @@ test: setup
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
 
-bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface
+# The camera library over the Zivid SDK: on the cell's computer, where the SDK is installed. Install the result where the
+# loader finds it (/usr/local/lib, then ldconfig), or name it in the cell's file, [scanner] library.
+ZIVID := src/devices/zivid/cpp
+ZIVID_BUILD = $(CXX) -std=c++17 -O2 -Wall -Wextra -shared -fPIC
+ZIVID_LIBS := -lZividCore
+zivid:
+	mkdir -p target/zivid
+	$(ZIVID_BUILD) $(ZIVID_FLAGS) $(ZIVID)/panelprep_zivid.cpp $(ZIVID_LIBS) -o target/zivid/libpanelprep_zivid.so
+
+# The same text over declarations of the SDK's calls and a camera that is played; the tests build it themselves.
+ZIVID_STUB := target/zivid-stub/libpanelprep_zivid.so
+zivid-stub: $(ZIVID_STUB)
+$(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
+	mkdir -p $(@D)
+	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
+	mv $@.new $@
+
+bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -57,6 +75,10 @@ bench-inspect: setup
 	  rm -rf $(OPENCV_PEER); echo 'Python OpenCV cannot be set up; the bench runs without it.' >&2; }
 	if test -x $(OPENCV_PEER)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(OPENCV_PEER)/bin/python; fi; \
 	  cargo bench --locked --bench inspect
+
+# The 3D camera's worker, over the played camera: a full-size shot through its socket, two hundred kills. Five minutes.
+bench-worker: setup zivid-stub
+	cargo bench --locked --bench worker
 
 # The robot link: rates, from a lost acknowledgement to STOP, long paths. About five minutes.
 bench-link: setup

@@ -15,3 +15,4 @@ mod locate;
 mod robot;
 mod service;
 mod wall;
+mod zivid;

@@ -69,7 +69,8 @@ mod tests {
 
     #[test]
     fn a_zivids_files_start_at_the_cells_folder() {
-        let text = "[scanner]\nkind = 'zivid'\nserial = '2127A0F3'\nsettings = 'scan.yml'\nsettings_2d = '/etc/film.yml'";
+        let text =
+            "[scanner]\nkind = 'zivid'\nserial = '2127A0F3'\nsettings = 'scan.yml'\nsettings_2d = '/etc/film.yml'";
         let cell = Cell::check("cells/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
         let zivid = ZividCamera {
             serial: Some("2127A0F3".to_owned()),
@@ -84,7 +85,9 @@ mod tests {
     fn what_does_not_go_together_is_told() {
         let says = |text: &str| Cell::check("f", text).expect_err("refused").to_string();
         let told = says("[scanner]\nsettings = 'scan.yml'\nlibrary = 'x.so'");
-        assert!(told.contains("f:2: scanner.settings: has no effect with kind = \"simulated\"; it is for kind = \"zivid\""));
+        assert!(told.contains(
+            "f:2: scanner.settings: has no effect with kind = \"simulated\"; it is for kind = \"zivid\""
+        ));
         assert!(told.contains("f:3: scanner.library: has no effect"), "{told}");
         let told = says("[scanner]\nkind = 'zivid'\nserial = '1'\nfile_camera = 'a.zfc'");
         assert!(told.contains("f:4: scanner.file_camera: goes without serial"), "{told}");

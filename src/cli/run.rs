@@ -44,8 +44,8 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
     let path = files.socket();
-    let socket =
-        Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone())).map_err(Fault::stage)?;
+    let socket = Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone()))
+        .map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();

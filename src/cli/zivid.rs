@@ -55,9 +55,8 @@ pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
 }
 
 fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
-    let read = |key, file: &Option<PathBuf>| {
-        disk::read_text(file.as_deref().ok_or(Fault::NoCameraSettings { key })?)
-    };
+    let read =
+        |key, file: &Option<PathBuf>| disk::read_text(file.as_deref().ok_or(Fault::NoCameraSettings { key })?);
     let (scan, picture) = (read("settings", &zivid.settings)?, read("settings_2d", &zivid.settings_2d)?);
     Ok([("zivid_settings", scan), ("zivid_settings_2d", picture)])
 }
@@ -80,7 +79,8 @@ pub fn worker(args: &ZividWorker) -> ExitCode {
 }
 
 fn served(library: &Path) -> Result<(), Box<dyn std::error::Error>> {
-    let mut daemon = process::daemon().map_err(|error| format!("it is started by `panelprep run` alone: {error}"))?;
+    let mut daemon =
+        process::daemon().map_err(|error| format!("it is started by `panelprep run` alone: {error}"))?;
     match Sdk::open(library) {
         Ok(sdk) => Ok(worker::serve(daemon, Box::new(sdk))?),
         Err(error) => {

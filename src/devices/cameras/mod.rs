@@ -113,4 +113,6 @@ impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
 }
 
 #[cfg(test)]
+pub mod conform;
+#[cfg(test)]
 mod tests;

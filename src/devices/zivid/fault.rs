@@ -7,7 +7,9 @@ use std::time::Duration;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ZividFault {
     /// No such camera.
-    #[error("C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds")]
+    #[error(
+        "C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds"
+    )]
     NotFound(String),
     /// The worker's program or its library is not there.
     #[error("C1 the 3D camera's worker cannot work: {0}")]
@@ -90,7 +92,9 @@ pub enum ZividFault {
         expected: String,
     },
     /// The worker is of another program.
-    #[error("C5 the worker's version is {found}, this program's is {expected}; restart the service after an upgrade")]
+    #[error(
+        "C5 the worker's version is {found}, this program's is {expected}; restart the service after an upgrade"
+    )]
     WrongVersion {
         /// The worker's.
         found: String,

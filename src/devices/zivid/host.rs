@@ -656,8 +656,7 @@ impl Host {
         let last_sum = taking.last_sum.filter(|_| !is_file);
         let settings = taking.hash.clone();
         let until_ns = came.came_ns;
-        let asked =
-            Asked { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
+        let asked = Asked { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };
         accept::accept(&came.taken, came.sum, &asked)?;
         taking.last_sum = Some(came.sum);
         self.last_number = came.taken.number;

@@ -103,8 +103,7 @@ type Status = i32;
 /// of its own is not closed under them.
 struct Functions {
     end: unsafe extern "C" fn(Session),
-    connect:
-        unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
+    connect: unsafe extern "C" fn(Session, *const c_char, *const c_char, *mut RawIdentity, *mut Message) -> Status,
     settings_scan: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
     settings_picture: unsafe extern "C" fn(Session, *const c_char, *mut u32, *mut RawSize, *mut Message) -> Status,
     scan: unsafe extern "C" fn(Session, u32, *mut RawTaken, *mut Message) -> Status,
@@ -323,9 +322,6 @@ fn words(text: &[c_char]) -> String {
 }
 
 fn c_string(text: &OsStr) -> Result<CString, Refusal> {
-    let refused = |_| Refusal {
-        trouble: Trouble::Settings,
-        message: format!("{} holds a NUL", text.display()),
-    };
+    let refused = |_| Refusal { trouble: Trouble::Settings, message: format!("{} holds a NUL", text.display()) };
     CString::new(text.as_bytes()).map_err(refused)
 }

@@ -39,4 +39,4 @@ pub use fault::ZividFault;
 pub use host::{Patience, Setup};
 pub use message::{Size, Source};
 pub use process::{Launcher, launcher};
-pub use scanner::{ZividPicture, ZividScanner, ZividShot};
+pub use scanner::{ZividPicture, ZividScanner, ZividShot, ZividWatch};

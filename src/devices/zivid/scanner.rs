@@ -43,6 +43,27 @@ pub struct ZividScanner {
     size: Size,
 }
 
+/// What is known of a camera that another thread asks.
+#[derive(Debug, Clone)]
+pub struct ZividWatch(Arc<Shared>);
+
+impl ZividWatch {
+    /// What went wrong so far.
+    pub fn faults(&self) -> Vec<ZividFault> {
+        self.0.status().faults.iter().cloned().collect()
+    }
+
+    /// How often a worker was lost.
+    pub fn lost(&self) -> usize {
+        self.0.status().lost
+    }
+
+    /// The worker's process.
+    pub fn worker(&self) -> Option<u32> {
+        self.0.status().worker
+    }
+}
+
 /// How long a check waits for a worker that is being started.
 const CHECK_PATIENCE: Duration = Duration::from_secs(10);
 /// How often one who waits for an answer looks whether the camera still delivers.
@@ -82,6 +103,11 @@ impl ZividScanner {
     pub fn history(&self) -> (Vec<ZividFault>, usize, Option<u32>) {
         let status = self.shared.status();
         (status.faults.iter().cloned().collect(), status.lost, status.worker)
+    }
+
+    /// The same for another thread, now and later.
+    pub fn watch(&self) -> ZividWatch {
+        ZividWatch(self.shared.clone())
     }
 
     fn ask(&self, ask: Ask) -> Result<Found, ZividFault> {

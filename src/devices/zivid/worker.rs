@@ -6,9 +6,7 @@
 //! takes them too late loses the oldest, which are counted.
 
 use super::clock::now_ns;
-use super::message::{
-    ClipEnd, Hello, Refusal, Reply, Request, SettingsHash, Size, Source, Taken, Trouble, Use,
-};
+use super::message::{ClipEnd, Hello, Refusal, Reply, Request, SettingsHash, Size, Source, Taken, Trouble, Use};
 use super::sensor::{Exposed, Planes, Sensor, Slot};
 use super::wire::{self, Kind, WireError};
 use sha2::{Digest, Sha256};

@@ -4,7 +4,7 @@ mod reach;
 
 use super::*;
 use crate::cell::Feedback;
-use crate::devices::cameras::{FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, simulated};
+use crate::devices::cameras::{FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated};
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
 use crate::eki::{
@@ -218,6 +218,17 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     let shot = bench.scanner.capture_3d().expect("parked");
     assert_eq!((shot.cloud.width(), shot.cloud.height()), (1944 / 8, 1200 / 8));
     assert_eq!(bench.world.violations().len(), 1);
+}
+
+#[test]
+fn the_simulated_scanner_does_what_every_scanner_does() {
+    let mut bench = Bench::new();
+    let lens = *bench.sim.scanner();
+    bench.park();
+    conform::shots(&mut bench.scanner, &lens);
+    bench.switch(Output::Light, true);
+    bench.pass_s(1.5);
+    conform::pictures(&mut bench.scanner, &lens);
 }
 
 #[test]

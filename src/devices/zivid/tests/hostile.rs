@@ -79,7 +79,8 @@ fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
             bytes.truncate(keep);
             Rest::HangsUp
         });
-        let words = "C11 the 3D camera's worker ended (it hung up) during a 3D shot; it is started again, restart 1 of 3";
+        let words =
+            "C11 the 3D camera's worker ended (it hung up) during a 3D shot; it is started again, restart 1 of 3";
         assert!(fault.to_string().starts_with(words), "{keep}: {fault}");
     }
 }
@@ -92,7 +93,10 @@ fn a_shot_that_stalls_under_way_is_given_up_in_time() {
             bytes.truncate(keep);
             Rest::Stalls
         });
-        assert!(fault.to_string().starts_with("C3 no answer within 0.4 s to a 3D shot, the worker was ended"), "{fault}");
+        assert!(
+            fault.to_string().starts_with("C3 no answer within 0.4 s to a 3D shot, the worker was ended"),
+            "{fault}"
+        );
         assert!(since.elapsed() >= Duration::from_millis(400));
     }
 }
@@ -196,7 +200,8 @@ fn the_fourth_end_stays_down_and_says_so() {
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
     let fault = scanner.ready(PATIENCE).expect_err("down").to_string();
-    let words = "C11 the 3D camera's worker stays down: it ended 4 times within 10 min, 3 restarts are allowed. Last: C11";
+    let words =
+        "C11 the 3D camera's worker stays down: it ended 4 times within 10 min, 3 restarts are allowed. Last: C11";
     assert!(fault.starts_with(words) && fault.contains("not before"), "{fault}");
     let (faults, lost, worker) = scanner.history();
     assert_eq!((faults.len(), lost, worker), (5, 4, None), "each end, and that it stays down: {faults:#?}");

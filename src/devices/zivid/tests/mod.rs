@@ -2,13 +2,14 @@
 //! each byte under way can be held, changed or left out.
 
 mod hostile;
+mod library;
 mod played;
 
 use self::played::{Plan, SIZE, played, setup};
 use super::*;
 use std::time::{Duration, Instant};
 
-const PATIENCE: Duration = Duration::from_secs(20);
+const PATIENCE: Duration = Duration::from_secs(60);
 
 /// A camera that does by this plan, ready.
 fn ready(plan: Plan) -> ZividScanner {
@@ -75,7 +76,10 @@ fn a_clip_has_true_times_and_drops_the_oldest() {
 fn each_trouble_of_the_camera_has_its_name() {
     let cases: [(Plan, &str); 8] = [
         (Plan { missing: vec![2], ..Plan::default() }, "C6 no 3D data: 0.00 % of the shot's points"),
-        (Plan { infinite: vec![2], ..Plan::default() }, "C4 the shot has 1 points with a coordinate that is infinite"),
+        (
+            Plan { infinite: vec![2], ..Plan::default() },
+            "C4 the shot has 1 points with a coordinate that is infinite",
+        ),
         (Plan { half: vec![2], ..Plan::default() }, "C5 a 3D shot: 4×3 px, the camera's calibration says 8×6"),
         (Plan { old: vec![2, 3], ..Plan::default() }, "C9 the 3D camera stands still: a shot begun at"),
         (
@@ -87,7 +91,10 @@ fn each_trouble_of_the_camera_has_its_name() {
             Plan { no_shot: vec![2, 3, 4], ..Plan::default() },
             "C3 the 3D camera gave nothing for a 3D shot in 3 tries: no exposure",
         ),
-        (Plan { panics: vec![2], ..Plan::default() }, "C11 the 3D camera's worker ended (it hung up) during a 3D shot"),
+        (
+            Plan { panics: vec![2], ..Plan::default() },
+            "C11 the 3D camera's worker ended (it hung up) during a 3D shot",
+        ),
     ];
     for (plan, words) in cases {
         let frozen = !plan.frozen.is_empty();
@@ -117,7 +124,8 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let mut scanner = ready(Plan { hot: vec![2, 3], ..Plan::default() });
     assert!((scanner.shot().expect("stands").taken.throttled_ms - 900.0).abs() < 1e-9);
     let fault = scanner.photo().expect_err("too late").to_string();
-    let words = "C3 the 3D camera is hot and paused for 900 ms during a picture, allowed are 500, its lens has 36 °C";
+    let words =
+        "C3 the 3D camera is hot and paused for 900 ms during a picture, allowed are 500, its lens has 36 °C";
     assert!(fault.starts_with(words), "{fault}");
 }
 

@@ -8,8 +8,8 @@ use super::super::worker;
 use super::super::{Launcher, Patience, Restarts, Setup, Size, Source};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 

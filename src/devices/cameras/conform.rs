@@ -1,0 +1,46 @@
+//! What every scanner does, whichever it is: the same tests run on the simulated one and on the Zivid's.
+
+use super::Scanner;
+use crate::geometry::PinholeCamera;
+use std::collections::BTreeSet;
+
+/// 3D shots: of the calibrated size, each point in the pixel that sees it, with colours, in the order of their times.
+pub fn shots(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
+    scanner.warm();
+    scanner.check().expect("it would deliver");
+    let mut last_s = f64::NEG_INFINITY;
+    for _ in 0..2 {
+        let shot = scanner.capture_3d().expect("a shot");
+        let cloud = &shot.cloud;
+        assert_eq!((cloud.width(), cloud.height()), (lens.width_px, lens.height_px));
+        assert!(shot.time_s >= last_s, "{} after {last_s}", shot.time_s);
+        last_s = shot.time_s;
+        let (mut there, mut colors) = (0, BTreeSet::new());
+        for (index, point) in cloud.valid() {
+            let pixel = lens.project(point).expect("before the camera");
+            let (column, row) = ((index % lens.width_px) as f64, (index / lens.width_px) as f64);
+            let off_px = (pixel.u - column).hypot(pixel.v - row);
+            assert!(off_px < 0.6, "the point of pixel {column}, {row} is {off_px} px beside it");
+            assert!((100.0..5_000.0).contains(&point.mm.z), "{point:?}");
+            there += 1;
+            colors.insert(cloud.color_at(index));
+        }
+        let pixels = lens.width_px * lens.height_px;
+        assert!(there > pixels / 100 && there < pixels, "{there} of {pixels}: some are there, and some missing");
+        assert!(colors.len() > 50, "{} colours: a shot without colours is of one", colors.len());
+    }
+}
+
+/// Pictures: of the calibrated size, with something on them, in the order of their times; and shots in between.
+pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
+    let mut last_s = f64::NEG_INFINITY;
+    for _ in 0..3 {
+        let taken = scanner.capture_2d().expect("a picture");
+        assert_eq!((taken.picture.width, taken.picture.height), (lens.width_px, lens.height_px));
+        assert_eq!(taken.picture.rgb.len(), lens.width_px * lens.height_px);
+        assert!(taken.time_s >= last_s, "{} after {last_s}", taken.time_s);
+        last_s = taken.time_s;
+        let colors: BTreeSet<_> = taken.picture.rgb.iter().collect();
+        assert!(colors.len() > 50, "{} colours", colors.len());
+    }
+}

@@ -1,0 +1,147 @@
+//! The C++ text over the played camera, opened as the worker opens it; here in a thread.
+
+use super::super::library::{LibraryError, Sdk};
+use super::super::message::Source;
+use super::super::*;
+use super::PATIENCE;
+use super::played::in_thread;
+use crate::devices::cameras::{Scanner, conform};
+use crate::geometry::PinholeCamera;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::sync::OnceLock;
+
+/// Settings as Zivid Studio heads them.
+const SCAN: &str =
+    "__version__:\n  serializer: 1\n  data: 22\nSettings:\n  Acquisitions: []\n  Color:\n    Settings2D: {}\n";
+const PICTURE: &str = "__version__:\n  serializer: 1\n  data: 3\nSettings2D:\n  Acquisitions: []\n";
+
+/// The library, built.
+fn library() -> &'static Path {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let made =
+            Command::new("make").args(["-s", "zivid-stub"]).current_dir(root).output().expect("make is here");
+        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
+        root.join("target/zivid-stub/libpanelprep_zivid.so")
+    })
+}
+
+/// A camera file of these lines, and the camera that it plays.
+fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
+    let file = folder.join("camera.zfc");
+    std::fs::write(&file, lines).expect("written");
+    let setup = Setup {
+        source: Source::File(file),
+        size: Size { width: 162, height: 100 },
+        scan_yaml: SCAN.to_owned(),
+        picture_yaml: PICTURE.to_owned(),
+        ..super::played::setup()
+    };
+    // Built before anybody waits for a worker.
+    let library = library();
+    let launch = in_thread(move |stream| {
+        let sdk = Sdk::open(library).expect("the library");
+        worker::serve(stream, Box::new(sdk)).expect("served");
+    });
+    (setup, launch)
+}
+
+/// By the page at the top of `play.cpp`: f = 1785 · 162 / 1944.
+fn lens() -> PinholeCamera {
+    let f_px = 1785.0 * 162.0 / 1944.0;
+    let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let (width_px, height_px, cx_px, cy_px) = (162, 100, 80.5, 49.5);
+    PinholeCamera { width_px, height_px, fx_px: f_px, fy_px: f_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
+}
+
+#[test]
+fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\nserial 2127A0F3\nlens 35.5\n");
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    conform::shots(&mut scanner, &lens());
+    conform::pictures(&mut scanner, &lens());
+    scanner.capture_3d().expect("a shot after pictures");
+    let found = scanner.intrinsics().expect("a lens");
+    assert_eq!(found.matrix_px, [lens().fx_px, lens().fy_px, 80.5, 49.5]);
+    assert_eq!(found.distortion, [-0.08, 0.1, 0.0002, -0.0001, -0.02], "k1, k2, p1, p2, k3");
+    let state = scanner.temperatures().expect("well");
+    assert_eq!((state.lens_c, state.led_c), (Some(35.5), Some(47.5)));
+    let taken = scanner.shot().expect("a shot").taken;
+    assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
+    assert_eq!(scanner.history().0, []);
+}
+
+/// By hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more, x = 0.5 z / f.
+#[test]
+fn numbers_come_through_the_interface_as_they_were() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    let shot = scanner.shot().expect("a shot");
+    let point = shot.cloud.point(81, 50).expect("there").mm;
+    assert!((708.157..708.209).contains(&point.z), "{point}");
+    assert!((point.x - 0.5 * point.z / 148.75).abs() < 1e-3 && (point.y - point.x).abs() < 1e-6, "{point}");
+    assert_eq!(shot.cloud.point(7, 50), None, "in the shadow: the leftmost twentieth, 8 columns");
+    assert!(shot.cloud.point(8, 50).is_some());
+    let [red, green, blue] = shot.cloud.color_at(50 * 162 + 81);
+    assert!(
+        (100..=103).contains(&red) && (100..=103).contains(&green) && (60..=63).contains(&blue),
+        "40+60, 50+50, 60"
+    );
+    assert_eq!((shot.snr[0], shot.snr[8]), (10.0, 11.0));
+}
+
+#[test]
+fn settings_that_the_sdk_refuses_are_told_in_its_words() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let told = |change: &dyn Fn(&mut Setup)| {
+        let (mut setup, launch) = file_camera(folder.path(), "width 162\nheight 100\n");
+        change(&mut setup);
+        ZividScanner::start(setup, launch).expect("a thread").ready(PATIENCE).expect_err("refused").to_string()
+    };
+    let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
+    assert_eq!(swapped, "C5 the settings for 3D shots are refused: this is no Settings file");
+    let colorless = told(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: []\n".to_owned());
+    assert!(
+        colorless.ends_with("these settings have no Color part: a 3D shot is taken with its colours"),
+        "{colorless}"
+    );
+    let halved = told(&|setup| setup.picture_yaml = PICTURE.replace("[]", "[] # Subsample2x2"));
+    assert!(
+        halved.starts_with("C5 the settings for pictures: 81×50 px, the camera's calibration says 162×100"),
+        "{halved}"
+    );
+    let absent = told(&|setup| setup.source = Source::Serial("2127A0F3".to_owned()));
+    assert!(
+        absent.starts_with("C1 the 3D camera is not found: no camera with serial number 2127A0F3 was found"),
+        "{absent}"
+    );
+    let no_file = told(&|setup| setup.source = Source::File("/nowhere.zfc".into()));
+    assert!(
+        no_file.starts_with("C1 the 3D camera is not found: there is no camera file /nowhere.zfc"),
+        "{no_file}"
+    );
+}
+
+#[test]
+fn a_library_that_is_none_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let gone = Sdk::open(&folder.path().join("gone.so")).err().expect("none").to_string();
+    assert!(gone.contains("build it where the Zivid SDK is installed with `make zivid`"), "{gone}");
+    let source = folder.path().join("other.c");
+    let built = |text: &str, name: &str| {
+        std::fs::write(&source, text).expect("written");
+        let file = folder.path().join(name);
+        let made = Command::new("cc").args(["-shared", "-fPIC", "-o"]).args([&file, &source]).status().expect("cc");
+        assert!(made.success());
+        Sdk::open(&file).err().expect("refused")
+    };
+    let newer = built("unsigned pz_interface(void) { return 7; }", "newer.so");
+    assert!(matches!(newer, LibraryError::Interface { found: 7, .. }), "{newer}");
+    let other = built("int x;", "other.so");
+    assert!(other.to_string().contains("pz_interface"), "{other}");
+}

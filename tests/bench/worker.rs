@@ -1,0 +1,74 @@
+//! The 3D camera's worker, as `make bench-worker` measures it: a full-size shot through its socket beside a plain copy of as
+//! many bytes, and a worker that is killed two hundred times. The camera is the played one: nothing of the SDK is in these
+//! numbers.
+//!
+//! `cargo bench --bench worker -- [shots] [kills]`
+
+#[path = "../zivid/kills.rs"]
+mod kills;
+#[path = "../zivid/stub.rs"]
+mod stub;
+
+use panelprep::devices::zivid::{Restarts, ZividScanner};
+use rand::SeedableRng;
+use std::time::{Duration, Instant};
+
+const FULL: [usize; 2] = [1944, 1200];
+/// x, y, z and signal to noise as f32, three colours.
+const BYTES: usize = 1944 * 1200 * (12 + 3 + 4);
+const MOST_MS: f64 = 30.0;
+const PATIENCE: Duration = Duration::from_secs(120);
+
+fn main() {
+    let numbers: Vec<usize> = std::env::args().skip(1).filter_map(|word| word.parse().ok()).collect();
+    let (shots, times) = (numbers.first().copied().unwrap_or(60), numbers.get(1).copied().unwrap_or(200));
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut setup, launch) = stub::camera(folder.path(), FULL, "");
+    setup.restarts = Restarts { most: 10_000, ..Restarts::default() };
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    let median_ms = crossing(&mut scanner, shots);
+    let begun = Instant::now();
+    let killed = kills::killed(scanner, times, &mut rand_pcg::Pcg64::seed_from_u64(1));
+    println!(
+        "{times} kills at random moments in {:.0} s, {} shots and pictures came whole meanwhile; told of them:",
+        begun.elapsed().as_secs_f64(),
+        killed.delivered
+    );
+    for (name, count) in &killed.named {
+        println!("  {count:4}  {name}");
+    }
+    let right = median_ms <= MOST_MS && killed.named.values().sum::<usize>() == times;
+    println!("{}", if right { "all as asked" } else { "NOT as asked" });
+    std::process::exit(i32::from(!right));
+}
+
+/// From a shot in the worker's memory to a checked one in the daemon's.
+fn crossing(scanner: &mut ZividScanner, shots: usize) -> f64 {
+    let source: Vec<u8> = (0..BYTES).map(|k| k as u8).collect();
+    let (mut crossed, mut copied) = (Vec::new(), Vec::new());
+    for _ in 0..shots {
+        let begun = Instant::now();
+        std::hint::black_box(source.clone());
+        copied.push(begun.elapsed().as_secs_f64() * 1e3);
+        let shot = scanner.shot().expect("a shot");
+        kills::right(&shot);
+        crossed.push(shot.crossed_ms);
+    }
+    let [crossing, copying] = [&mut crossed, &mut copied].map(|times| {
+        times.sort_by(f64::total_cmp);
+        (times[times.len() / 2], times[0], times[times.len() - 1])
+    });
+    println!(
+        "a 3D shot of {}x{}, {:.1} MB, from the worker's memory to the daemon's, checked, over {shots} shots:",
+        FULL[0],
+        FULL[1],
+        BYTES as f64 * 1e-6
+    );
+    println!(
+        "  through the socket  median {:6.1} ms, {:.1} to {:.1}; at most {MOST_MS} ms are asked",
+        crossing.0, crossing.1, crossing.2
+    );
+    println!("  a plain copy        median {:6.1} ms, {:.1} to {:.1}", copying.0, copying.1, copying.2);
+    crossing.0
+}

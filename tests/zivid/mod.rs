@@ -1,0 +1,106 @@
+//! The Zivid camera behind real workers, over the played camera: what each fault of the camera and of the process comes to.
+
+mod kills;
+mod service;
+mod stub;
+
+use panelprep::devices::zivid::{Restarts, ZividFault, ZividScanner};
+use rand::SeedableRng;
+use std::time::{Duration, Instant};
+
+const SMALL: [usize; 2] = [162, 100];
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn ready(
+    lines: &str,
+    patience: impl Fn(&mut panelprep::devices::zivid::Setup),
+) -> (tempfile::TempDir, ZividScanner) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut setup, launch) = stub::camera(folder.path(), SMALL, lines);
+    patience(&mut setup);
+    let scanner = ZividScanner::start(setup, launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("ready");
+    (folder, scanner)
+}
+
+/// The camera does something at its second exposure, the first after the one that warms it up.
+#[test]
+fn each_planted_fault_of_the_camera_is_named() {
+    let cases = [
+        (
+            "hang",
+            "C3 no answer within 0.5 s to a 3D shot, the worker was ended; it is started again, restart 1 of 3",
+        ),
+        ("crash", "C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"),
+        ("gone", "C2 the 3D camera was lost during a 3D shot: the camera does not answer"),
+        ("missing", "C6 no 3D data: 0.00 % of the shot's points are there"),
+        ("infinite", "C4 the shot has 1 points with a coordinate that is infinite"),
+        ("half", "C5 a 3D shot: 81×50 px, the camera's calibration says 162×100"),
+    ];
+    for (fault, words) in cases {
+        let (_folder, mut scanner) =
+            ready(&format!("fault 2 {fault}\n"), |setup| setup.patience.scan = Duration::from_millis(500));
+        let told = scanner.shot().expect_err(fault).to_string();
+        assert!(told.starts_with(words), "{fault}: {told}");
+        let since = Instant::now();
+        // A worker that was started again counts from one: its second exposure fails again.
+        while !["hang", "crash"].contains(&fault) && scanner.shot().is_err() {
+            assert!(since.elapsed() < PATIENCE, "{fault}: {:?}", scanner.history());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+    let (_folder, mut scanner) = ready("fault 2 throw\nfault 3 throw\nfault 5 throttled\n", |_| ());
+    scanner.shot().expect("the third try");
+    let told = scanner.photo().expect_err("hot").to_string();
+    assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
+}
+
+/// A crash at each first shot: three restarts, then it stays down and says so, to a person's reset as well.
+#[test]
+fn a_camera_that_crashes_its_process_each_time_is_left_alone() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (setup, launch) = stub::camera(folder.path(), SMALL, "fault 1 crash\n");
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    let down = scanner.ready(PATIENCE).expect_err("down");
+    assert!(matches!(down, ZividFault::Down { ended: 4, allowed: 3, .. }), "{down}");
+    assert!(down.to_string().contains("Last: C11 the 3D camera's worker ended (signal: 6 (SIGABRT)"), "{down}");
+    assert!(matches!(scanner.temperatures(), Err(ZividFault::Down { .. })));
+    assert_eq!((scanner.history().1, scanner.history().2), (4, None));
+}
+
+#[test]
+fn a_worker_without_its_library_says_what_to_do() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (setup, _) = stub::camera(folder.path(), SMALL, "");
+    let arguments = ["zivid-worker".into(), "--library".into(), folder.path().join("none.so").into()];
+    let launch = panelprep::devices::zivid::launcher(env!("CARGO_BIN_EXE_panelprep").into(), arguments.into());
+    let scanner = ZividScanner::start(setup, launch).expect("a thread");
+    let told = scanner.ready(PATIENCE).expect_err("none").to_string();
+    assert!(told.starts_with("C1 the 3D camera's worker cannot work: ") && told.contains("`make zivid`"), "{told}");
+}
+
+/// Five of the two hundred of `make bench-worker`, at full size, so that half of them fall into a transfer or a capture.
+#[test]
+fn five_kills_are_five_named_faults() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (mut setup, launch) = stub::camera(folder.path(), [1944, 1200], "");
+    setup.restarts = Restarts { most: 1_000, ..Restarts::default() };
+    let scanner = ZividScanner::start(setup, launch).expect("a thread");
+    let killed = kills::killed(scanner, 5, &mut rand_pcg::Pcg64::seed_from_u64(9));
+    assert_eq!(killed.named.values().sum::<usize>(), 5, "{killed:?}");
+}
+
+/// Nobody starts it by hand: its standard input is no socket.
+#[test]
+fn the_role_is_the_programs_own() {
+    let ran = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(["zivid-worker", "--library", "x.so"])
+        .stdin(std::process::Stdio::null())
+        .output()
+        .expect("it starts");
+    assert!(!ran.status.success());
+    let words = String::from_utf8_lossy(&ran.stderr);
+    assert!(words.contains("it is started by `panelprep run` alone"), "{words}");
+    let help = std::process::Command::new(env!("CARGO_BIN_EXE_panelprep")).arg("--help").output().expect("help");
+    assert!(!String::from_utf8_lossy(&help.stdout).contains("zivid-worker"));
+}

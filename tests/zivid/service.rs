@@ -1,0 +1,70 @@
+//! The service of a cell whose 3D camera is killed under it, again and again.
+
+use super::stub;
+use crate::commands::rendered;
+use crate::service::Service;
+use rustix::process::{Pid, Signal, kill_process};
+use std::path::Path;
+
+/// The worker among the processes: the child of this one.
+fn worker_of(daemon: u32) -> Option<Pid> {
+    let children = std::fs::read_dir(format!("/proc/{daemon}/task"))
+        .ok()?
+        .filter_map(|task| std::fs::read_to_string(task.ok()?.path().join("children")).ok());
+    let ids: Vec<i32> = children
+        .flat_map(|ids| ids.split_whitespace().filter_map(|id| id.parse().ok()).collect::<Vec<_>>())
+        .collect();
+    ids.first().copied().and_then(Pid::from_raw)
+}
+
+fn with_zivid(folder: &Path) {
+    let cell = folder.join("cell/cell.toml");
+    let text = std::fs::read_to_string(&cell).expect("rendered");
+    let library = stub::library().display();
+    let zivid = format!(
+        "[scanner]\nkind = \"zivid\"\nfile_camera = \"camera.zfc\"\nsettings = \"scan.yml\"\nsettings_2d = \"film.yml\"\nlibrary = \"{library}\"\n"
+    );
+    let begin = text.find("[scanner]").expect("it has one");
+    let end = begin + text[begin..].find("\n[").expect("more follows") + 1;
+    std::fs::write(&cell, format!("{}{zivid}\n{}", &text[..begin], &text[end..])).expect("written");
+    std::fs::write(folder.join("cell/scan.yml"), stub::SCAN).expect("written");
+    std::fs::write(folder.join("cell/film.yml"), stub::PICTURE).expect("written");
+    std::fs::write(folder.join("cell/camera.zfc"), "width 486\nheight 300\n").expect("written");
+}
+
+/// Three kills are mended, each told in the log; the fourth stays down, and the reset says so. The service goes on and ends
+/// as it should.
+#[test]
+fn the_service_outlives_its_camera() {
+    let folder = rendered("good");
+    with_zivid(folder.path());
+    let service = Service::start(folder.path());
+    service.reset();
+    let log = || std::fs::read_to_string(folder.path().join("run.log")).unwrap_or_default();
+    let readies = || log().matches("the 3D camera is ready").count();
+    for kill in 1..=4_usize {
+        service.wait("the camera is ready", |_| readies() >= kill);
+        let mut killed = false;
+        service.wait("a worker", |service| {
+            killed |= worker_of(service.id()).is_some_and(|id| kill_process(id, Signal::KILL).is_ok());
+            killed
+        });
+        service.wait("it is told", |_| {
+            log().matches("C11 the 3D camera's worker ended (signal: 9 (SIGKILL))").count() >= kill
+        });
+        assert_eq!(service.state(), "idle", "nobody needed the camera");
+    }
+    assert!(
+        log().contains("restart 3 of 3 in 10 min") && log().contains("C11 the 3D camera's worker stays down"),
+        "{}",
+        log()
+    );
+    service.done("stop");
+    service.reach("stopped");
+    service.done("reset");
+    service.wait("the reset fails", |service| {
+        service.ctl("state").1["reasons"].to_string().contains("C11 the 3D camera's worker stays down")
+    });
+    service.signal(Signal::TERM);
+    assert!(service.ended().success());
+}
