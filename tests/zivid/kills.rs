@@ -52,8 +52,10 @@ pub fn killed(mut scanner: ZividScanner, times: usize, random: &mut impl RngExt)
             }
         }
         is_over.store(true, Ordering::Relaxed);
-        let (scanner, delivered) = asks.join().expect("who asks is never stopped");
-        scanner.ready(PATIENCE).expect("it delivers again");
+        let (mut scanner, mut delivered) = asks.join().expect("who asks is never stopped");
+        scanner.ready(PATIENCE).expect("started again");
+        right(&scanner.shot().expect("it delivers again"));
+        delivered += 1;
         let faults = status.faults();
         assert_eq!((faults.len(), status.lost()), (times, times), "each kill is one fault: {faults:#?}");
         let mut killed = Killed { delivered, ..Killed::default() };

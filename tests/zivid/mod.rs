@@ -88,6 +88,7 @@ fn five_kills_are_five_named_faults() {
     let scanner = ZividScanner::start(setup, launch).expect("a thread");
     let killed = kills::killed(scanner, 5, &mut rand_pcg::Pcg64::seed_from_u64(9));
     assert_eq!(killed.named.values().sum::<usize>(), 5, "{killed:?}");
+    assert!(killed.delivered >= 1, "{killed:?}");
 }
 
 /// Nobody starts it by hand: its standard input is no socket.

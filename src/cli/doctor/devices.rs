@@ -70,10 +70,16 @@ fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
         Ok(scanner) => scanner,
         Err(fault) => return Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file"),
     };
-    match scanner.ready(Patience::default().start()).and_then(|()| scanner.temperatures()) {
-        Ok(found) => {
-            let lens = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
-            Check::right("scanner", format!("a Zivid, ready; temperature of its lens {lens}"))
+    let ready = scanner.ready(Patience::default().start());
+    match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
+        Ok((found, own)) => {
+            let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
+            let (own_px, calibrated_px) = (own.matrix_px[0], lens.value.fx_px);
+            let told = format!(
+                "a Zivid, ready; temperature of its lens {warm}; focal length by itself {own_px:.1} px, by its calibration \
+                 {calibrated_px:.1} px"
+            );
+            Check::right("scanner", told)
         }
         Err(fault) => {
             Check::wrong("scanner", fault.to_string(), "the page on the Zivid camera in README says what it needs")

@@ -127,14 +127,16 @@ pub struct Shared {
     pub is_ending: Arc<AtomicBool>,
 }
 
-impl Shared {
+impl Default for Shared {
     /// Before the first start.
-    pub fn new() -> Self {
+    fn default() -> Self {
         let stage = Stage::Starting(Instant::now());
         let status = Status { stage, lost: 0, faults: VecDeque::new(), worker: None };
         Shared { status: Mutex::new(status), news: Condvar::new(), is_ending: Arc::default() }
     }
+}
 
+impl Shared {
     /// The status as it is.
     pub fn status(&self) -> MutexGuard<'_, Status> {
         self.status.lock().unwrap_or_else(PoisonError::into_inner)
@@ -463,6 +465,11 @@ impl Host {
 
     /// The worker is lost: it is ended, and started again where the budget allows.
     fn lost(&mut self, during: &'static str, loss: Loss) -> ZividFault {
+        if self.shared.is_ending.load(Ordering::Relaxed) {
+            // Nobody asks any more, and nobody is told.
+            self.end_worker();
+            return ZividFault::Ended { how: "the program ends".to_owned(), during, next: Next::StaysDown };
+        }
         let verdict = self.budget.ended(self.began.elapsed());
         let allowed = self.budget.allowed();
         let next = match verdict {

@@ -76,7 +76,7 @@ impl ZividScanner {
     /// Where the system gives no thread.
     pub fn start(setup: Setup, launch: Launcher) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel();
-        let shared = Arc::new(Shared::new());
+        let shared = Arc::new(Shared::default());
         let (patience, size) = (setup.patience, setup.size);
         let host = Host::new(setup, launch, shared.clone());
         thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
