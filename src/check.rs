@@ -128,6 +128,11 @@ fn say_cell(cell: &Cell) -> Vec<String> {
     let camera = |camera: &Camera, device: &str| match camera {
         Camera::Simulated => "simulated".to_owned(),
         Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
+        Camera::Gige(gige) => match (&gige.serial, &gige.address) {
+            (Some(serial), _) => format!("{device} {serial}"),
+            (None, Some(address)) => format!("{device} at {address}"),
+            (None, None) => format!("{device}, the only one found"),
+        },
         Camera::Device { serial: Some(serial) } => format!("{device} {serial}"),
         Camera::Device { serial: None } => format!("{device}, the only one found"),
     };

@@ -1,10 +1,11 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
 
+use super::gige::{self, Gige};
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
 /// Where a camera's shots come from. The default is simulated.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Camera {
     /// `kind = "simulated"`: the renderer.
     Simulated,
@@ -13,7 +14,9 @@ pub enum Camera {
         /// The folder.
         folder: PathBuf,
     },
-    /// `kind = "zivid"` or `"gige"`: the camera itself.
+    /// `kind = "gige"`: a GigE Vision camera.
+    Gige(Gige),
+    /// `kind = "zivid"`: the camera itself.
     Device {
         /// The serial number; the only camera found where there is none.
         serial: Option<String>,
@@ -24,9 +27,10 @@ pub(super) fn take_camera(cell_folder: &Path, section: &Section<'_, '_>, device:
     let kind = section.take::<&str>("kind", vec!["simulated", "recorded", device], Some("simulated"));
     let folder = section.take::<Option<String>>("folder", (), Some(None));
     let serial = section.take::<Option<String>>("serial", (), Some(None));
+    let mut right = true;
+    let gige = (device == "gige").then(|| gige::take(section, kind, serial.clone().flatten()));
     section.done();
     let (kind, folder, serial) = (kind?, folder?, serial?);
-    let mut right = true;
     for (key, given, needs) in [("folder", folder.is_some(), "recorded"), ("serial", serial.is_some(), device)] {
         if given && kind != needs {
             section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
@@ -40,6 +44,7 @@ pub(super) fn take_camera(cell_folder: &Path, section: &Section<'_, '_>, device:
             section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
             return None;
         }
+        ("gige", _) => Camera::Gige(gige.flatten()?),
         _ => Camera::Device { serial },
     };
     right.then_some(camera)

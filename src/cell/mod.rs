@@ -8,6 +8,7 @@ mod arm;
 mod calibration;
 mod date;
 mod devices;
+mod gige;
 mod limits;
 mod names;
 mod rough;
@@ -22,6 +23,7 @@ pub use calibration::{
 };
 pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
+pub use gige::{Gige, PIXEL_FORMATS};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use rough::RoughMounts;

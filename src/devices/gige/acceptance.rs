@@ -263,7 +263,11 @@ mod tests {
         let cases: [(Facts, Vec<u8>, &str); 7] = [
             (Facts { delivery: Delivery::MissingPackets, ..good }, vec![], "incomplete: packets are missing"),
             (Facts { size_px: [2, 4], ..good }, pixels(8), "is 2×4 with pixel format 0x01080009, expected are 4×2"),
-            (Facts { format: PixelFormat::Mono8.code(), ..good }, pixels(8), "0x01080001, expected are 4×2 and Bayer"),
+            (
+                Facts { format: PixelFormat::Mono8.code(), ..good },
+                pixels(8),
+                "0x01080001, expected are 4×2 and Bayer",
+            ),
             (good, vec![1; 7], "has 7 bytes, its size needs 8"),
             (Facts { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last, 7000 ns"),
             (Facts { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),

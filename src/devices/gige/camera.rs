@@ -83,7 +83,8 @@ impl Connected {
         let tells = lost.clone();
         device.connect_control_lost(move |_| tells.store(true, Ordering::Relaxed));
         device.set_stream_options(GvStreamOption::PACKET_SOCKET_DISABLED);
-        let not_opened = |error: aravis::glib::Error| GigeError::NotOpened { wanted: wanted.clone(), why: error.to_string() };
+        let not_opened =
+            |error: aravis::glib::Error| GigeError::NotOpened { wanted: wanted.clone(), why: error.to_string() };
         let camera = aravis::Camera::with_device(&device).map_err(not_opened)?;
         configure(&camera, settings)?;
         let payload = camera.payload().map_err(not_opened)? as usize;
@@ -95,7 +96,8 @@ impl Connected {
         let acceptance = Acceptance::new(Expected { size_px, format, gaps, may_repeat });
         let (settings, statistics) = (settings.clone(), Statistics::default());
         let ended = Packets::default();
-        let mut connected = Connected { stream: None, camera, settings, payload, lost, acceptance, statistics, ended };
+        let mut connected =
+            Connected { stream: None, camera, settings, payload, lost, acceptance, statistics, ended };
         connected.start().map_err(|gone| GigeError::NotOpened { wanted, why: gone.to_string() })?;
         connected.warm_up()?;
         Ok(connected)
@@ -189,7 +191,8 @@ impl Connected {
 
     fn start(&mut self) -> Result<(), GigeError> {
         let stream = self.camera.create_stream().map_err(gone)?;
-        let stream = stream.downcast::<GvStream>().map_err(|_| GigeError::Lost { why: "its stream is none".to_owned() })?;
+        let stream =
+            stream.downcast::<GvStream>().map_err(|_| GigeError::Lost { why: "its stream is none".to_owned() })?;
         stream.set_socket_buffer(GvStreamSocketBuffer::Fixed);
         stream.set_socket_buffer_size(SOCKET_BUFFER_BYTES as i32);
         stream.set_packet_resend(GvStreamPacketResend::Always);
@@ -269,6 +272,17 @@ impl Packets {
     }
 }
 
+/// What a socket's receive buffer must be for a picture that comes in one burst, bytes: the kernel counts each packet with its
+/// own overhead, and grants twice what it is asked for.
+pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
+    // IP, UDP and GVSP headers of a packet; what the kernel counts for one of these sizes, by powers of two.
+    const HEADERS: usize = 36;
+    const OVERHEAD: usize = 600;
+    let each = (usize::from(packet_bytes) + OVERHEAD).next_power_of_two() + 256;
+    let packets = (size_px[0] * size_px[1]).div_ceil(usize::from(packet_bytes).saturating_sub(HEADERS).max(1)) + 2;
+    packets * each / 2
+}
+
 /// The largest receive buffer that the system gives, bytes, where it says so.
 pub fn rmem_max() -> Option<usize> {
     std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
@@ -309,10 +323,15 @@ fn found(which: &Which) -> Result<GvDevice, GigeError> {
             interface.update_device_list();
             let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
             let all: Vec<[String; 3]> = (0..interface.n_devices())
-                .map(|at| [interface.device_id(at), interface.device_serial_nbr(at), interface.device_address(at)].map(text))
+                .map(|at| {
+                    [interface.device_id(at), interface.device_serial_nbr(at), interface.device_address(at)]
+                        .map(text)
+                })
                 .collect();
-            let told = all.iter().map(|[_, serial, address]| format!("serial {serial} at {address}")).collect::<Vec<_>>();
-            let told = if all.is_empty() { "none answered".to_owned() } else { format!("there is {}", told.join(", ")) };
+            let told =
+                all.iter().map(|[_, serial, address]| format!("serial {serial} at {address}")).collect::<Vec<_>>();
+            let told =
+                if all.is_empty() { "none answered".to_owned() } else { format!("there is {}", told.join(", ")) };
             let right = all.iter().filter(|[_, serial, _]| match which {
                 Which::Serial(wanted) => serial == wanted,
                 _ => true,
@@ -334,7 +353,9 @@ fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<(), GigeErr
     for step in plan(settings, &has)? {
         set(camera, &step)?;
     }
-    let refused = |node, value: String| move |why: aravis::glib::Error| GigeError::NotTaken { node, value, why: why.to_string() };
+    let refused = |node, value: String| {
+        move |why: aravis::glib::Error| GigeError::NotTaken { node, value, why: why.to_string() }
+    };
     let (bytes, node) = (settings.packet_bytes, "GevSCPSPacketSize");
     camera.gv_set_packet_size_adjustment(GvPacketSizeAdjustment::Never);
     camera.gv_set_packet_size(i32::from(bytes)).map_err(refused(node, bytes.to_string()))?;

@@ -6,7 +6,7 @@
 
 use super::camera::{Connected, Frame};
 use super::error::GigeError;
-use super::settings::Settings;
+use super::settings::{Exposing, Settings};
 use super::statistics::Statistics;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -130,6 +130,27 @@ impl GigeCamera {
     pub fn statistics(&self) -> Statistics {
         lock(&self.shared).statistics
     }
+
+    /// How it stands and what was counted, to be read elsewhere.
+    pub fn gauge(&self) -> Gauge {
+        Gauge(self.shared.clone())
+    }
+}
+
+/// A window on a camera's link, for whoever tells of it while another has the camera.
+#[derive(Debug, Clone)]
+pub struct Gauge(Arc<Mutex<Shared>>);
+
+impl Gauge {
+    /// How the camera stands now.
+    pub fn standing(&self) -> Standing {
+        lock(&self.0).standing.clone()
+    }
+
+    /// What was counted so far.
+    pub fn statistics(&self) -> Statistics {
+        lock(&self.0).statistics
+    }
 }
 
 impl Drop for GigeCamera {
@@ -167,7 +188,8 @@ impl Link {
             match asked.recv_timeout(TICK) {
                 Ok(Ask::Picture { asked, reply }) if asked.elapsed() < LONGEST => {
                     let picture = self.picture();
-                    let gone = picture.as_ref().err().filter(|error| matches!(error, GigeError::Lost { .. })).cloned();
+                    let gone =
+                        picture.as_ref().err().filter(|error| matches!(error, GigeError::Lost { .. })).cloned();
                     // Who asked may have given up meanwhile.
                     let _ = reply.send(picture);
                     if let Some(why) = gone {
@@ -180,7 +202,11 @@ impl Link {
                         self.lose(why);
                     }
                 }
-                Err(RecvTimeoutError::Disconnected) => return,
+                Err(RecvTimeoutError::Disconnected) => {
+                    self.publish();
+                    tracing::info!("{}: {}", self.settings.which, lock(&self.shared).statistics);
+                    return;
+                }
             }
         }
     }
@@ -194,8 +220,8 @@ impl Link {
             return Err(away);
         };
         let picture = match self.settings.exposing {
-            super::settings::Exposing::OnTrigger => connected.still(),
-            super::settings::Exposing::Freely { .. } => connected.next(),
+            Exposing::OnTrigger => connected.still(),
+            Exposing::Freely { .. } => connected.next(),
         };
         self.publish();
         picture
@@ -224,8 +250,8 @@ impl Link {
 
     fn lose(&mut self, why: GigeError) {
         self.before.losses += 1;
-        self.publish();
         self.away(why);
+        self.publish();
         self.next_search = Instant::now() + self.pause;
         if let Some(connected) = self.connected.take() {
             self.before = self.before.and(connected.statistics());

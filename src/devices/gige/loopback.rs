@@ -23,7 +23,9 @@ pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum NoLoopback {
     /// The port is taken.
-    #[error("no GigE Vision camera can be simulated at {ADDRESS}: UDP port 3956 is taken, by another simulation or a camera tool")]
+    #[error(
+        "no GigE Vision camera can be simulated at {ADDRESS}: UDP port 3956 is taken, by another simulation or a camera tool"
+    )]
     Taken,
     /// It does not take its size.
     #[error("the simulated GigE Vision camera is {sensor_px} px wide and high at most, asked are {}×{}", size_px[0], size_px[1])]

@@ -29,11 +29,11 @@ mod still;
 pub use acceptance::{Acceptance, Delivery, Expected, Facts, Gaps, Refused, ahead};
 pub use bayer::{demosaic, mosaic};
 #[cfg(feature = "gige")]
-pub use camera::{Frame, SOCKET_BUFFER_BYTES, rmem_max};
+pub use camera::{Frame, SOCKET_BUFFER_BYTES, burst_bytes, rmem_max};
 pub use error::GigeError;
 pub use format::PixelFormat;
 #[cfg(feature = "gige")]
-pub use link::{GigeCamera, Standing};
+pub use link::{Gauge, GigeCamera, Standing};
 #[cfg(feature = "gige")]
 pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback};
 pub use settings::{Exposing, NoNode, PACKET_BYTES, Settings, Step, Which, plan};

@@ -105,7 +105,10 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
     if has("UserSetSelector") && has("UserSetLoad") {
         steps.extend([choose("UserSetSelector", &settings.user_set), Step::Command("UserSetLoad")]);
     }
-    steps.push(choose(one_of("pixel format", &["PixelFormat"], "it is no camera for this program")?, settings.format.name()));
+    steps.push(choose(
+        one_of("pixel format", &["PixelFormat"], "it is no camera for this program")?,
+        settings.format.name(),
+    ));
     let off = ["ExposureAuto", "GainAuto", "BalanceWhiteAuto"].into_iter().filter(|node| has(node));
     steps.extend(off.map(|node| choose(node, "Off")));
     if let Some(exposure_us) = settings.exposure_us {
@@ -133,8 +136,11 @@ pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>
         }
         Exposing::Freely { frames_per_s } => {
             steps.extend(has("TriggerMode").then(|| choose("TriggerMode", "Off")));
-            steps.extend(has("AcquisitionFrameRateEnable").then_some(Step::Switch("AcquisitionFrameRateEnable", true)));
-            let rate = one_of("frame rate", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], "trigger it instead")?;
+            steps.extend(
+                has("AcquisitionFrameRateEnable").then_some(Step::Switch("AcquisitionFrameRateEnable", true)),
+            );
+            let rate =
+                one_of("frame rate", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], "trigger it instead")?;
             steps.push(Step::Number(rate, frames_per_s));
         }
     }
@@ -174,15 +180,35 @@ mod tests {
     #[test]
     fn a_triton_is_set_from_its_user_set_on() {
         let nodes = [
-            "UserSetSelector", "UserSetLoad", "PixelFormat", "ExposureAuto", "ExposureTime", "GainAuto", "Gain",
-            "BalanceWhiteAuto", "AcquisitionMode", "TriggerSelector", "TriggerMode", "TriggerSource", "TriggerSoftware",
+            "UserSetSelector",
+            "UserSetLoad",
+            "PixelFormat",
+            "ExposureAuto",
+            "ExposureTime",
+            "GainAuto",
+            "Gain",
+            "BalanceWhiteAuto",
+            "AcquisitionMode",
+            "TriggerSelector",
+            "TriggerMode",
+            "TriggerSource",
+            "TriggerSoftware",
         ];
         assert_eq!(
             told(&settings(), &nodes),
             [
-                "UserSetSelector=Default", "UserSetLoad()", "PixelFormat=BayerRG8", "ExposureAuto=Off", "GainAuto=Off",
-                "BalanceWhiteAuto=Off", "ExposureTime=8000", "Gain=3", "AcquisitionMode=Continuous",
-                "TriggerSelector=FrameStart", "TriggerMode=On", "TriggerSource=Software",
+                "UserSetSelector=Default",
+                "UserSetLoad()",
+                "PixelFormat=BayerRG8",
+                "ExposureAuto=Off",
+                "GainAuto=Off",
+                "BalanceWhiteAuto=Off",
+                "ExposureTime=8000",
+                "Gain=3",
+                "AcquisitionMode=Continuous",
+                "TriggerSelector=FrameStart",
+                "TriggerMode=On",
+                "TriggerSource=Software",
             ]
         );
     }

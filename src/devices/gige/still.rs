@@ -189,7 +189,7 @@ mod tests {
 
     #[test]
     fn a_still_is_tried_three_times() {
-        use Fate::{Good, Gone, Late, Nothing, Torn};
+        use Fate::{Gone, Good, Late, Nothing, Torn};
         assert_eq!(take_of(&[Good]).0, Ok(1));
         let (taken, statistics) = take_of(&[Torn, Nothing, Good]);
         assert_eq!((taken, statistics.retries, statistics.refused, statistics.timeouts), (Ok(3), 2, 1, 1));

@@ -205,9 +205,10 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     bench.move_j(ARM.nearest(&aim, &bench.cell.park().expect("named")).expect("in reach"));
     let taken = bench.flange.capture().expect("simulated");
     let executed = bench.server.handle().with(|controller| controller.executed().last().copied()).expect("one");
-    assert_eq!(taken.base_from_flange, executed.base_from_flange);
+    let stood = taken.base_from_flange.expect("the simulation knows it");
+    assert_eq!(stood, executed.base_from_flange);
     // The wire carries angles as f32: near the aim, and not it.
-    let off_mm = taken.base_from_flange.origin().distance_mm(aim.origin());
+    let off_mm = stood.origin().distance_mm(aim.origin());
     assert!(off_mm > 0.0 && off_mm < 0.01, "{off_mm}");
     let place = bench.sim.truth().base_from_panel;
     assert!(taken.picture == bench.sim.flange_picture_at(&executed.base_from_flange, &place));
