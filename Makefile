@@ -63,10 +63,10 @@ bench-inspect: setup
 bench-link: setup
 	cargo bench --locked --bench link
 
-# Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras SECONDS=60.
-SECONDS := 600
+# Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
+CAMERA_SECONDS := 600
 bench-cameras: setup
-	cargo bench --locked --bench cameras -- $(SECONDS)
+	cargo bench --locked --bench cameras -- $(CAMERA_SECONDS)
 
 OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jpg
 

@@ -41,4 +41,4 @@ pub use statistics::Statistics;
 pub use still::{NoStill, Shutter, TRIES, take};
 
 #[cfg(all(test, feature = "gige"))]
-mod tests;
+pub(super) mod tests;

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 /// One camera is at the port at a time.
 static PORT: Mutex<()> = Mutex::new(());
 
-fn alone() -> MutexGuard<'static, ()> {
+pub(in crate::devices) fn alone() -> MutexGuard<'static, ()> {
     PORT.lock().unwrap_or_else(PoisonError::into_inner)
 }
 

@@ -92,8 +92,9 @@ fn a_wrong_camera_is_refused_in_words() {
         let mut camera = GigeCamera::open(settings).expect("a thread");
         camera.check().expect_err("refused").to_string()
     };
-    let absent = says(settings(SIZE, FORMAT));
-    assert!(absent.starts_with("the GigE Vision camera at 127.0.0.1 is not found"), "{absent}");
+    let nowhere = Which::Address("127.0.0.77".to_owned());
+    let absent = says(Settings { which: nowhere, ..settings(SIZE, FORMAT) });
+    assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 is not found"), "{absent}");
     let _loopback = loopback(SIZE, FORMAT, numbered(picture()));
     let other = says(Settings { which: Which::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
     assert!(

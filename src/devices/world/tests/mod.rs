@@ -221,6 +221,38 @@ fn a_flange_picture_shows_what_the_executed_pose_sees() {
     assert_eq!(bench.world.violations().len(), 1);
 }
 
+/// Behind a colour sensor's filters a picture is the same with a network between and without, and near the one that the
+/// renderer saw: on average within two levels of 255.
+#[cfg(feature = "gige")]
+#[test]
+fn a_flange_picture_over_gige_is_the_one_without() {
+    use crate::devices::cameras::{BayerFlangeCamera, LoopbackFlangeCamera};
+    let _alone = crate::devices::gige::tests::alone();
+    let mut bench = Bench::new();
+    let aim = bench.sim.displaced_corner_pose(&bench.sim.corner_views()[0]);
+    bench.move_j(ARM.nearest(&aim, &bench.cell.park().expect("named")).expect("in reach"));
+    let begun = std::time::Instant::now();
+    let mut over_gige = loop {
+        match LoopbackFlangeCamera::start(bench.flange.clone(), bench.sim.flange_camera()) {
+            Err(CameraError::NotThere { reason, .. }) if reason.contains("taken") => {
+                assert!(begun.elapsed() < Duration::from_secs(120), "{reason}");
+                std::thread::sleep(Duration::from_millis(200));
+            }
+            started => break started.unwrap_or_else(|error| panic!("{error}")),
+        }
+    };
+    over_gige.check().expect("it delivers");
+    let came = over_gige.capture().unwrap_or_else(|error| panic!("{error}"));
+    let without = BayerFlangeCamera::new(bench.flange.clone()).capture().expect("simulated");
+    assert!(came.picture == without.picture);
+    assert_eq!(over_gige.gauge().statistics().accepted, 1);
+    let seen = bench.flange.capture().expect("simulated").picture;
+    let off = |(came, seen): (&u8, &u8)| u64::from(came.abs_diff(*seen));
+    let levels: u64 = came.picture.rgb.as_flattened().iter().zip(seen.rgb.as_flattened()).map(off).sum();
+    let mean = levels as f64 / (3 * seen.rgb.len()) as f64;
+    assert!(mean > 0.0 && mean < 2.0, "{mean}");
+}
+
 #[test]
 fn a_moving_arm_is_not_pictured() {
     let mut bench = Bench::new();
