@@ -1,14 +1,14 @@
 # Panelprep: two commands are enough, `make demo` and `make test`; both do the set-up.
 
-PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev
+PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: zivid zivid-stub bench-worker help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate
+.PHONY: zivid zivid-stub help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate bench-worker bench-cameras
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-worker, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface'
+	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
 
@@ -27,12 +27,13 @@ setup:
 	    $$as_root apt-get update -q && \
 	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends $$missing; \
 	  fi; \
-	elif pkg-config --atleast-version=4.5 opencv4 2>/dev/null && command -v clang >/dev/null; then \
-	  echo 'Not a Debian system; OpenCV and clang are there.'; \
+	elif pkg-config --atleast-version=4.5 opencv4 2>/dev/null && pkg-config --atleast-version=0.8.25 aravis-0.8 2>/dev/null && \
+	  command -v clang >/dev/null; then \
+	  echo 'Not a Debian system; OpenCV, Aravis and clang are there.'; \
 	else \
 	  echo 'This is not a Debian system. Install with its own package manager: a C++ compiler, pkg-config,' >&2; \
-	  echo 'OpenCV 4.5 or newer with its headers, clang and libclang (Fedora: gcc-c++ pkgconf opencv-devel' >&2; \
-	  echo 'clang-devel; Arch: base-devel opencv clang), then try again.' >&2; exit 1; \
+	  echo 'OpenCV 4.5 and Aravis 0.8.25 or newer with their headers, libusb, clang and libclang (Fedora: gcc-c++ pkgconf' >&2; \
+	  echo 'opencv-devel aravis-devel libusb1-devel clang-devel; Arch: base-devel opencv aravis libusb clang), then try again.' >&2; exit 1; \
 	fi
 
 demo: setup
@@ -61,7 +62,7 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker
+bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -83,6 +84,11 @@ bench-worker: setup zivid-stub
 # The robot link: rates, from a lost acknowledgement to STOP, long paths. About five minutes.
 bench-link: setup
 	cargo bench --locked --bench link
+
+# Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.
+CAMERA_SECONDS := 600
+bench-cameras: setup
+	cargo bench --locked --bench cameras -- $(CAMERA_SECONDS)
 
 OPENCV_DOC := target/opencv-doc/usr/share/doc/opencv-doc/examples/data/left01.jpg
 

@@ -141,8 +141,11 @@ fn say_cell(cell: &Cell) -> Vec<String> {
         Camera::Simulated => "simulated".to_owned(),
         Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
         Camera::Zivid(zivid) => say_zivid(zivid, device),
-        Camera::Device { serial: Some(serial) } => format!("{device} {serial}"),
-        Camera::Device { serial: None } => format!("{device}, the only one found"),
+        Camera::Gige(gige) => match (&gige.serial, &gige.address) {
+            (Some(serial), _) => format!("{device} {serial}"),
+            (None, Some(address)) => format!("{device} at {address}"),
+            (None, None) => format!("{device}, the only one found"),
+        },
     };
     let robot = cell.robot();
     let controller = match robot.kind() {

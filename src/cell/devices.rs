@@ -1,11 +1,12 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
 
+use super::gige::{self, Gige};
 use super::zivid::ZividCamera;
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
 /// Where a camera's shots come from. The default is simulated.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Camera {
     /// `kind = "simulated"`: the renderer.
     Simulated,
@@ -16,21 +17,19 @@ pub enum Camera {
     },
     /// `kind = "zivid"`: the camera behind its SDK.
     Zivid(ZividCamera),
-    /// `kind = "gige"`: the camera itself.
-    Device {
-        /// The serial number; the only camera found where there is none.
-        serial: Option<String>,
-    },
+    /// `kind = "gige"`: a GigE Vision camera.
+    Gige(Gige),
 }
 
-pub(super) fn take_camera(cell_folder: &Path, section: &Section<'_, '_>, device: &'static str) -> Option<Camera> {
-    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", device], Some("simulated"));
+pub(super) fn take_flange_camera(cell_folder: &Path, section: &Section<'_, '_>) -> Option<Camera> {
+    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", "gige"], Some("simulated"));
     let folder = section.take::<Option<String>>("folder", (), Some(None));
     let serial = section.take::<Option<String>>("serial", (), Some(None));
+    let gige = gige::take(section, kind, serial.clone().flatten());
     section.done();
     let (kind, folder, serial) = (kind?, folder?, serial?);
     let mut right = true;
-    for (key, given, needs) in [("folder", folder.is_some(), "recorded"), ("serial", serial.is_some(), device)] {
+    for (key, given, needs) in [("folder", folder.is_some(), "recorded"), ("serial", serial.is_some(), "gige")] {
         if given && kind != needs {
             section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
             right = false;
@@ -43,7 +42,7 @@ pub(super) fn take_camera(cell_folder: &Path, section: &Section<'_, '_>, device:
             section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
             return None;
         }
-        _ => Camera::Device { serial },
+        _ => Camera::Gige(gige?),
     };
     right.then_some(camera)
 }

@@ -8,6 +8,7 @@ mod arm;
 mod calibration;
 mod date;
 mod devices;
+mod gige;
 mod limits;
 mod names;
 mod rough;
@@ -23,6 +24,7 @@ pub use calibration::{
 };
 pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
+pub use gige::{Gige, PIXEL_FORMATS};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use rough::RoughMounts;
@@ -112,7 +114,7 @@ impl Cell {
         let store = top.take::<String>("store", (), Some("store".to_owned()));
         let socket = top.take::<Option<String>>("socket", (), Some(None));
         let scanner = zivid::take_scanner(folder, &top.section("scanner"));
-        let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), "gige");
+        let flange_camera = devices::take_flange_camera(folder, &top.section("flange_camera"));
         let robot = devices::take_robot(&top.section("robot"));
         let poses = names::take_poses(&top.section("poses"));
         let io = names::take_io(&top.section("io"));

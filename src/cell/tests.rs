@@ -46,6 +46,22 @@ fn names_of_files_start_at_the_cells_folder() {
 }
 
 #[test]
+fn a_gige_camera_is_set_by_the_cell() {
+    let text = "[flange_camera]\nkind = 'gige'\naddress = '10.0.0.2'\npixel_format = 'Mono8'\nexposure_us = 8000";
+    let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+    let gige = Gige {
+        serial: None,
+        address: Some("10.0.0.2".to_owned()),
+        user_set: "Default".to_owned(),
+        pixel_format: "Mono8",
+        exposure_us: Some(8_000.0),
+        gain_db: None,
+        packet_bytes: 1_400,
+    };
+    assert_eq!(cell.flange_camera(), &Camera::Gige(gige));
+}
+
+#[test]
 fn names_that_the_user_chose_are_kept() {
     let axes = "a1_deg = 1, a2_deg = -90, a3_deg = 90, a4_deg = 4, a5_deg = 5, a6_deg = 350";
     let text = format!(
@@ -85,6 +101,22 @@ fn each_mistake_is_named() {
         (
             "flange_camera = {kind = 'gige', serial = 221600123}",
             "1: flange_camera.serial: found 221600123, allowed is a text that is not empty",
+        ),
+        (
+            "[flange_camera]\nkind = 'gige'\nserial = '1'\naddress = '10.0.0.2'",
+            "4: flange_camera.address: serial names a camera already; name it by one of the two",
+        ),
+        (
+            "[flange_camera]\npacket_bytes = 9000",
+            "2: flange_camera.packet_bytes: has no effect with kind = \"simulated\"; it is for kind = \"gige\"",
+        ),
+        (
+            "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001",
+            "3: flange_camera.packet_bytes: found 9001, allowed is a whole number from 576 to 9000",
+        ),
+        (
+            "[scanner]\nexposure_us = 100",
+            "2: scanner.exposure_us: unknown key; known here: kind, folder, serial",
         ),
         ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
         (

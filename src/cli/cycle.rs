@@ -4,12 +4,13 @@ use super::args::{Common, Cycle, Simulation};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
-use super::live::{Live, Simulated};
+use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::report::{self, Kept};
+use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
-use crate::daemon::{Ask, CycleOutcome, Ports, Requests, StoreRecord, run_cycle};
+use crate::daemon::{Ask, Calibrations, CycleOutcome, Ports, Requests, StoreRecord, run_cycle};
 use crate::geometry::KukaPose;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -24,7 +25,12 @@ pub struct Ran {
     pub refused: Option<(Request, Refusal)>,
     /// What is around a mock robot, as the cycle left it.
     pub simulated: Option<Simulated>,
+    /// How pictures of the flange camera came, where it is to be told.
+    pub flange_link: Option<FlangeLink>,
 }
+
+/// Starts the cell's devices.
+pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<Live, Fault>;
 
 /// Runs the cycle and tells how it ended.
 ///
@@ -58,7 +64,7 @@ fn once(
     if args.new_disc {
         files.settled_store()?.mount_disc().map_err(Fault::stage)?;
     }
-    let ran = one(&files, (&assignment, &calibrated), (args.simulation, request), progress)?;
+    let ran = one(&files, (&assignment, &calibrated), (Live::start, args.simulation, request), progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(&page, vec![])?;
     let mut outcome = ran.outcome(ran.judgement());
@@ -83,7 +89,7 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 pub fn one(
     files: &CellFiles,
     (assignment, calibrated): (&Assignment, &Calibrated),
-    (simulation, request): (Simulation, fn(&Assignment) -> Request),
+    (start, simulation, request): (Start, Simulation, fn(&Assignment) -> Request),
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
     let job = assignment.job(files, calibrated)?;
@@ -92,7 +98,7 @@ pub fn one(
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;
 
-    let mut live = Live::start(&files.cell, &calibrated.values, simulation)?;
+    let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
     if let Some(simulated) = &live.simulated {
         simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
@@ -107,7 +113,13 @@ pub fn one(
     };
     let ended = run_cycle(&job, ports, journal).map_err(Fault::stage)?;
     let refused = once.refused;
-    Ok(Ran { ended, kept: Kept::read(&store, cycle)?, refused, simulated: live.simulated })
+    Ok(Ran {
+        ended,
+        kept: Kept::read(&store, cycle)?,
+        refused,
+        simulated: live.simulated,
+        flange_link: live.flange_link,
+    })
 }
 
 impl Ran {

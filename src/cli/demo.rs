@@ -8,6 +8,7 @@ use super::assignment::{Assignment, Calibrated};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
 use super::fault::Fault;
+use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
@@ -52,7 +53,12 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         return Ok(cycle::unhealthy(&health));
     }
     let calibrated = Calibrated::read(&files, &common)?;
-    let ran = cycle::one(&files, (&assignment, &calibrated), (simulation, Assignment::request), &progress)?;
+    let ran = cycle::one(
+        &files,
+        (&assignment, &calibrated),
+        (Live::start_demo, simulation, Assignment::request),
+        &progress,
+    )?;
 
     progress("writing the page");
     let panel = (&assignment.taught.panel, assignment.recipe.path().disc_diameter_mm());
@@ -73,6 +79,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     if let Some(score) = &score {
         score.put(&mut outcome);
         outcome.words.extend(score.words());
+    }
+    if let Some(link) = &ran.flange_link {
+        outcome.put("flange_camera", link.json());
+        outcome.say(link.words());
     }
     outcome.say(format!("{wall_s:.1} s; page: {}", page.display()));
     Ok(outcome)

@@ -9,14 +9,17 @@ use super::zivid;
 use crate::cell::{self, Cell, RobotKind};
 use crate::daemon::{Calibrations, Cameras, LinkedRobot};
 use crate::devices::cameras::{
-    FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera, SimulatedScanner,
-    simulated,
+    BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
+    SimulatedScanner, simulated,
 };
+#[cfg(feature = "gige")]
+use crate::devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
 use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
 use crate::devices::robot::{Address, BlockingLink, link_limits};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
 use crate::sim;
+use serde_json::{Value, json};
 
 /// The cell's cameras, whatever they are.
 pub type Eyes = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
@@ -30,6 +33,18 @@ pub struct Live {
     pub eyes: Eyes,
     /// What is around a mock robot.
     pub simulated: Option<Simulated>,
+    /// How pictures of the flange camera came, where it is to be told.
+    pub flange_link: Option<FlangeLink>,
+}
+
+/// How pictures of the demo's flange camera come.
+#[derive(Debug, Clone)]
+pub enum FlangeLink {
+    /// Over GigE Vision through the loopback interface.
+    #[cfg(feature = "gige")]
+    Loopback(crate::devices::gige::Gauge),
+    /// From the renderer without a network, for this reason.
+    Direct(String),
 }
 
 /// A mock controller and its world.
@@ -57,8 +72,79 @@ impl Live {
             RobotKind::Eki => None,
         };
         let eyes = eyes(cell, calibrations, simulated.as_ref())?;
-        Ok(Live { robot: linked(cell, simulated.as_ref())?, eyes, simulated })
+        Ok(Live { robot: linked(cell, simulated.as_ref())?, eyes, simulated, flange_link: None })
     }
+
+    /// The same, with a colour sensor's filters before the simulated flange camera, and GigE Vision over the loopback
+    /// interface behind it where that can be had. The pictures are the same either way.
+    ///
+    /// # Errors
+    /// As [`Live::start`].
+    pub fn start_demo(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
+        let mut live = Live::start(cell, calibrations, simulation)?;
+        if let Some(simulated) = &live.simulated {
+            let (camera, link) = flange_sensor(simulated, calibrations);
+            (live.eyes.flange, live.flange_link) = (camera, Some(link));
+        }
+        Ok(live)
+    }
+}
+
+impl FlangeLink {
+    /// What scripts read of it.
+    pub fn json(&self) -> Value {
+        match self {
+            #[cfg(feature = "gige")]
+            FlangeLink::Loopback(gauge) => {
+                let counted = gauge.statistics();
+                json!({
+                    "over": "gige", "frames": counted.accepted, "refused": counted.refused, "retries": counted.retries,
+                    "packets": counted.packets, "packets_missing": counted.missing_packets, "lost": counted.losses,
+                })
+            }
+            FlangeLink::Direct(why) => json!({"over": "memory", "why": why}),
+        }
+    }
+
+    /// A line for a person.
+    pub fn words(&self) -> String {
+        match self {
+            #[cfg(feature = "gige")]
+            FlangeLink::Loopback(gauge) => {
+                format!("flange camera, over GigE Vision loopback: {}", gauge.statistics())
+            }
+            FlangeLink::Direct(why) => format!("flange camera, without GigE Vision: {why}"),
+        }
+    }
+}
+
+#[cfg(feature = "gige")]
+fn flange_sensor(simulated: &Simulated, calibrations: &Calibrations) -> (Box<dyn FlangeCamera>, FlangeLink) {
+    let camera = || simulated.cameras().1;
+    match LoopbackFlangeCamera::start(camera(), &calibrations.flange_camera) {
+        Ok(loopback) => {
+            let link = FlangeLink::Loopback(loopback.gauge());
+            (Box::new(loopback), link)
+        }
+        Err(error) => (Box::new(BayerFlangeCamera::new(camera())), FlangeLink::Direct(error.to_string())),
+    }
+}
+
+#[cfg(not(feature = "gige"))]
+fn flange_sensor(simulated: &Simulated, _: &Calibrations) -> (Box<dyn FlangeCamera>, FlangeLink) {
+    let why = "this program was built without the feature gige".to_owned();
+    (Box::new(BayerFlangeCamera::new(simulated.cameras().1)), FlangeLink::Direct(why))
+}
+
+/// The GigE Vision camera that the cell's file names.
+#[cfg(feature = "gige")]
+fn gige_camera(gige: &cell::Gige, calibrations: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+    Ok(Box::new(GigeFlangeCamera::open(gige, &calibrations.flange_camera).map_err(Fault::stage)?))
+}
+
+#[cfg(not(feature = "gige"))]
+fn gige_camera(_: &cell::Gige, _: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+    Err(Fault::NoDriver { table: "flange_camera", kind: "gige" })
 }
 
 /// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
@@ -129,14 +215,14 @@ fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>)
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
         cell::Camera::Zivid(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
-        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "scanner", kind: "gige" }),
+        cell::Camera::Gige(_) => return Err(Fault::NoDriver { table: "scanner", kind: "gige" }),
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
         cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("flange_camera"))?.cameras().1),
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }
-        cell::Camera::Device { .. } => return Err(Fault::NoDriver { table: "flange_camera", kind: "gige" }),
+        cell::Camera::Gige(gige) => gige_camera(gige, calibrations)?,
         cell::Camera::Zivid(_) => return Err(Fault::NoDriver { table: "flange_camera", kind: "zivid" }),
     };
     Ok(Cameras { scanner, flange })

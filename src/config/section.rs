@@ -33,6 +33,11 @@ impl<'d, 't> Section<'d, 't> {
         self.table.is_some()
     }
 
+    /// Is this key in the table?
+    pub fn has(&self, key: &str) -> bool {
+        self.entry(key).is_some()
+    }
+
     /// Notes a problem with one key of this table, at the key's line where it is there.
     pub fn problem(&self, key: &str, message: impl Into<String>) {
         let line = self.entry(key).map_or(self.line, |(line, _)| line);

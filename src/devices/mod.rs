@@ -1,12 +1,14 @@
 //! What stands outside of the program: the robot's controller and the cameras, real or played.
 //!
 //! - [`cameras`]: what a shot is; simulated and recorded cameras
+//! - [`gige`]: GigE Vision cameras
 //! - [`mock`]: a stand-in for the robot's controller
 //! - [`robot`]: the link to a controller, over TCP
 //! - [`world`]: the simulated world around the mock
 //! - [`zivid`]: the Zivid 3D camera, through its SDK in a process of its own
 
 pub mod cameras;
+pub mod gige;
 pub mod mock;
 pub mod robot;
 pub mod world;

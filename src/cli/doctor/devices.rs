@@ -1,11 +1,13 @@
 //! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
 
 use super::{Check, machine};
-use crate::cell::{Camera, Cell, RobotKind, ZividCamera};
+use crate::cell::{Camera, Cell, Gige, RobotKind, ZividCamera};
 use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::{ctl, live};
 use crate::daemon::{Single, SingleError};
+#[cfg(feature = "gige")]
+use crate::devices::cameras::{FlangeCamera, GigeFlangeCamera};
 use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 use crate::devices::zivid::Patience;
 use crate::eki::LinkLoss;
@@ -19,7 +21,7 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
             recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))
         }
         Camera::Zivid(camera) => zivid(files, camera),
-        Camera::Device { serial } => absent("scanner", "GigE Vision", serial.as_deref()),
+        Camera::Gige(gige) => absent("scanner", "GigE Vision", gige.serial.as_deref()),
     };
     let flange_camera = match files.cell.flange_camera() {
         Camera::Simulated => vec![simulated("flange camera")],
@@ -27,12 +29,40 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
             let open = |lens| RecordedFlangeCamera::open(folder, lens).map(drop);
             vec![recorded("flange camera", files.flange_camera(), open)]
         }
-        Camera::Device { serial } => {
-            vec![machine::receive_buffer(), absent("flange camera", "GigE Vision", serial.as_deref())]
-        }
+        Camera::Gige(gige) => vec![machine::receive_buffer(), gige_camera(files, gige)],
         Camera::Zivid(camera) => vec![absent("flange camera", "Zivid", camera.serial.as_deref())],
     };
     std::iter::once(scanner).chain(flange_camera).collect()
+}
+
+/// Opens the camera and waits for its first whole picture; where the service has it, the service is asked.
+#[cfg(feature = "gige")]
+fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
+    let name = "flange camera";
+    if let Some(state) = ctl::state_of(&files.socket()) {
+        return Check::right(name, format!("held by the service, which is {state}"));
+    }
+    let Ok(lens) = files.flange_camera() else {
+        return Check::wrong(name, "not looked at: its size is held against the lens's calibration", "calibrate first");
+    };
+    let opened = GigeFlangeCamera::open(gige, &lens.value);
+    let whole = opened.and_then(|mut camera| camera.check());
+    match whole {
+        Ok(()) => {
+            let (bytes, size) = (gige.packet_bytes, [lens.value.width_px, lens.value.height_px]);
+            Check::right(name, format!("delivers {}×{} in packets of {bytes} bytes", size[0], size[1]))
+        }
+        Err(error) => Check::wrong(
+            name,
+            error.to_string(),
+            "look at its power, cable and address; end other camera programs; hold [flange_camera] against it",
+        ),
+    }
+}
+
+#[cfg(not(feature = "gige"))]
+fn gige_camera(_: &CellFiles, gige: &Gige) -> Check {
+    absent("flange camera", "GigE Vision", gige.serial.as_deref())
 }
 
 fn simulated(name: &str) -> Check {

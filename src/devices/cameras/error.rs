@@ -61,6 +61,14 @@ pub enum CameraError {
         /// Width and height in the calibration, px.
         expected_px: [usize; 2],
     },
+    /// It answers, and what it delivers is not to be used.
+    #[error("the {which} gives no picture that may be used: {reason}")]
+    Unusable {
+        /// Which.
+        which: Which,
+        /// Why not.
+        reason: String,
+    },
     /// A 3D shot with the arm before the camera.
     #[error("a 3D shot is taken with the arm standing parked; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
     ArmInView {

@@ -1,16 +1,24 @@
 //! The cell's two cameras: what a shot is, and who delivers it.
 //!
 //! A capture blocks until the shot is there or an error says why not. Shots carry when they were taken, on the clock
-//! of whoever took them; a picture of the flange camera carries where the flange was.
+//! of whoever took them; a picture of a played or simulated flange camera carries where the flange was.
 //!
 //! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, looking at the simulated world
 //! - [`RecordedScanner`], [`RecordedFlangeCamera`]: a folder, one file a capture
+//! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
+//!   simulated one behind a colour sensor's filters, with and without a network between
 
+mod bayer;
 mod error;
+#[cfg(feature = "gige")]
+mod gige;
 mod recorded;
 mod simulated;
 
+pub use bayer::BayerFlangeCamera;
 pub use error::{CameraError, FileError, Which};
+#[cfg(feature = "gige")]
+pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
 pub use simulated::{SimulatedFlangeCamera, SimulatedScanner, simulated};
 
@@ -39,8 +47,8 @@ pub struct Picture {
 pub struct FlangePicture {
     /// The picture.
     pub picture: ColorPicture,
-    /// Where the flange was at that instant.
-    pub base_from_flange: Rigid<Base, Flange>,
+    /// Where the flange was at that instant, where the camera's source knows it; a camera alone does not.
+    pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// When, s.
     pub time_s: f64,
 }

@@ -125,7 +125,7 @@ impl FlangeCamera for RecordedFlangeCamera {
         let beside = file.with_extension("json");
         let pose = read(&beside).and_then(|bytes| named(&beside, files::read_flange(&bytes)))?;
         let picture = picture(&file, Which::Flange, &self.camera)?;
-        Ok(FlangePicture { picture, base_from_flange: pose.to_rigid(), time_s: self.pictures.count_s() })
+        Ok(FlangePicture { picture, base_from_flange: Some(pose.to_rigid()), time_s: self.pictures.count_s() })
     }
 
     fn check(&mut self) -> Result<(), CameraError> {

@@ -56,7 +56,7 @@ fn a_recorded_flange_camera_has_a_pose_beside_each_picture() {
     let folder = folder(&[("1.png", png(1)), ("1.json", beside), ("2.png", png(2))]);
     let mut flange = RecordedFlangeCamera::open(folder.path(), camera(3, 2)).expect("there");
     let taken = flange.capture().expect("recorded");
-    assert_eq!((taken.picture.rgb[0], taken.base_from_flange), ([1; 3], pose.to_rigid()));
+    assert_eq!((taken.picture.rgb[0], taken.base_from_flange), ([1; 3], Some(pose.to_rigid())));
     let refused = flange.capture().expect_err("no pose");
     assert!(matches!(&refused, CameraError::File { file, cause: FileError::Disk(_) } if file.ends_with("2.json")));
     assert!(matches!(flange.capture(), Err(CameraError::RanOut { played: 2, .. })));

@@ -301,7 +301,7 @@ impl SimulatedWorld {
         if self.lock().signal(Output::LensShutter).runs(now.time_ms) {
             dim(&mut picture, 0.0);
         }
-        Ok(FlangePicture { picture, base_from_flange: now.base_from_flange, time_s: seconds(now.time_ms) })
+        Ok(FlangePicture { picture, base_from_flange: Some(now.base_from_flange), time_s: seconds(now.time_ms) })
     }
 }
 

@@ -1,0 +1,60 @@
+//! `[flange_camera]` with `kind = "gige"`: which camera, and what it is set to.
+
+use crate::config::Section;
+
+/// The pixel formats that a cell may name: brightness, and the four orders of a colour sensor's filters, one byte a pixel.
+pub const PIXEL_FORMATS: [&str; 5] = ["BayerRG8", "BayerGR8", "BayerGB8", "BayerBG8", "Mono8"];
+
+/// A GigE Vision camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gige {
+    /// The serial number; with neither this nor an address the only camera found.
+    pub serial: Option<String>,
+    /// IP address or host name, instead of the serial number: then nothing is searched for.
+    pub address: Option<String>,
+    /// The set of values kept in the camera that all else starts from; its size and place on the sensor are never changed.
+    pub user_set: String,
+    /// One of [`PIXEL_FORMATS`].
+    pub pixel_format: &'static str,
+    /// Exposure time, µs; the user set's where there is none.
+    pub exposure_us: Option<f64>,
+    /// Gain, dB; the user set's where there is none.
+    pub gain_db: Option<f64>,
+    /// Size of a packet with its headers, bytes.
+    pub packet_bytes: u16,
+}
+
+/// The keys besides `kind`, each only with `kind = "gige"`.
+const KEYS: [&str; 6] = ["address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"];
+
+/// Takes the keys; where another kind is meant, each that is there is a problem.
+pub(super) fn take(section: &Section<'_, '_>, kind: Option<&str>, serial: Option<String>) -> Option<Gige> {
+    let text = |key| section.take::<Option<String>>(key, (), Some(None));
+    let address = text("address");
+    let user_set = section.take::<String>("user_set", (), Some("Default".to_owned()));
+    let pixel_format = section.take::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
+    let exposure_us = section.take::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
+    let gain_db = section.take::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
+    // From GigE Vision's least to the largest of an ordinary jumbo frame.
+    let packet_bytes = section.take("packet_bytes", 576..=9_000, Some(1_400));
+    if let Some(kind) = kind.filter(|kind| *kind != "gige") {
+        for key in KEYS.into_iter().filter(|key| section.has(key)) {
+            section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"gige\""));
+        }
+        return None;
+    }
+    let address = address?;
+    if serial.is_some() && address.is_some() {
+        section.problem("address", "serial names a camera already; name it by one of the two");
+        return None;
+    }
+    Some(Gige {
+        serial,
+        address,
+        user_set: user_set?,
+        pixel_format: pixel_format?,
+        exposure_us: exposure_us?,
+        gain_db: gain_db?,
+        packet_bytes: packet_bytes?,
+    })
+}

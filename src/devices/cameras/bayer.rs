@@ -1,0 +1,32 @@
+//! The simulated flange camera behind a colour sensor's filters: each pixel sees one colour, and the other two are estimated.
+
+use super::{CameraError, FlangeCamera, FlangePicture, SimulatedFlangeCamera};
+use crate::devices::gige::{PixelFormat, demosaic, mosaic};
+
+/// The filters of the simulated sensor.
+pub(super) const FORMAT: PixelFormat = PixelFormat::BayerRG8;
+
+/// The simulated flange camera with such a sensor, and nothing between it and the program.
+pub struct BayerFlangeCamera {
+    simulated: SimulatedFlangeCamera,
+}
+
+impl BayerFlangeCamera {
+    /// Puts the filters before it.
+    pub fn new(simulated: SimulatedFlangeCamera) -> Self {
+        BayerFlangeCamera { simulated }
+    }
+}
+
+impl FlangeCamera for BayerFlangeCamera {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        let seen = self.simulated.capture()?;
+        let size_px = [seen.picture.width, seen.picture.height];
+        let colored = demosaic(&mosaic(&seen.picture, FORMAT), size_px, FORMAT);
+        Ok(FlangePicture { picture: colored.unwrap_or_else(|| seen.picture.clone()), ..seen })
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.simulated.check()
+    }
+}

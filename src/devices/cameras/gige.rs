@@ -1,0 +1,195 @@
+//! GigE Vision cameras as flange cameras: a real one, and the simulated one over the loopback interface.
+
+use super::bayer::FORMAT;
+use super::{CameraError, FlangeCamera, FlangePicture, SimulatedFlangeCamera, Which};
+use crate::cell::Gige;
+use crate::devices::gige::{
+    self, Exposing, Frame, Gauge, GigeCamera, GigeError, LoopbackCamera, NoLoopback, PixelFormat, Settings,
+    demosaic, mosaic,
+};
+use crate::geometry::{ColorPicture, PinholeCamera};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+/// A GigE Vision camera on the flange.
+#[derive(Debug)]
+pub struct GigeFlangeCamera {
+    camera: GigeCamera,
+    began: Instant,
+}
+
+impl GigeFlangeCamera {
+    /// Begins to look for the camera that the cell's file names; `calibrated` is the size that its pictures must have. That
+    /// it is not there yet is told by [`FlangeCamera::check`].
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn open(cell: &Gige, calibrated: &PinholeCamera) -> Result<Self, CameraError> {
+        let which = match (&cell.serial, &cell.address) {
+            (_, Some(address)) => gige::Which::Address(address.clone()),
+            (Some(serial), None) => gige::Which::Serial(serial.clone()),
+            (None, None) => gige::Which::Only,
+        };
+        let format = PixelFormat::named(cell.pixel_format).ok_or_else(|| CameraError::NotThere {
+            which: Which::Flange,
+            reason: format!("pixel format {} is not one of this program's", cell.pixel_format),
+        })?;
+        let settings = Settings {
+            which,
+            user_set: cell.user_set.clone(),
+            size_px: [calibrated.width_px, calibrated.height_px],
+            format,
+            exposure_us: cell.exposure_us,
+            gain_db: cell.gain_db,
+            exposing: Exposing::OnTrigger,
+            packet_bytes: cell.packet_bytes,
+            may_repeat: false,
+        };
+        if let Some(short) = socket_buffer_short_of(gige::SOCKET_BUFFER_BYTES) {
+            tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
+        }
+        Ok(GigeFlangeCamera { camera: opened(settings)?, began: Instant::now() })
+    }
+
+    /// What its link has counted, now and later.
+    pub fn gauge(&self) -> Gauge {
+        self.camera.gauge()
+    }
+}
+
+impl FlangeCamera for GigeFlangeCamera {
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        let picture = colored(&self.camera.picture().map_err(failed)?)?;
+        Ok(FlangePicture { picture, base_from_flange: None, time_s: self.began.elapsed().as_secs_f64() })
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.camera.check().map_err(failed)
+    }
+}
+
+/// The serial number of the simulated flange camera.
+const SERIAL: &str = "SIMULATED";
+
+/// The simulated flange camera, whose pictures go over GigE Vision through the loopback interface.
+pub struct LoopbackFlangeCamera {
+    // Dropped in this order: a camera that is gone is waited for.
+    camera: GigeCamera,
+    _loopback: LoopbackCamera,
+    /// What the sensor sees.
+    sensor: Arc<Mutex<Vec<u8>>>,
+    simulated: SimulatedFlangeCamera,
+}
+
+impl LoopbackFlangeCamera {
+    /// Starts it; its pictures have the size of `camera`.
+    ///
+    /// # Errors
+    /// Where the loopback camera's port is taken, it cannot have that size, or the system's sockets have no room for a
+    /// picture.
+    pub fn start(simulated: SimulatedFlangeCamera, camera: &PinholeCamera) -> Result<Self, CameraError> {
+        let size_px = [camera.width_px, camera.height_px];
+        let needed = gige::burst_bytes(size_px, gige::PACKET_BYTES);
+        if let Some(reason) = socket_buffer_short_of(needed) {
+            return Err(CameraError::NotThere { which: Which::Flange, reason });
+        }
+        let sensor = Arc::new(Mutex::new(vec![0; size_px[0] * size_px[1]]));
+        let sees = sensor.clone();
+        let fill = move |_: u64, pixels: &mut [u8]| {
+            let seen = sees.lock().unwrap_or_else(PoisonError::into_inner);
+            let both = pixels.len().min(seen.len());
+            pixels[..both].copy_from_slice(&seen[..both]);
+        };
+        let not_there =
+            |reason: NoLoopback| CameraError::NotThere { which: Which::Flange, reason: reason.to_string() };
+        let loopback = LoopbackCamera::start(SERIAL, size_px, FORMAT, Box::new(fill)).map_err(not_there)?;
+        let settings = Settings {
+            which: gige::Which::Address(gige::ADDRESS.to_owned()),
+            user_set: "Default".to_owned(),
+            size_px,
+            format: FORMAT,
+            exposure_us: None,
+            gain_db: None,
+            exposing: Exposing::OnTrigger,
+            packet_bytes: gige::PACKET_BYTES,
+            may_repeat: true,
+        };
+        let mut camera = opened(settings)?;
+        camera.check().map_err(failed)?;
+        Ok(LoopbackFlangeCamera { camera, _loopback: loopback, sensor, simulated })
+    }
+
+    /// What its link has counted, now and later.
+    pub fn gauge(&self) -> Gauge {
+        self.camera.gauge()
+    }
+}
+
+impl FlangeCamera for LoopbackFlangeCamera {
+    /// Renders, streams and compares: what comes out is what went in, byte by byte.
+    fn capture(&mut self) -> Result<FlangePicture, CameraError> {
+        let seen = self.simulated.capture()?;
+        let raw = mosaic(&seen.picture, FORMAT);
+        self.sensor.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&raw);
+        let frame = self.camera.picture().map_err(failed)?;
+        if frame.pixels != raw {
+            let differing = frame.pixels.iter().zip(&raw).filter(|(came, went)| came != went).count();
+            let reason = format!("{differing} of {} bytes differ from what was sent", raw.len());
+            return Err(CameraError::Unusable { which: Which::Flange, reason });
+        }
+        Ok(FlangePicture { picture: colored(&frame)?, ..seen })
+    }
+
+    fn check(&mut self) -> Result<(), CameraError> {
+        self.camera.check().map_err(failed)
+    }
+}
+
+/// Where the system gives sockets a smaller receive buffer than these bytes: what it gives and what to do.
+fn socket_buffer_short_of(bytes: usize) -> Option<String> {
+    let given = gige::rmem_max().filter(|given| *given < bytes)?;
+    Some(format!("net.core.rmem_max is {given}, needed are {bytes}: sysctl -w net.core.rmem_max={bytes}"))
+}
+
+fn opened(settings: Settings) -> Result<GigeCamera, CameraError> {
+    let no_thread =
+        |error: std::io::Error| CameraError::NotThere { which: Which::Flange, reason: error.to_string() };
+    GigeCamera::open(settings).map_err(no_thread)
+}
+
+fn colored(frame: &Frame) -> Result<ColorPicture, CameraError> {
+    let format = PixelFormat::ALL.into_iter().find(|format| format.code() == frame.facts.format);
+    let colored = format.and_then(|format| demosaic(&frame.pixels, frame.facts.size_px, format));
+    let reason = || "its size or pixel format makes no picture".to_owned();
+    colored.ok_or_else(|| CameraError::Unusable { which: Which::Flange, reason: reason() })
+}
+
+fn failed(error: GigeError) -> CameraError {
+    let which = Which::Flange;
+    match error {
+        GigeError::Timeout { waited_ms } => CameraError::Timeout { which, waited_ms },
+        GigeError::WrongSize { found_px, expected_px } => CameraError::WrongSize { which, found_px, expected_px },
+        GigeError::NotFound { .. }
+        | GigeError::NotOpened { .. }
+        | GigeError::Controlled { .. }
+        | GigeError::Lost { .. } => CameraError::NotThere { which, reason: error.to_string() },
+        GigeError::NoNode(_)
+        | GigeError::NotTaken { .. }
+        | GigeError::NothingWhole { .. }
+        | GigeError::Refused { .. }
+        | GigeError::Frozen { .. } => CameraError::Unusable { which, reason: error.to_string() },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::PIXEL_FORMATS;
+
+    /// What a cell may name and what this program reads are the same.
+    #[test]
+    fn every_pixel_format_of_a_cell_is_known() {
+        assert!(PIXEL_FORMATS.into_iter().all(|name| PixelFormat::named(name).is_some_and(|f| f.name() == name)));
+        assert_eq!(PIXEL_FORMATS.len(), PixelFormat::ALL.len());
+    }
+}

@@ -1,0 +1,329 @@
+//! Which frames are taken: complete, of the expected form, newer than the last, and the next in sequence.
+//!
+//! A camera numbers its frames. With 16 bits the numbers run 1…65535 and begin again at 1, with 64 bits they go on; 0 is no
+//! number. Which of the two a camera does shows when the first number above 65535 comes. A frame that was lost whole leaves a
+//! gap: of a stream that is counted, of a still it is a refusal, since nobody knows which exposure the frame shows.
+
+use super::format::PixelFormat;
+
+/// How a frame arrived.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delivery {
+    /// Every packet is there.
+    Complete,
+    /// Packets are missing and were not sent again in time.
+    MissingPackets,
+    /// The rest of it did not come in time.
+    TimedOut,
+    /// It is larger than announced.
+    SizeMismatch,
+    /// Anything else that makes it useless.
+    Broken,
+}
+
+impl Delivery {
+    fn words(self) -> &'static str {
+        match self {
+            Delivery::Complete => "complete",
+            Delivery::MissingPackets => "packets are missing",
+            Delivery::TimedOut => "the rest of it did not come in time",
+            Delivery::SizeMismatch => "it is larger than announced",
+            Delivery::Broken => "its packets make no picture",
+        }
+    }
+}
+
+/// What is known of a frame besides its pixels.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Facts {
+    /// How it arrived. Of a frame that is not complete nothing but its number holds.
+    pub delivery: Delivery,
+    /// Its number.
+    pub id: u64,
+    /// When it was exposed, by the camera's clock, ns.
+    pub camera_time_ns: u64,
+    /// Width and height, px.
+    pub size_px: [usize; 2],
+    /// The pixel format's code.
+    pub format: u32,
+}
+
+/// What a frame must be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Expected {
+    /// Width and height, px: the calibrated camera's.
+    pub size_px: [usize; 2],
+    /// The pixel format.
+    pub format: PixelFormat,
+    /// What a gap in the numbers means.
+    pub gaps: Gaps,
+    /// Whether two frames in a row may have the same pixels. A real sensor's noise never repeats itself.
+    pub may_repeat: bool,
+}
+
+/// What a gap in the numbers means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Gaps {
+    /// One frame belongs to each trigger: the number after the last, or none.
+    Refused,
+    /// The camera runs freely: what is missing is counted.
+    Counted,
+}
+
+/// Why a frame is not taken.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refused {
+    /// Not whole.
+    #[error("frame {id} is incomplete: {}", delivery.words())]
+    Incomplete {
+        /// Its number.
+        id: u64,
+        /// How it arrived.
+        delivery: Delivery,
+    },
+    /// Another size or pixel format.
+    #[error(
+        "frame {id} is {}×{} with pixel format {format:#010x}, expected are {}×{} and {}", found_px[0], found_px[1],
+        expected_px[0], expected_px[1], expected.name()
+    )]
+    WrongForm {
+        /// Its number.
+        id: u64,
+        /// Width and height, px.
+        found_px: [usize; 2],
+        /// Its pixel format's code.
+        format: u32,
+        /// Width and height of the calibrated camera, px.
+        expected_px: [usize; 2],
+        /// The pixel format that was set.
+        expected: PixelFormat,
+    },
+    /// Fewer or more bytes than its form needs.
+    #[error("frame {id} has {found} bytes, its size needs {expected}")]
+    WrongLength {
+        /// Its number.
+        id: u64,
+        /// Bytes.
+        found: usize,
+        /// Bytes that its size needs.
+        expected: usize,
+    },
+    /// The camera's clock says that it is no newer than the last.
+    #[error("frame {id} was exposed at {found_ns} ns of the camera's clock, not after the last, {last_ns} ns")]
+    NotNewer {
+        /// Its number.
+        id: u64,
+        /// Its time, ns.
+        found_ns: u64,
+        /// The last taken frame's, ns.
+        last_ns: u64,
+    },
+    /// Not the next number.
+    #[error("frame {id} does not follow frame {last}")]
+    OutOfSequence {
+        /// Its number.
+        id: u64,
+        /// The last one's.
+        last: u64,
+    },
+    /// The pixels of the last frame once more.
+    #[error("frame {id} repeats the last picture pixel by pixel")]
+    Repeated {
+        /// Its number.
+        id: u64,
+    },
+}
+
+impl Refused {
+    /// Whether it speaks of a camera that shows an old scene.
+    pub fn is_stale(&self) -> bool {
+        matches!(self, Refused::NotNewer { .. } | Refused::OutOfSequence { .. } | Refused::Repeated { .. })
+    }
+}
+
+/// How far a frame is ahead of the last one: 1 is the next. None where it is an earlier one, the same, or has no number.
+pub fn ahead(last: u64, id: u64) -> Option<u64> {
+    const CYCLE: u64 = 65_535;
+    match (last, id) {
+        (_, 0) => None,
+        (last, id) if last > CYCLE || id > CYCLE => id.checked_sub(last).filter(|&ahead| ahead > 0),
+        // Half a cycle on is as good as half a cycle back; nearer is what it is.
+        (last, id) => Some((id + CYCLE - last) % CYCLE).filter(|ahead| (1..=CYCLE / 2).contains(ahead)),
+    }
+}
+
+/// Judges frame after frame of one stream.
+#[derive(Debug, Clone)]
+pub struct Acceptance {
+    expected: Expected,
+    /// The number of the last frame that was seen, taken or not.
+    last_id: Option<u64>,
+    /// The last taken frame.
+    last_time_ns: Option<u64>,
+    last_pixels: Vec<u8>,
+    lost: u64,
+}
+
+impl Acceptance {
+    /// Nothing was seen yet.
+    pub fn new(expected: Expected) -> Self {
+        Acceptance { expected, last_id: None, last_time_ns: None, last_pixels: Vec::new(), lost: 0 }
+    }
+
+    /// A new stream begins: its numbers may begin anywhere. The camera's clock goes on.
+    pub fn new_stream(&mut self) {
+        self.last_id = None;
+    }
+
+    /// What is expected.
+    pub fn expected(&self) -> Expected {
+        self.expected
+    }
+
+    /// Frames that are missing in the numbers, of a free running camera.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Takes the frame, or says why not.
+    ///
+    /// # Errors
+    /// Where it must not be used.
+    pub fn judge(&mut self, facts: &Facts, pixels: &[u8]) -> Result<(), Refused> {
+        let Facts { id, delivery, camera_time_ns, size_px, format } = *facts;
+        let before = self.last_id;
+        let step = before.map_or((id > 0).then_some(1), |last| ahead(last, id));
+        if let Some(step) = step {
+            self.last_id = Some(id);
+            if self.expected.gaps == Gaps::Counted {
+                self.lost += step - 1;
+            }
+        }
+        if delivery != Delivery::Complete {
+            return Err(Refused::Incomplete { id, delivery });
+        }
+        let Expected { size_px: expected_px, format: expected, gaps, may_repeat } = self.expected;
+        if size_px != expected_px || format != expected.code() {
+            return Err(Refused::WrongForm { id, found_px: size_px, format, expected_px, expected });
+        }
+        if pixels.len() != size_px[0] * size_px[1] {
+            return Err(Refused::WrongLength { id, found: pixels.len(), expected: size_px[0] * size_px[1] });
+        }
+        match step {
+            Some(1) => {}
+            Some(_) if gaps == Gaps::Counted => {}
+            _ => return Err(Refused::OutOfSequence { id, last: before.unwrap_or_default() }),
+        }
+        if let Some(last_ns) = self.last_time_ns.filter(|&last_ns| camera_time_ns <= last_ns) {
+            return Err(Refused::NotNewer { id, found_ns: camera_time_ns, last_ns });
+        }
+        // A picture of one brightness, as of a shut lens, does repeat.
+        let plain = pixels.iter().all(|level| Some(level) == pixels.first());
+        if !may_repeat && !plain && pixels == self.last_pixels {
+            return Err(Refused::Repeated { id });
+        }
+        self.last_time_ns = Some(camera_time_ns);
+        if !may_repeat {
+            self.last_pixels.clear();
+            self.last_pixels.extend_from_slice(pixels);
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const EXPECTED: Expected =
+        Expected { size_px: [4, 2], format: PixelFormat::BayerRG8, gaps: Gaps::Refused, may_repeat: false };
+
+    fn frame(id: u64) -> Facts {
+        let (size_px, format) = ([4, 2], PixelFormat::BayerRG8.code());
+        Facts { delivery: Delivery::Complete, id, camera_time_ns: 1_000 * id, size_px, format }
+    }
+
+    fn pixels(id: u64) -> Vec<u8> {
+        (0..8).map(|pixel| (id + 7 * pixel) as u8).collect()
+    }
+
+    #[test]
+    fn numbers_wrap_at_16_bits_and_go_on_at_64() {
+        assert_eq!(ahead(65_535, 1), Some(1));
+        assert_eq!(ahead(65_535, 65_536), Some(1));
+        assert_eq!(ahead(65_530, 3), Some(8));
+        assert_eq!(ahead(1 << 40, (1 << 40) + 3), Some(3));
+        assert_eq!([ahead(7, 7), ahead(7, 6), ahead(1, 65_535), ahead(70_000, 69_999), ahead(9, 0)], [None; 5]);
+    }
+
+    #[test]
+    fn each_fault_of_a_frame_is_named() {
+        let good = frame(8);
+        let cases: [(Facts, Vec<u8>, &str); 7] = [
+            (Facts { delivery: Delivery::MissingPackets, ..good }, vec![], "incomplete: packets are missing"),
+            (Facts { size_px: [2, 4], ..good }, pixels(8), "is 2×4 with pixel format 0x01080009, expected are 4×2"),
+            (
+                Facts { format: PixelFormat::Mono8.code(), ..good },
+                pixels(8),
+                "0x01080001, expected are 4×2 and Bayer",
+            ),
+            (good, vec![1; 7], "has 7 bytes, its size needs 8"),
+            (Facts { camera_time_ns: 7_000, ..good }, pixels(8), "not after the last, 7000 ns"),
+            (Facts { id: 10, ..good }, pixels(8), "frame 10 does not follow frame 7"),
+            (good, pixels(7), "repeats the last picture"),
+        ];
+        for (facts, bytes, says) in cases {
+            let mut acceptance = Acceptance::new(EXPECTED);
+            assert_eq!(acceptance.judge(&frame(7), &pixels(7)), Ok(()));
+            let refused = acceptance.judge(&facts, &bytes).expect_err(says).to_string();
+            assert!(refused.contains(says), "{refused}");
+        }
+    }
+
+    /// A shut lens shows the same black again and again; a new stream begins at any number.
+    #[test]
+    fn black_may_repeat_and_streams_begin_anywhere() {
+        let mut acceptance = Acceptance::new(EXPECTED);
+        for id in [7, 8] {
+            assert_eq!(acceptance.judge(&frame(id), &[0; 8]), Ok(()));
+        }
+        assert!(acceptance.judge(&frame(5), &pixels(5)).is_err());
+        acceptance.new_stream();
+        let restarted = Facts { id: 1, camera_time_ns: 9_000, ..frame(1) };
+        assert_eq!(acceptance.judge(&restarted, &pixels(1)), Ok(()));
+    }
+
+    proptest! {
+        /// From any start, by any losses, across both wraps: what is taken is always newer, nothing is taken twice, and of a
+        /// stream every missing number is counted.
+        #[test]
+        fn a_stream_is_counted(start in prop::sample::select(vec![1u64, 60_000, 65_400, 1 << 33]), wide in any::<bool>(),
+            fates in prop::collection::vec(0u8..6, 1..400)) {
+            let number = |index: u64| {
+                let id = start + index;
+                if wide || start > 65_535 { id } else { (id - 1) % 65_535 + 1 }
+            };
+            let mut acceptance = Acceptance::new(Expected { gaps: Gaps::Counted, may_repeat: true, ..EXPECTED });
+            let (mut taken, mut broken, mut last, mut first) = (0, 0, None, None);
+            for (index, fate) in fates.iter().enumerate() {
+                let index = index as u64;
+                let facts = Facts { id: number(index), camera_time_ns: 1 + index, ..frame(1) };
+                let (facts, expect) = match fate {
+                    0 => continue, // lost whole
+                    1 => (Facts { delivery: Delivery::TimedOut, ..facts }, false),
+                    _ => (facts, true),
+                };
+                first.get_or_insert(index);
+                last = Some(index);
+                prop_assert_eq!(acceptance.judge(&facts, &pixels(index)).is_ok(), expect);
+                if expect { taken += 1 } else { broken += 1 }
+                // The same once more is never taken.
+                prop_assert!(acceptance.judge(&facts, &pixels(index)).is_err());
+            }
+            if let (Some(first), Some(last)) = (first, last) {
+                prop_assert_eq!(taken + broken + acceptance.lost(), last - first + 1);
+            }
+        }
+    }
+}

@@ -1,0 +1,146 @@
+//! From one colour a pixel to three, and back.
+//!
+//! The two colours that a pixel's filter keeps out are estimated from its neighbours by linear filters that add to the
+//! bilinear mean a part of the known colour's curvature there:
+//!     G at R = mean of 4 G + ½ ΔR,   R at B = mean of 4 R + ¾ ΔB,   R at G = mean of 2 R + ⅝ ΔG,             (1)
+//! as 5×5 kernels in sixteenths. A grey ramp comes out unchanged; an edge stays where it is and as sharp as it was, which
+//! the bilinear mean alone would blur. Beyond the picture's rim its rows and columns are mirrored, which keeps the filters'
+//! order. What leaves 0…255 is cut off there.
+//! Source: Malvar, He, Cutler, High-quality linear interpolation for demosaicing, ICASSP 2004.
+
+use super::format::PixelFormat;
+use crate::geometry::ColorPicture;
+use rayon::prelude::*;
+
+/// What a sensor with these filters sees of a picture: the inverse of [`demosaic`], up to what (1) cannot know.
+pub fn mosaic(picture: &ColorPicture, format: PixelFormat) -> Vec<u8> {
+    let gray = || picture.to_gray().gray;
+    let pick = |(index, rgb): (usize, &[u8; 3])| {
+        format.filter(index % picture.width, index / picture.width).map(|channel| rgb[channel])
+    };
+    let picked: Option<Vec<u8>> = picture.rgb.iter().enumerate().map(pick).collect();
+    picked.unwrap_or_else(gray)
+}
+
+/// The picture of a sensor's raw bytes, one a pixel, row by row; none where they are not `width` × `height`, or fewer than
+/// three columns or rows of a colour sensor.
+pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) -> Option<ColorPicture> {
+    if raw.len() != width * height {
+        return None;
+    }
+    if format == PixelFormat::Mono8 {
+        return Some(ColorPicture { width, height, rgb: raw.iter().map(|&gray| [gray; 3]).collect() });
+    }
+    if width < 3 || height < 3 {
+        return None;
+    }
+    let mut picture = ColorPicture::filled(width, height, [0; 3]);
+    let at_row = |row: usize, by: isize| {
+        let row = mirrored(row, by, height);
+        &raw[row * width..(row + 1) * width]
+    };
+    picture.rgb.par_chunks_mut(width).enumerate().for_each(|(row, colors)| {
+        let rows = [-2, -1, 0, 1, 2].map(|by| at_row(row, by));
+        for (column, color) in colors.iter_mut().enumerate() {
+            let columns = [-2, -1, 0, 1, 2].map(|by| mirrored(column, by, width));
+            let around = |across: usize, down: usize| i32::from(rows[down][columns[across]]);
+            *color = three(format, [column, row], around);
+        }
+    });
+    Some(picture)
+}
+
+/// The pixel so far on, mirrored at the picture's rim without repeating the rim.
+fn mirrored(at: usize, by: isize, count: usize) -> usize {
+    let to = at.saturating_add_signed(by);
+    match to {
+        _ if by < 0 && at < by.unsigned_abs() => by.unsigned_abs() - at,
+        _ if to >= count => 2 * (count - 1) - to,
+        _ => to,
+    }
+}
+
+/// Equation (1) at one pixel; `around(2, 2)` is the pixel itself.
+fn three(format: PixelFormat, [column, row]: [usize; 2], around: impl Fn(usize, usize) -> i32) -> [u8; 3] {
+    let sum = |places: [[usize; 2]; 4]| places.into_iter().map(|[across, down]| around(across, down)).sum::<i32>();
+    let own = around(2, 2);
+    let (beside, above) = (around(1, 2) + around(3, 2), around(2, 1) + around(2, 3));
+    let (far_beside, far_above) = (around(0, 2) + around(4, 2), around(2, 0) + around(2, 4));
+    let diagonal = sum([[1, 1], [3, 1], [1, 3], [3, 3]]);
+    let byte = |sixteenths: i32| ((sixteenths + 8) >> 4).clamp(0, 255) as u8;
+    let own_byte = byte(16 * own);
+    match format.filter(column, row) {
+        Some(1) => {
+            let along = byte(10 * own + 8 * beside - 2 * (far_beside + diagonal) + far_above);
+            let across = byte(10 * own + 8 * above - 2 * (far_above + diagonal) + far_beside);
+            // Whose filters share this row with green.
+            match format.filter(column + 1, row) {
+                Some(0) => [along, own_byte, across],
+                _ => [across, own_byte, along],
+            }
+        }
+        Some(own_channel) => {
+            let green = byte(8 * own + 4 * (beside + above) - 2 * (far_beside + far_above));
+            let other = byte(12 * own + 4 * diagonal - 3 * (far_beside + far_above));
+            if own_channel == 0 { [own_byte, green, other] } else { [other, green, own_byte] }
+        }
+        None => [own_byte; 3],
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const FORMATS: [PixelFormat; 5] = PixelFormat::ALL;
+
+    fn picture(width: usize, height: usize, color: impl Fn(usize, usize) -> [u8; 3]) -> ColorPicture {
+        let rgb = (0..width * height).map(|index| color(index % width, index / width)).collect();
+        ColorPicture { width, height, rgb }
+    }
+
+    /// By hand, red = 160 at the one red pixel of a dark 5×5 picture: green there ½·160 = 80, blue ¾·160 = 120.
+    #[test]
+    fn a_single_pixel_shows_the_kernels() {
+        let mut raw = vec![0; 25];
+        raw[12] = 160;
+        let seen = demosaic(&raw, [5, 5], PixelFormat::BayerRG8).expect("fits");
+        assert_eq!(seen.rgb[12], [160, 80, 120]);
+        // Beside it green takes half of the two reds, 80; blue is cut off below zero.
+        assert_eq!(seen.rgb[11], [80, 0, 0]);
+        assert_eq!(PixelFormat::BayerRG8.filter(2, 2), Some(0));
+        assert_eq!(PixelFormat::BayerGB8.filter(0, 0), Some(1));
+        assert_eq!(PixelFormat::BayerGB8.filter(1, 0), Some(2));
+    }
+
+    #[test]
+    fn what_is_no_picture_is_none() {
+        assert_eq!(demosaic(&[0; 24], [5, 5], PixelFormat::BayerRG8), None);
+        assert_eq!(demosaic(&[0; 8], [4, 2], PixelFormat::BayerRG8), None);
+        assert_eq!(demosaic(&[7; 8], [4, 2], PixelFormat::Mono8).map(|seen| seen.rgb[0]), Some([7; 3]));
+    }
+
+    proptest! {
+        /// One colour stays that colour; a grey ramp stays itself away from the rim; what a filter passed stays exact.
+        #[test]
+        fn colour_and_ramp_stay(format in prop::sample::select(FORMATS.to_vec()), rgb in any::<[u8; 3]>(),
+            size in (6usize..20, 6usize..20), slope in (0usize..4, 0usize..4)) {
+            let (width, height) = size;
+            let flat = picture(width, height, |_, _| rgb);
+            let seen = demosaic(&mosaic(&flat, format), [width, height], format).expect("fits");
+            if format != PixelFormat::Mono8 {
+                prop_assert_eq!(&seen, &flat);
+            }
+            let ramp = picture(width, height, |column, row| [(40 + slope.0 * column + slope.1 * row) as u8; 3]);
+            let raw = mosaic(&ramp, format);
+            let seen = demosaic(&raw, [width, height], format).expect("fits");
+            for row in 2..height - 2 {
+                for column in 2..width - 2 {
+                    prop_assert_eq!(seen.rgb[row * width + column], ramp.rgb[row * width + column]);
+                }
+            }
+            prop_assert_eq!(mosaic(&seen, format), raw);
+        }
+    }
+}

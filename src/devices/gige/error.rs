@@ -1,0 +1,95 @@
+//! Why a GigE Vision camera gives no picture.
+
+use super::acceptance::Refused;
+use super::settings::NoNode;
+
+/// Why a GigE Vision camera gives no picture.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum GigeError {
+    /// No camera answers.
+    #[error("{wanted} is not found; {found}")]
+    NotFound {
+        /// Which one.
+        wanted: String,
+        /// What was found instead.
+        found: String,
+    },
+    /// It answers and does not open.
+    #[error("{wanted} does not open: {why}")]
+    NotOpened {
+        /// Which one.
+        wanted: String,
+        /// What Aravis says.
+        why: String,
+    },
+    /// Another program has it.
+    #[error("{wanted} is controlled by another program; end that one, or wait until its heartbeat is over")]
+    Controlled {
+        /// Which one.
+        wanted: String,
+    },
+    /// A key that it has no node for.
+    #[error(transparent)]
+    NoNode(#[from] NoNode),
+    /// A value that it does not take.
+    #[error("the camera does not take {node} = {value}: {why}")]
+    NotTaken {
+        /// The node.
+        node: &'static str,
+        /// The value.
+        value: String,
+        /// What it allows, or says.
+        why: String,
+    },
+    /// It is another size than the calibrated camera.
+    #[error("the camera's picture is {}×{}, its calibration says {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
+    WrongSize {
+        /// Width and height, px.
+        found_px: [usize; 2],
+        /// Width and height in the calibration, px.
+        expected_px: [usize; 2],
+    },
+    /// No whole picture came when it was opened.
+    #[error(
+        "no whole picture came in {tries} tries; are packets of {packet_bytes} bytes too large for a port on the way, is \
+         net.core.rmem_max (now {rmem_max}) below {wanted_bytes}? Last: {last}"
+    )]
+    NothingWhole {
+        /// How many were asked for.
+        tries: u32,
+        /// Size of a packet, bytes.
+        packet_bytes: u16,
+        /// The largest receive buffer that the system gives, bytes, where it says so.
+        rmem_max: String,
+        /// What is asked of it, bytes.
+        wanted_bytes: usize,
+        /// What came of the last.
+        last: String,
+    },
+    /// It was there and is not any more.
+    #[error("the camera is lost: {why}")]
+    Lost {
+        /// How that shows.
+        why: String,
+    },
+    /// It does not answer in time.
+    #[error("no picture within {waited_ms} ms")]
+    Timeout {
+        /// How long was waited.
+        waited_ms: u64,
+    },
+    /// What came is not to be used.
+    #[error("no picture that may be used came in {tries} tries; the last: {last}")]
+    Refused {
+        /// How many were taken.
+        tries: u32,
+        /// Why the last was refused.
+        last: Refused,
+    },
+    /// It shows an old scene.
+    #[error("the camera is frozen: {last}, at the second try too")]
+    Frozen {
+        /// Why the last was refused.
+        last: Refused,
+    },
+}

@@ -1,0 +1,67 @@
+//! The pixel formats that are taken, by their names in GenICam's Pixel Format Naming Convention.
+
+/// One byte a pixel: brightness, or the one colour that the pixel's filter passes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PixelFormat {
+    /// Brightness.
+    Mono8,
+    /// Filters red, green in the first row, green, blue in the second.
+    BayerRG8,
+    /// Green, red; blue, green.
+    BayerGR8,
+    /// Green, blue; red, green.
+    BayerGB8,
+    /// Blue, green; green, red.
+    BayerBG8,
+}
+
+impl PixelFormat {
+    /// All of them.
+    pub const ALL: [PixelFormat; 5] = [
+        PixelFormat::Mono8,
+        PixelFormat::BayerRG8,
+        PixelFormat::BayerGR8,
+        PixelFormat::BayerGB8,
+        PixelFormat::BayerBG8,
+    ];
+
+    /// The name, `BayerRG8`.
+    pub fn name(self) -> &'static str {
+        match self {
+            PixelFormat::Mono8 => "Mono8",
+            PixelFormat::BayerRG8 => "BayerRG8",
+            PixelFormat::BayerGR8 => "BayerGR8",
+            PixelFormat::BayerGB8 => "BayerGB8",
+            PixelFormat::BayerBG8 => "BayerBG8",
+        }
+    }
+
+    /// The number that stands in a frame's leader.
+    pub fn code(self) -> u32 {
+        match self {
+            PixelFormat::Mono8 => 0x0108_0001,
+            PixelFormat::BayerGR8 => 0x0108_0008,
+            PixelFormat::BayerRG8 => 0x0108_0009,
+            PixelFormat::BayerGB8 => 0x0108_000a,
+            PixelFormat::BayerBG8 => 0x0108_000b,
+        }
+    }
+
+    /// The format of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|format| format.name() == name)
+    }
+
+    /// The colour that a pixel's filter passes, 0 red, 1 green, 2 blue; none where there is no filter.
+    pub fn filter(self, column: usize, row: usize) -> Option<usize> {
+        // Where red is: the column and row of the first one.
+        let [red_column, red_row] = match self {
+            PixelFormat::Mono8 => return None,
+            PixelFormat::BayerRG8 => [0, 0],
+            PixelFormat::BayerGR8 => [1, 0],
+            PixelFormat::BayerGB8 => [0, 1],
+            PixelFormat::BayerBG8 => [1, 1],
+        };
+        Some(usize::from(column % 2 != red_column) + usize::from(row % 2 != red_row))
+    }
+}

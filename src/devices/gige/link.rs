@@ -1,0 +1,276 @@
+//! The camera's thread: it owns the connection, takes pictures when asked, and connects again where the camera was lost.
+//!
+//! A camera may be unplugged, reboot, or never have been there. That is told once, when it begins and when it is over, in the
+//! program's log; meanwhile every picture that is asked for is refused at once with the reason. Nobody waits for a camera
+//! that is known to be away.
+
+use super::camera::{Connected, Frame};
+use super::error::GigeError;
+use super::settings::{Exposing, Settings};
+use super::statistics::Statistics;
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+/// How long the first search may take before a picture is refused.
+const SEARCH: Duration = Duration::from_secs(5);
+/// How long one picture may take in all: three tries of a second's patience, new streams between.
+const LONGEST: Duration = Duration::from_secs(20);
+/// Between looks at a camera that nobody asks anything of.
+const TICK: Duration = Duration::from_millis(100);
+/// From one search for a lost camera to the next, at first and at most.
+const FIRST_PAUSE: Duration = Duration::from_millis(200);
+const LONGEST_PAUSE: Duration = Duration::from_secs(2);
+
+/// How the camera stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Standing {
+    /// The first search goes on.
+    Searching,
+    /// It delivers.
+    Connected,
+    /// It is away, for this reason.
+    Away(GigeError),
+}
+
+/// What is asked of the thread.
+enum Ask {
+    /// A still, or of a free running camera its next picture.
+    Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
+}
+
+#[derive(Debug)]
+struct Shared {
+    standing: Standing,
+    /// Of the present connection and all before it.
+    statistics: Statistics,
+}
+
+/// A GigE Vision camera that looks after its own connection.
+#[derive(Debug)]
+pub struct GigeCamera {
+    asks: Option<Sender<Ask>>,
+    shared: Arc<Mutex<Shared>>,
+    opened: Instant,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl GigeCamera {
+    /// Begins to look for the camera. That it is not there is not an error here: it may come.
+    ///
+    /// # Errors
+    /// Where the system gives no thread.
+    pub fn open(settings: Settings) -> std::io::Result<Self> {
+        let (asks, asked) = mpsc::channel();
+        let standing = Standing::Searching;
+        let shared = Arc::new(Mutex::new(Shared { standing, statistics: Statistics::default() }));
+        let mut link = Link {
+            settings,
+            shared: shared.clone(),
+            connected: None,
+            before: Statistics::default(),
+            away_since: None,
+            next_search: Instant::now(),
+            pause: FIRST_PAUSE,
+        };
+        let thread = std::thread::Builder::new().name("gige".to_owned()).spawn(move || link.serve(&asked))?;
+        Ok(GigeCamera { asks: Some(asks), shared, opened: Instant::now(), thread: Some(thread) })
+    }
+
+    /// A still; of a free running camera the next picture.
+    ///
+    /// # Errors
+    /// Where the camera is away or gives none that may be used.
+    pub fn picture(&mut self) -> Result<Frame, GigeError> {
+        self.check()?;
+        let lost = || GigeError::Lost { why: "its thread has ended".to_owned() };
+        let (reply, answer) = mpsc::channel();
+        let asked = Instant::now();
+        self.asks.as_ref().ok_or_else(lost)?.send(Ask::Picture { asked, reply }).map_err(|_| lost())?;
+        loop {
+            match answer.recv_timeout(TICK) {
+                Ok(picture) => return picture,
+                Err(RecvTimeoutError::Disconnected) => return Err(lost()),
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Standing::Away(why) = self.standing() {
+                        return Err(why);
+                    }
+                    if asked.elapsed() > LONGEST {
+                        return Err(GigeError::Timeout { waited_ms: LONGEST.as_millis() as u64 });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Whether the camera would deliver; waits for the first search.
+    ///
+    /// # Errors
+    /// Where it is away.
+    pub fn check(&mut self) -> Result<(), GigeError> {
+        loop {
+            match self.standing() {
+                Standing::Connected => return Ok(()),
+                Standing::Away(why) => return Err(why),
+                Standing::Searching if self.opened.elapsed() > SEARCH => {
+                    return Err(GigeError::Timeout { waited_ms: SEARCH.as_millis() as u64 });
+                }
+                Standing::Searching => std::thread::sleep(Duration::from_millis(5)),
+            }
+        }
+    }
+
+    /// How the camera stands now.
+    pub fn standing(&self) -> Standing {
+        lock(&self.shared).standing.clone()
+    }
+
+    /// What was counted.
+    pub fn statistics(&self) -> Statistics {
+        lock(&self.shared).statistics
+    }
+
+    /// How it stands and what was counted, to be read elsewhere.
+    pub fn gauge(&self) -> Gauge {
+        Gauge(self.shared.clone())
+    }
+}
+
+/// A window on a camera's link, for whoever tells of it while another has the camera.
+#[derive(Debug, Clone)]
+pub struct Gauge(Arc<Mutex<Shared>>);
+
+impl Gauge {
+    /// How the camera stands now.
+    pub fn standing(&self) -> Standing {
+        lock(&self.0).standing.clone()
+    }
+
+    /// What was counted so far.
+    pub fn statistics(&self) -> Statistics {
+        lock(&self.0).statistics
+    }
+}
+
+impl Drop for GigeCamera {
+    fn drop(&mut self) {
+        self.asks = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic in there was reported where it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
+    shared.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The thread's own.
+struct Link {
+    settings: Settings,
+    shared: Arc<Mutex<Shared>>,
+    connected: Option<Connected>,
+    /// What earlier connections counted.
+    before: Statistics,
+    away_since: Option<Instant>,
+    next_search: Instant,
+    pause: Duration,
+}
+
+impl Link {
+    fn serve(&mut self, asked: &Receiver<Ask>) {
+        loop {
+            if self.connected.is_none() && Instant::now() >= self.next_search {
+                self.search();
+            }
+            match asked.recv_timeout(TICK) {
+                Ok(Ask::Picture { asked, reply }) if asked.elapsed() < LONGEST => {
+                    let picture = self.picture();
+                    let gone =
+                        picture.as_ref().err().filter(|error| matches!(error, GigeError::Lost { .. })).cloned();
+                    // Who asked may have given up meanwhile.
+                    let _ = reply.send(picture);
+                    if let Some(why) = gone {
+                        self.lose(why);
+                    }
+                }
+                Ok(Ask::Picture { .. }) => {}
+                Err(RecvTimeoutError::Timeout) => {
+                    if let Some(why) = self.connected.as_ref().and_then(|connected| connected.check().err()) {
+                        self.lose(why);
+                    }
+                }
+                Err(RecvTimeoutError::Disconnected) => {
+                    self.publish();
+                    tracing::info!("{}: {}", self.settings.which, lock(&self.shared).statistics);
+                    return;
+                }
+            }
+        }
+    }
+
+    fn picture(&mut self) -> Result<Frame, GigeError> {
+        let Some(connected) = &mut self.connected else {
+            let away = match &lock(&self.shared).standing {
+                Standing::Away(why) => why.clone(),
+                _ => GigeError::Lost { why: "it is searched for".to_owned() },
+            };
+            return Err(away);
+        };
+        let picture = match self.settings.exposing {
+            Exposing::OnTrigger => connected.still(),
+            Exposing::Freely { .. } => connected.next(),
+        };
+        self.publish();
+        picture
+    }
+
+    fn search(&mut self) {
+        match Connected::open(&self.settings) {
+            Ok(connected) => {
+                self.connected = Some(connected);
+                self.before.connections += 1;
+                self.pause = FIRST_PAUSE;
+                lock(&self.shared).standing = Standing::Connected;
+                self.publish();
+                if let Some(since) = self.away_since.take() {
+                    let away_s = since.elapsed().as_secs_f64();
+                    tracing::info!("{} is there again after {away_s:.1} s", self.settings.which);
+                }
+            }
+            Err(why) => {
+                self.next_search = Instant::now() + self.pause;
+                self.pause = (self.pause * 2).min(LONGEST_PAUSE);
+                self.away(why);
+            }
+        }
+    }
+
+    fn lose(&mut self, why: GigeError) {
+        self.before.losses += 1;
+        self.away(why);
+        self.publish();
+        self.next_search = Instant::now() + self.pause;
+        if let Some(connected) = self.connected.take() {
+            self.before = self.before.and(connected.statistics());
+            // Takes seconds, since a camera that is gone answers nothing.
+            drop(connected);
+        }
+    }
+
+    /// Tells once that the camera is away; why may change meanwhile.
+    fn away(&mut self, why: GigeError) {
+        if self.away_since.is_none() {
+            tracing::warn!("{why}");
+            self.away_since = Some(Instant::now());
+        }
+        lock(&self.shared).standing = Standing::Away(why);
+    }
+
+    fn publish(&mut self) {
+        let now = self.connected.as_ref().map(Connected::statistics).unwrap_or_default();
+        lock(&self.shared).statistics = self.before.and(now);
+    }
+}

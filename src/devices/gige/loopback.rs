@@ -1,0 +1,144 @@
+//! A camera without hardware: Aravis's fake GigE Vision camera, which sends our pictures as packets over the loopback
+//! interface.
+//!
+//! It answers control packets and sends stream packets as a camera does, at UDP port 3956 of one address of this machine, so
+//! that there is one of them at a time. Its pictures come from a function that is called for each exposure, in its thread.
+//! It offers neither user sets nor automatics, and does not send packets again.
+
+use super::format::PixelFormat;
+use aravis::GvFakeCamera;
+use aravis::glib::translate::ToGlibPtr;
+use aravis_sys as ffi;
+use std::ffi::c_void;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// The address that every machine has, and at which one loopback camera can be at a time.
+pub const ADDRESS: &str = "127.0.0.1";
+
+/// Fills an exposure's pixels, given how many exposures there were before.
+pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
+
+/// Why there is no loopback camera.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoLoopback {
+    /// The port is taken.
+    #[error(
+        "no GigE Vision camera can be simulated at {ADDRESS}: UDP port 3956 is taken, by another simulation or a camera tool"
+    )]
+    Taken,
+    /// It does not take its size.
+    #[error("the simulated GigE Vision camera is {sensor_px} px wide and high at most, asked are {}×{}", size_px[0], size_px[1])]
+    TooLarge {
+        /// Width and height of its sensor, px.
+        sensor_px: usize,
+        /// What was asked, px.
+        size_px: [usize; 2],
+    },
+}
+
+/// What the fake camera's thread uses.
+struct Exposures {
+    camera: Mutex<aravis::FakeCamera>,
+    fill: Fill,
+    count: AtomicU64,
+}
+
+impl Exposures {
+    fn camera(&self) -> MutexGuard<'_, aravis::FakeCamera> {
+        self.camera.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// A simulated camera on the loopback interface; it is gone when this is dropped.
+pub struct LoopbackCamera {
+    // Dropped in this order: the camera's thread has ended before what it uses goes.
+    fake: GvFakeCamera,
+    exposures: Arc<Exposures>,
+}
+
+impl LoopbackCamera {
+    /// Starts it.
+    ///
+    /// # Errors
+    /// Where its port is taken, or it cannot have that size.
+    pub fn start(serial: &str, size_px: [usize; 2], format: PixelFormat, fill: Fill) -> Result<Self, NoLoopback> {
+        let sensor_px = ffi::ARV_FAKE_CAMERA_SENSOR_WIDTH as usize;
+        if size_px.iter().any(|px| !(1..=sensor_px).contains(px)) {
+            return Err(NoLoopback::TooLarge { sensor_px, size_px });
+        }
+        let fake = GvFakeCamera::new(Some(ADDRESS), Some(serial));
+        let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(NoLoopback::Taken)?;
+        let [width, height] = size_px.map(|px| px as u32);
+        for (register, value) in [
+            (ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH, width),
+            (ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT, height),
+            (ffi::ARV_FAKE_CAMERA_REGISTER_PIXEL_FORMAT, format.code()),
+        ] {
+            camera.write_register(register as u32, value);
+        }
+        let exposures = Arc::new(Exposures { camera: Mutex::new(camera), fill, count: AtomicU64::new(0) });
+        set_fill(&exposures);
+        Ok(LoopbackCamera { fake, exposures })
+    }
+
+    /// How often it exposed.
+    pub fn exposures(&self) -> u64 {
+        self.exposures.count.load(Ordering::Relaxed)
+    }
+
+    /// Has it lose this share of its packets, 0…1.
+    pub fn lose_packets(&self, share: f64) {
+        self.fake.set_gvsp_lost_ratio(share);
+    }
+
+    /// Makes its picture smaller under the feet of whoever has it open, as where a camera is set from elsewhere; a larger
+    /// size is not taken.
+    pub fn shrink(&self, size_px: [usize; 2]) {
+        let camera = self.exposures.camera();
+        let registers = [ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH, ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT];
+        for (register, px) in registers.map(|register| register as u32).into_iter().zip(size_px) {
+            let smaller = camera.read_register(register).is_some_and(|now| px <= now as usize);
+            if smaller {
+                camera.write_register(register, px as u32);
+            }
+        }
+    }
+}
+
+/// Has the fake camera ask `exposures` for its pictures.
+#[allow(unsafe_code, reason = "the bindings leave this one function out; its callback and data are C's")]
+fn set_fill(exposures: &Arc<Exposures>) {
+    let data = Arc::as_ptr(exposures).cast_mut().cast::<c_void>();
+    // SAFETY: the camera is alive while it is borrowed. `data` lives as long as `LoopbackCamera`, which alone owns the fake
+    // GigE Vision camera and drops it first; its end waits for its thread, and no one else calls the callback.
+    unsafe { ffi::arv_fake_camera_set_fill_pattern(exposures.camera().to_glib_none().0, Some(filled), data) }
+}
+
+/// Aravis's callback: an exposure's pixels into its buffer.
+#[allow(unsafe_code, reason = "called from C with C's pointers")]
+unsafe extern "C" fn filled(
+    buffer: *mut ffi::ArvBuffer,
+    data: *mut c_void,
+    _exposure_us: u32,
+    _gain: u32,
+    _format: ffi::ArvPixelFormat,
+) {
+    if buffer.is_null() || data.is_null() {
+        return;
+    }
+    // SAFETY: `data` is what `set_fill` gave. The buffer is the fake camera's own, used by no one else during the call. Aravis
+    // has just found it no smaller than the payload by the registers of now; this thread alone makes them larger. The size
+    // that the buffer itself tells here is none (0).
+    unsafe {
+        let exposures = &*data.cast::<Exposures>();
+        let mut told = 0;
+        let pixels = ffi::arv_buffer_get_data(buffer, &mut told);
+        if pixels.is_null() {
+            return;
+        }
+        let payload = exposures.camera().payload();
+        let pixels = std::slice::from_raw_parts_mut(pixels, payload);
+        (exposures.fill)(exposures.count.fetch_add(1, Ordering::Relaxed), pixels);
+    }
+}

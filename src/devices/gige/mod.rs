@@ -1,0 +1,44 @@
+//! GigE Vision cameras, through Aravis.
+//!
+//! ```text
+//! GigeCamera ── ask ──▶ link (a thread) ── owns ──▶ camera: Aravis's objects ── GVCP, GVSP ──▶ a camera,
+//!                                                                                     or `loopback` in this process
+//! ```
+//!
+//! What decides is pure and has no Aravis in it: `settings` (what a camera is set to), `acceptance` (which frames are taken),
+//! `still` (how often one is tried), `bayer` (one colour a pixel to three). A picture that is handed on is whole, of the
+//! calibrated size, newer than the one before, and shows the exposure that was asked for; any doubt is an error.
+//!
+//! Without the cargo feature `gige` only the pure part is there. Nothing of it has run on a real camera: no user set, no packet
+//! that was sent again, no flange cable.
+
+mod acceptance;
+mod bayer;
+#[cfg(feature = "gige")]
+mod camera;
+mod error;
+mod format;
+#[cfg(feature = "gige")]
+mod link;
+#[cfg(feature = "gige")]
+mod loopback;
+mod settings;
+mod statistics;
+mod still;
+
+pub use acceptance::{Acceptance, Delivery, Expected, Facts, Gaps, Refused, ahead};
+pub use bayer::{demosaic, mosaic};
+#[cfg(feature = "gige")]
+pub use camera::{Frame, SOCKET_BUFFER_BYTES, burst_bytes, rmem_max};
+pub use error::GigeError;
+pub use format::PixelFormat;
+#[cfg(feature = "gige")]
+pub use link::{Gauge, GigeCamera, Standing};
+#[cfg(feature = "gige")]
+pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback};
+pub use settings::{Exposing, NoNode, PACKET_BYTES, Settings, Step, Which, plan};
+pub use statistics::Statistics;
+pub use still::{NoStill, Shutter, TRIES, take};
+
+#[cfg(all(test, feature = "gige"))]
+pub(super) mod tests;

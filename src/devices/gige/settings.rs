@@ -1,0 +1,241 @@
+//! What a camera is set to, as steps over the nodes that it has.
+//!
+//! Cameras differ in what they offer, and the names of some nodes have changed over the years (GenICam's Standard Features
+//! Naming Convention). A plan takes what is needed under whichever name is there, and leaves out what only switches off
+//! something that this camera does not have. Size and place of the picture on the sensor are the user set's and are never
+//! changed: they are part of what was calibrated.
+
+use super::format::PixelFormat;
+
+/// Which camera.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Which {
+    /// The only one that is found.
+    Only,
+    /// By its serial number.
+    Serial(String),
+    /// By its IP address or host name, without a search.
+    Address(String),
+}
+
+impl std::fmt::Display for Which {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Which::Only => f.write_str("the only GigE Vision camera"),
+            Which::Serial(serial) => write!(f, "the GigE Vision camera with serial {serial}"),
+            Which::Address(address) => write!(f, "the GigE Vision camera at {address}"),
+        }
+    }
+}
+
+/// When the camera exposes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Exposing {
+    /// Once for each software trigger.
+    OnTrigger,
+    /// All the time.
+    Freely {
+        /// Pictures a second.
+        frames_per_s: f64,
+    },
+}
+
+/// What is asked of a camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// Which camera.
+    pub which: Which,
+    /// The set of values kept in the camera that all else starts from.
+    pub user_set: String,
+    /// Width and height of the calibrated camera, px.
+    pub size_px: [usize; 2],
+    /// One byte a pixel.
+    pub format: PixelFormat,
+    /// Exposure time, µs; none leaves the user set's.
+    pub exposure_us: Option<f64>,
+    /// Gain, dB; none leaves the user set's.
+    pub gain_db: Option<f64>,
+    /// When it exposes.
+    pub exposing: Exposing,
+    /// Size of a packet with its headers, bytes: at most what every port on the way lets through.
+    pub packet_bytes: u16,
+    /// Whether the same picture may come twice in a row: of a simulated sensor.
+    pub may_repeat: bool,
+}
+
+/// The packet size that every network lets through: Ethernet's 1500 less what tunnels and tags may need.
+pub const PACKET_BYTES: u16 = 1_400;
+
+/// One thing to set.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Step {
+    /// Execute a command.
+    Command(&'static str),
+    /// Choose an enumeration's entry.
+    Choose(&'static str, String),
+    /// Set a number.
+    Number(&'static str, f64),
+    /// Set a switch.
+    Switch(&'static str, bool),
+}
+
+/// A key that this camera has no node for.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("the camera has no {wanted} (looked for {}); {advice}", nodes.join(", "))]
+pub struct NoNode {
+    /// What is wanted.
+    pub wanted: &'static str,
+    /// The nodes that would do.
+    pub nodes: Vec<&'static str>,
+    /// What to do.
+    pub advice: &'static str,
+}
+
+/// What to set on a camera that has the nodes `has` knows, in this order.
+///
+/// # Errors
+/// Where something is asked for that the camera has no node for.
+pub fn plan(settings: &Settings, has: &dyn Fn(&str) -> bool) -> Result<Vec<Step>, NoNode> {
+    let mut steps = Vec::new();
+    let choose = |node: &'static str, entry: &str| Step::Choose(node, entry.to_owned());
+    let one_of = |wanted, nodes: &[&'static str], advice| {
+        let found = nodes.iter().copied().find(|node| has(node));
+        found.ok_or_else(|| NoNode { wanted, nodes: nodes.to_vec(), advice })
+    };
+    if has("UserSetSelector") && has("UserSetLoad") {
+        steps.extend([choose("UserSetSelector", &settings.user_set), Step::Command("UserSetLoad")]);
+    }
+    steps.push(choose(
+        one_of("pixel format", &["PixelFormat"], "it is no camera for this program")?,
+        settings.format.name(),
+    ));
+    let off = ["ExposureAuto", "GainAuto", "BalanceWhiteAuto"].into_iter().filter(|node| has(node));
+    steps.extend(off.map(|node| choose(node, "Off")));
+    if let Some(exposure_us) = settings.exposure_us {
+        let nodes = ["ExposureTime", "ExposureTimeAbs"];
+        let advice = "leave exposure_us out, the user set's exposure then holds";
+        steps.push(Step::Number(one_of("exposure time in µs", &nodes, advice)?, exposure_us));
+    }
+    if let Some(gain_db) = settings.gain_db {
+        let advice = "leave gain_db out, the user set's gain then holds";
+        steps.push(Step::Number(one_of("gain in dB", &["Gain"], advice)?, gain_db));
+    }
+    if has("AcquisitionMode") {
+        steps.push(choose("AcquisitionMode", "Continuous"));
+    }
+    if has("TriggerSelector") {
+        steps.push(choose("TriggerSelector", "FrameStart"));
+    }
+    match settings.exposing {
+        Exposing::OnTrigger => {
+            let advice = "it cannot take single pictures";
+            let mode = one_of("trigger", &["TriggerMode"], advice)?;
+            let source = one_of("trigger source", &["TriggerSource"], advice)?;
+            one_of("software trigger", &["TriggerSoftware"], advice)?;
+            steps.extend([choose(mode, "On"), choose(source, "Software")]);
+        }
+        Exposing::Freely { frames_per_s } => {
+            steps.extend(has("TriggerMode").then(|| choose("TriggerMode", "Off")));
+            steps.extend(
+                has("AcquisitionFrameRateEnable").then_some(Step::Switch("AcquisitionFrameRateEnable", true)),
+            );
+            let rate =
+                one_of("frame rate", &["AcquisitionFrameRate", "AcquisitionFrameRateAbs"], "trigger it instead")?;
+            steps.push(Step::Number(rate, frames_per_s));
+        }
+    }
+    Ok(steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn settings() -> Settings {
+        Settings {
+            which: Which::Only,
+            user_set: "Default".to_owned(),
+            size_px: [2048, 1536],
+            format: PixelFormat::BayerRG8,
+            exposure_us: Some(8_000.0),
+            gain_db: Some(3.0),
+            exposing: Exposing::OnTrigger,
+            packet_bytes: PACKET_BYTES,
+            may_repeat: false,
+        }
+    }
+
+    fn told(settings: &Settings, nodes: &[&str]) -> Vec<String> {
+        let steps = plan(settings, &|node| nodes.contains(&node)).expect("all nodes are there");
+        let told = |step: Step| match step {
+            Step::Command(node) => format!("{node}()"),
+            Step::Choose(node, entry) => format!("{node}={entry}"),
+            Step::Number(node, number) => format!("{node}={number}"),
+            Step::Switch(node, on) => format!("{node}={on}"),
+        };
+        steps.into_iter().map(told).collect()
+    }
+
+    /// The nodes that LUCID's own driver names.
+    #[test]
+    fn a_triton_is_set_from_its_user_set_on() {
+        let nodes = [
+            "UserSetSelector",
+            "UserSetLoad",
+            "PixelFormat",
+            "ExposureAuto",
+            "ExposureTime",
+            "GainAuto",
+            "Gain",
+            "BalanceWhiteAuto",
+            "AcquisitionMode",
+            "TriggerSelector",
+            "TriggerMode",
+            "TriggerSource",
+            "TriggerSoftware",
+        ];
+        assert_eq!(
+            told(&settings(), &nodes),
+            [
+                "UserSetSelector=Default",
+                "UserSetLoad()",
+                "PixelFormat=BayerRG8",
+                "ExposureAuto=Off",
+                "GainAuto=Off",
+                "BalanceWhiteAuto=Off",
+                "ExposureTime=8000",
+                "Gain=3",
+                "AcquisitionMode=Continuous",
+                "TriggerSelector=FrameStart",
+                "TriggerMode=On",
+                "TriggerSource=Software",
+            ]
+        );
+    }
+
+    /// Without user sets, without automatics, by an older name.
+    #[test]
+    fn what_is_not_there_is_left_out() {
+        let nodes = ["PixelFormat", "ExposureTimeAbs", "TriggerMode", "AcquisitionFrameRate"];
+        let free = Settings { gain_db: None, exposing: Exposing::Freely { frames_per_s: 10.0 }, ..settings() };
+        assert_eq!(
+            told(&free, &nodes),
+            ["PixelFormat=BayerRG8", "ExposureTimeAbs=8000", "TriggerMode=Off", "AcquisitionFrameRate=10"]
+        );
+    }
+
+    #[test]
+    fn what_is_asked_for_and_not_there_is_refused() {
+        let nodes = ["PixelFormat", "ExposureTime", "TriggerMode", "TriggerSource", "TriggerSoftware", "GainRaw"];
+        let refused = plan(&settings(), &|node| nodes.contains(&node)).expect_err("no gain in dB").to_string();
+        assert_eq!(
+            refused,
+            "the camera has no gain in dB (looked for Gain); leave gain_db out, the user set's gain then holds"
+        );
+        for missing in ["PixelFormat", "ExposureTime", "TriggerMode", "TriggerSource", "TriggerSoftware"] {
+            let rest = Settings { gain_db: None, ..settings() };
+            let refused = plan(&rest, &|node| node != missing && nodes.contains(&node)).expect_err(missing);
+            assert!(refused.nodes.contains(&missing), "{refused}");
+        }
+    }
+}

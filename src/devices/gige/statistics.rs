@@ -1,0 +1,60 @@
+//! What a camera's link has counted since the program began.
+
+/// Frames, packets and losses; sums over every time that the camera was connected.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Statistics {
+    /// Frames that were taken.
+    pub accepted: u64,
+    /// Frames that came and were refused.
+    pub refused: u64,
+    /// Frames that are missing in the camera's numbering, of a free running camera.
+    pub lost: u64,
+    /// Stills for which nothing came in time.
+    pub timeouts: u64,
+    /// Stills that were triggered once more.
+    pub retries: u64,
+    /// Packets that came.
+    pub packets: u64,
+    /// Packets that came only after they had been asked for again.
+    pub resent_packets: u64,
+    /// Packets that never came.
+    pub missing_packets: u64,
+    /// Frames for which no buffer was free.
+    pub underruns: u64,
+    /// Times that the camera was lost.
+    pub losses: u64,
+    /// Times that it was connected.
+    pub connections: u64,
+}
+
+impl Statistics {
+    /// Both together.
+    pub fn and(self, other: Statistics) -> Self {
+        Statistics {
+            accepted: self.accepted + other.accepted,
+            refused: self.refused + other.refused,
+            lost: self.lost + other.lost,
+            timeouts: self.timeouts + other.timeouts,
+            retries: self.retries + other.retries,
+            packets: self.packets + other.packets,
+            resent_packets: self.resent_packets + other.resent_packets,
+            missing_packets: self.missing_packets + other.missing_packets,
+            underruns: self.underruns + other.underruns,
+            losses: self.losses + other.losses,
+            connections: self.connections + other.connections,
+        }
+    }
+}
+
+impl std::fmt::Display for Statistics {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Statistics { accepted, refused, lost, timeouts, retries, .. } = self;
+        let Statistics { packets, resent_packets, missing_packets, underruns, losses, connections, .. } = self;
+        write!(
+            f,
+            "{accepted} frames taken, {refused} refused, {lost} lost, {timeouts} timeouts, {retries} retries; \
+             {packets} packets, {resent_packets} asked for again, {missing_packets} missing, {underruns} without a buffer; \
+             connected {connections} times, lost {losses} times"
+        )
+    }
+}

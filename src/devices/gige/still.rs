@@ -1,0 +1,232 @@
+//! One picture on demand: trigger, wait, judge; a bounded number of times.
+//!
+//! After a frame that did not come, one may still be on its way, and would be taken for the next trigger's. So each try that
+//! failed ends with a new stream, into which no older exposure can come. A camera that shows an old scene twice in a row is
+//! frozen; that is not tried a third time.
+
+use super::acceptance::{Acceptance, Facts, Refused};
+use super::statistics::Statistics;
+
+/// Triggers of one still, at most.
+pub const TRIES: u32 = 3;
+
+/// A camera that exposes on demand.
+pub trait Shutter {
+    /// Why it cannot go on: the camera is gone.
+    type Gone;
+
+    /// Exposes once; what came before is thrown away.
+    ///
+    /// # Errors
+    /// Where the camera is gone; likewise for the others.
+    fn trigger(&mut self) -> Result<(), Self::Gone>;
+
+    /// The frame that comes, or none in time.
+    ///
+    /// # Errors
+    /// As [`Shutter::trigger`].
+    fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, Self::Gone>;
+
+    /// Begins a new stream: nothing exposed before comes any more.
+    ///
+    /// # Errors
+    /// As [`Shutter::trigger`].
+    fn renew(&mut self) -> Result<(), Self::Gone>;
+}
+
+/// Why there is no still.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum NoStill<G> {
+    /// The camera is gone.
+    Gone(G),
+    /// Nothing came in time, at the last try.
+    Timeout,
+    /// What came was not to be used, at the last try.
+    Refused(Refused),
+    /// It shows an old scene.
+    Frozen(Refused),
+}
+
+/// Takes a still.
+///
+/// # Errors
+/// Where none of so many tries brings a frame that may be used.
+pub fn take<S: Shutter>(
+    shutter: &mut S,
+    acceptance: &mut Acceptance,
+    statistics: &mut Statistics,
+) -> Result<(Facts, Vec<u8>), NoStill<S::Gone>> {
+    let mut last: Option<NoStill<S::Gone>> = None;
+    for attempt in 0..TRIES {
+        statistics.retries += u64::from(attempt > 0);
+        shutter.trigger().map_err(NoStill::Gone)?;
+        let failed = match shutter.wait().map_err(NoStill::Gone)? {
+            Some((facts, pixels)) => match acceptance.judge(&facts, &pixels) {
+                Ok(()) => {
+                    statistics.accepted += 1;
+                    return Ok((facts, pixels));
+                }
+                Err(refused) => {
+                    statistics.refused += 1;
+                    NoStill::Refused(refused)
+                }
+            },
+            None => {
+                statistics.timeouts += 1;
+                NoStill::Timeout
+            }
+        };
+        shutter.renew().map_err(NoStill::Gone)?;
+        acceptance.new_stream();
+        last = match (failed, last) {
+            (NoStill::Refused(now), Some(NoStill::Refused(before))) if now.is_stale() && before.is_stale() => {
+                return Err(NoStill::Frozen(now));
+            }
+            (failed, _) => Some(failed),
+        };
+    }
+    Err(last.unwrap_or(NoStill::Timeout))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::acceptance::{Delivery, Expected, Gaps};
+    use super::super::format::PixelFormat;
+    use super::*;
+    use proptest::prelude::*;
+    use std::collections::VecDeque;
+
+    /// What one exposure leads to.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    enum Fate {
+        Good,
+        Torn,
+        Late,
+        Nothing,
+        /// The first exposure once more.
+        Old,
+        Gone,
+    }
+
+    /// A camera whose every exposure has its fate; the pixels say which exposure they show.
+    struct Scripted {
+        fates: VecDeque<Fate>,
+        exposures: u64,
+        id: u64,
+        coming: VecDeque<(Facts, Vec<u8>)>,
+        renewed: u32,
+    }
+
+    impl Scripted {
+        fn new(fates: &[Fate]) -> Self {
+            let (fates, coming) = (fates.iter().copied().collect(), VecDeque::new());
+            Scripted { fates, exposures: 0, id: 0, coming, renewed: 0 }
+        }
+
+        fn frame(&mut self, delivery: Delivery, shows: u64) -> (Facts, Vec<u8>) {
+            self.id += 1;
+            let format = PixelFormat::Mono8.code();
+            let facts = Facts { delivery, id: self.id, camera_time_ns: shows, size_px: [4, 2], format };
+            (facts, (0..8).map(|pixel| (shows * 16 + pixel) as u8).collect())
+        }
+    }
+
+    impl Shutter for Scripted {
+        type Gone = ();
+
+        fn trigger(&mut self) -> Result<(), ()> {
+            // As Aravis would: what lies in the buffers is thrown away, what is still on its way is not.
+            self.exposures += 1;
+            let shows = self.exposures;
+            match self.fates.front() {
+                Some(Fate::Gone) => return Err(()),
+                Some(Fate::Good) | None => {
+                    let frame = self.frame(Delivery::Complete, shows);
+                    self.coming.push_back(frame);
+                }
+                Some(Fate::Torn) => {
+                    let frame = self.frame(Delivery::MissingPackets, shows);
+                    self.coming.push_back(frame);
+                }
+                Some(Fate::Old) => {
+                    let frame = self.frame(Delivery::Complete, 1);
+                    self.coming.push_back(frame);
+                }
+                Some(Fate::Late | Fate::Nothing) => {}
+            }
+            Ok(())
+        }
+
+        fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, ()> {
+            let fate = self.fates.pop_front();
+            if fate == Some(Fate::Late) {
+                let shows = self.exposures;
+                let frame = self.frame(Delivery::Complete, shows);
+                self.coming.push_back(frame);
+                return Ok(None);
+            }
+            Ok(self.coming.pop_front())
+        }
+
+        fn renew(&mut self) -> Result<(), ()> {
+            self.renewed += 1;
+            self.coming.clear();
+            self.id = 0;
+            Ok(())
+        }
+    }
+
+    fn acceptance() -> Acceptance {
+        let (size_px, format) = ([4, 2], PixelFormat::Mono8);
+        Acceptance::new(Expected { size_px, format, gaps: Gaps::Refused, may_repeat: false })
+    }
+
+    fn take_of(fates: &[Fate]) -> (Result<u8, NoStill<()>>, Statistics) {
+        let (mut camera, mut statistics) = (Scripted::new(fates), Statistics::default());
+        let taken = take(&mut camera, &mut acceptance(), &mut statistics);
+        (taken.map(|(_, pixels)| pixels[0] / 16), statistics)
+    }
+
+    #[test]
+    fn a_still_is_tried_three_times() {
+        use Fate::{Gone, Good, Late, Nothing, Torn};
+        assert_eq!(take_of(&[Good]).0, Ok(1));
+        let (taken, statistics) = take_of(&[Torn, Nothing, Good]);
+        assert_eq!((taken, statistics.retries, statistics.refused, statistics.timeouts), (Ok(3), 2, 1, 1));
+        assert_eq!(take_of(&[Nothing, Torn, Nothing, Good]).0, Err(NoStill::Timeout));
+        assert!(matches!(take_of(&[Torn; 4]).0, Err(NoStill::Refused(Refused::Incomplete { .. }))));
+        assert_eq!(take_of(&[Torn, Gone]).0, Err(NoStill::Gone(())));
+        // The first exposure's frame comes when the second's is waited for; it is not taken for it.
+        assert_eq!(take_of(&[Late, Good]).0, Ok(2));
+    }
+
+    /// By hand: exposure 1 is taken; then the camera shows 1 again twice.
+    #[test]
+    fn a_frozen_camera_is_told_at_its_second_old_frame() {
+        let mut camera = Scripted::new(&[Fate::Good]);
+        let (mut acceptance, mut statistics) = (acceptance(), Statistics::default());
+        take(&mut camera, &mut acceptance, &mut statistics).expect("good");
+        camera.fates = VecDeque::from([Fate::Old, Fate::Old, Fate::Good]);
+        let frozen = take(&mut camera, &mut acceptance, &mut statistics).expect_err("frozen");
+        assert!(matches!(frozen, NoStill::Frozen(Refused::NotNewer { .. })), "{frozen:?}");
+        assert_eq!((statistics.accepted, statistics.refused), (1, 2));
+    }
+
+    proptest! {
+        /// Whatever happens, a still shows its own exposure, after at most three triggers.
+        #[test]
+        fn a_still_shows_its_own_exposure(fates in prop::collection::vec(prop::sample::select(vec![
+            Fate::Good, Fate::Torn, Fate::Late, Fate::Nothing]), 1..40)) {
+            let (mut camera, mut acceptance, mut statistics) = (Scripted::new(&fates), acceptance(), Statistics::default());
+            for _ in 0..fates.len() {
+                let before = camera.exposures;
+                let taken = take(&mut camera, &mut acceptance, &mut statistics);
+                prop_assert!(camera.exposures - before <= u64::from(TRIES));
+                if let Ok((facts, pixels)) = taken {
+                    prop_assert_eq!(facts.camera_time_ns, camera.exposures);
+                    prop_assert_eq!(pixels[0], (camera.exposures * 16) as u8);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,109 @@
+//! The adapter against Aravis's fake camera: control and stream packets over the loopback interface.
+
+mod faults;
+mod stream;
+
+use super::*;
+use crate::geometry::ColorPicture;
+use crate::sim;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// One camera is at the port at a time.
+static PORT: Mutex<()> = Mutex::new(());
+
+pub(in crate::devices) fn alone() -> MutexGuard<'static, ()> {
+    PORT.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// The loopback camera; another program may be about to give the port back.
+fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
+    size_px: [usize; 2],
+    format: PixelFormat,
+    fill: F,
+) -> LoopbackCamera {
+    let begun = Instant::now();
+    loop {
+        match LoopbackCamera::start("T1", size_px, format, Box::new(fill.clone())) {
+            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(120) => {
+                std::thread::sleep(Duration::from_millis(200));
+            }
+            started => return started.unwrap_or_else(|error| panic!("{error}")),
+        }
+    }
+}
+
+fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
+    Settings {
+        which: Which::Address(ADDRESS.to_owned()),
+        user_set: "Default".to_owned(),
+        size_px,
+        format,
+        exposure_us: None,
+        gain_db: None,
+        exposing: Exposing::OnTrigger,
+        packet_bytes: PACKET_BYTES,
+        may_repeat: false,
+    }
+}
+
+/// Waits for what must come.
+fn wait_for(what: &str, mut there: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !there() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{what} does not come");
+        std::thread::sleep(Duration::from_millis(20));
+    }
+}
+
+/// Pictures of the simulated cell's flange camera, at a quarter of its size.
+fn flange_pictures() -> Vec<ColorPicture> {
+    let cell = sim::Cell::new(1, sim::Scene::Good, 4);
+    let views = cell.corner_views();
+    views.iter().map(|view| cell.flange_picture(&view.base_from_flange, sim::Place::Nominal)).collect()
+}
+
+/// Each exposure shows another one of these, with its own number in its first eight bytes.
+fn numbered(pictures: Vec<Vec<u8>>) -> impl Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static {
+    move |exposure, pixels| {
+        let shown = &pictures[exposure as usize % pictures.len()];
+        let both = shown.len().min(pixels.len());
+        pixels[..both].copy_from_slice(&shown[..both]);
+        pixels[..8].copy_from_slice(&exposure.to_be_bytes());
+    }
+}
+
+/// The number of the exposure that a frame shows; fails where a single byte of it is not that exposure's.
+fn exposure_of(frame: &Frame, pictures: &[Vec<u8>]) -> u64 {
+    let number = u64::from_be_bytes(frame.pixels[..8].try_into().expect("eight bytes"));
+    let mut sent = vec![0; frame.pixels.len()];
+    numbered(pictures.to_vec())(number, &mut sent);
+    assert!(frame.pixels == sent, "frame {} differs from exposure {number}", frame.facts.id);
+    number
+}
+
+/// Colour and brightness, each picture of the simulated cell comes out as it went in.
+#[test]
+fn stills_come_byte_by_byte() {
+    let _alone = alone();
+    let pictures = flange_pictures();
+    let size_px = [pictures[0].width, pictures[0].height];
+    for format in [PixelFormat::BayerRG8, PixelFormat::BayerGB8, PixelFormat::Mono8] {
+        let raw: Vec<Vec<u8>> = pictures.iter().map(|picture| mosaic(picture, format)).collect();
+        let loopback = loopback(size_px, format, numbered(raw.clone()));
+        // By serial number: it is found by a search.
+        let settings = Settings { which: Which::Serial("T1".to_owned()), ..settings(size_px, format) };
+        let mut camera = GigeCamera::open(settings).expect("a thread");
+        camera.check().unwrap_or_else(|error| panic!("{error}"));
+        let before = loopback.exposures();
+        for still in 0..4 {
+            let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+            assert_eq!(exposure_of(&frame, &raw), before + still, "the exposure that was asked for");
+            assert_eq!((frame.facts.size_px, frame.facts.format), (size_px, format.code()));
+            assert!(demosaic(&frame.pixels, size_px, format).is_some());
+        }
+        let counted = camera.statistics();
+        assert_eq!((counted.accepted, counted.connections, counted.losses), (4, 1, 0), "{counted}");
+        drop(camera);
+    }
+}

@@ -1,0 +1,136 @@
+//! What goes wrong on the way, and what is told of it.
+
+use super::*;
+
+const SIZE: [usize; 2] = [256, 192];
+const FORMAT: PixelFormat = PixelFormat::BayerRG8;
+
+fn picture() -> Vec<Vec<u8>> {
+    vec![(0..SIZE[0] * SIZE[1]).map(|pixel| (pixel * 7 + pixel / SIZE[0]) as u8).collect()]
+}
+
+/// 37 packets a picture and 3 % of them lost: about a third of the pictures is whole. Those that are handed on are.
+#[test]
+fn torn_pictures_are_tried_again_and_never_handed_on() {
+    let _alone = alone();
+    let loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    loopback.lose_packets(0.03);
+    let (mut whole, mut refused) = (0, 0);
+    for _ in 0..12 {
+        match camera.picture() {
+            Ok(frame) => {
+                exposure_of(&frame, &picture());
+                whole += 1;
+            }
+            Err(
+                GigeError::Refused { tries: TRIES, last: Refused::Incomplete { .. } } | GigeError::Timeout { .. },
+            ) => {
+                refused += 1;
+            }
+            Err(other) => panic!("{other}"),
+        }
+    }
+    let counted = camera.statistics();
+    assert_eq!(counted.accepted, whole);
+    assert!(
+        counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
+        "{refused} failed; {counted}"
+    );
+    // Nothing of it stays.
+    loopback.lose_packets(0.0);
+    for _ in 0..3 {
+        let before = loopback.exposures();
+        let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+        assert_eq!(exposure_of(&frame, &picture()), before);
+    }
+}
+
+/// A camera that goes away while it is used is told once; nobody waits for it; when it is there again it delivers.
+#[test]
+fn a_camera_that_dies_is_told_once_and_comes_back() {
+    let _alone = alone();
+    let first = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let gauge = camera.gauge();
+    camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    drop(first);
+    let lost = camera.picture().expect_err("it is gone");
+    assert!(matches!(lost, GigeError::Lost { .. } | GigeError::Timeout { .. }), "{lost}");
+    wait_for("the loss", || matches!(gauge.standing(), Standing::Away(_)));
+    let begun = Instant::now();
+    assert!(camera.picture().is_err() && camera.check().is_err());
+    assert!(begun.elapsed() < Duration::from_secs(1), "nobody waits for a camera that is away");
+    assert_eq!(gauge.statistics().losses, 1);
+
+    let second = loopback(SIZE, FORMAT, numbered(picture()));
+    wait_for("the camera", || gauge.standing() == Standing::Connected);
+    let before = second.exposures();
+    let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(exposure_of(&frame, &picture()), before);
+    let counted = camera.statistics();
+    assert_eq!((counted.accepted, counted.losses, counted.connections), (2, 1, 2), "{counted}");
+}
+
+/// Its heartbeat tells of the loss though nobody asks for a picture.
+#[test]
+fn a_camera_that_dies_unused_is_noticed() {
+    let _alone = alone();
+    let first = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    drop(first);
+    wait_for("the loss", || matches!(camera.standing(), Standing::Away(_)));
+    assert_eq!(camera.statistics().losses, 1);
+}
+
+#[test]
+fn a_wrong_camera_is_refused_in_words() {
+    let _alone = alone();
+    let says = |settings: Settings| {
+        let mut camera = GigeCamera::open(settings).expect("a thread");
+        camera.check().expect_err("refused").to_string()
+    };
+    let nowhere = Which::Address("127.0.0.77".to_owned());
+    let absent = says(Settings { which: nowhere, ..settings(SIZE, FORMAT) });
+    assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 is not found"), "{absent}");
+    let _loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let other = says(Settings { which: Which::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
+    assert!(
+        other.contains("serial T2 is not found; there is") && other.contains("serial T1 at 127.0.0.1"),
+        "{other}"
+    );
+    let larger = says(settings([512, 384], FORMAT));
+    assert_eq!(larger, "the camera's picture is 256×192, its calibration says 512×384");
+    let gain = says(Settings { gain_db: Some(3.0), ..settings(SIZE, FORMAT) });
+    assert!(gain.contains("has no gain in dB"), "{gain}");
+    let exposure = says(Settings { exposure_us: Some(1e9), ..settings(SIZE, FORMAT) });
+    assert!(exposure.contains("does not take ExposureTimeAbs = 1000000000: it allows"), "{exposure}");
+    // Another program has it: here the same one, twice.
+    let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    first.check().unwrap_or_else(|error| panic!("{error}"));
+    let second = says(settings(SIZE, FORMAT));
+    assert!(second.contains("another program"), "{second}");
+}
+
+/// A camera whose size is changed while it delivers.
+#[test]
+fn a_size_that_changes_is_refused() {
+    let _alone = alone();
+    let loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    loopback.shrink([128, 192]);
+    let refused = camera.picture().expect_err("another size");
+    assert!(
+        matches!(
+            &refused,
+            GigeError::Refused {
+                last: Refused::WrongForm { found_px: [128, 192], .. } | Refused::Incomplete { .. },
+                ..
+            }
+        ),
+        "{refused}"
+    );
+}

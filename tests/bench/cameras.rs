@@ -1,0 +1,86 @@
+//! The flange camera's link: so many seconds of full-size colour pictures of the simulated cell over GigE Vision loopback,
+//! every one compared byte by byte, every one that is missing counted. `cargo bench --bench cameras -- SECONDS`, 600 at first.
+
+use panelprep::devices::gige::{
+    ADDRESS, Exposing, GigeCamera, LoopbackCamera, PACKET_BYTES, PixelFormat, Settings, Which, mosaic,
+};
+use panelprep::sim;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+const FORMAT: PixelFormat = PixelFormat::BayerRG8;
+const FRAMES_PER_S: f64 = 10.0;
+/// Losses are allowed, since the machine may be busy; more than this share of them says that the link is not good for it.
+const MOST_LOST: f64 = 0.05;
+
+fn main() -> ExitCode {
+    let seconds = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(600);
+    match run(Duration::from_secs(seconds)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("{error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The exposure's own picture: one of the cell's, with the exposure's number in its first eight bytes.
+fn expose(pictures: &[Vec<u8>], exposure: u64, pixels: &mut [u8]) {
+    let shown = &pictures[exposure as usize % pictures.len()];
+    let both = shown.len().min(pixels.len());
+    pixels[..both].copy_from_slice(&shown[..both]);
+    pixels[..8].copy_from_slice(&exposure.to_be_bytes());
+}
+
+fn run(span: Duration) -> Result<(), String> {
+    let cell = sim::Cell::new(1, sim::Scene::Good, 1);
+    let views = cell.corner_views();
+    let render = |view: &sim::CornerView| cell.flange_picture(&view.base_from_flange, sim::Place::Nominal);
+    let pictures: Vec<Vec<u8>> = views.iter().map(|view| mosaic(&render(view), FORMAT)).collect();
+    let size_px = [cell.flange_camera().width_px, cell.flange_camera().height_px];
+    println!("{}×{} {}, {FRAMES_PER_S} pictures a second, {} s", size_px[0], size_px[1], FORMAT.name(), span.as_secs());
+
+    let shows = pictures.clone();
+    let fill = move |exposure: u64, pixels: &mut [u8]| expose(&shows, exposure, pixels);
+    let loopback = LoopbackCamera::start("BENCH", size_px, FORMAT, Box::new(fill)).map_err(|error| error.to_string())?;
+    let settings = Settings {
+        which: Which::Address(ADDRESS.to_owned()),
+        user_set: "Default".to_owned(),
+        size_px,
+        format: FORMAT,
+        exposure_us: None,
+        gain_db: None,
+        exposing: Exposing::Freely { frames_per_s: FRAMES_PER_S },
+        packet_bytes: PACKET_BYTES,
+        may_repeat: false,
+    };
+    let mut camera = GigeCamera::open(settings).map_err(|error| error.to_string())?;
+    camera.check().map_err(|error| error.to_string())?;
+    let (begun, mut said) = (Instant::now(), Instant::now());
+    let (mut first, mut last, mut wrong) = (None, 0, 0_u64);
+    let mut sent = vec![0; size_px[0] * size_px[1]];
+    while begun.elapsed() < span {
+        let frame = camera.picture().map_err(|error| error.to_string())?;
+        let number = frame.pixels.first_chunk().map_or(u64::MAX, |first| u64::from_be_bytes(*first));
+        expose(&pictures, number, &mut sent);
+        if frame.pixels == sent {
+            last = number;
+            first.get_or_insert(number);
+        } else {
+            wrong += 1;
+        }
+        if said.elapsed() > Duration::from_secs(60) {
+            said = Instant::now();
+            println!("{:4} s: {}", begun.elapsed().as_secs(), camera.statistics());
+        }
+    }
+    let counted = camera.statistics();
+    let exposed = first.map_or(0, |first| last - first + 1);
+    drop((camera, loopback));
+    println!("{exposed} exposures: {counted}; {wrong} taken that differ");
+    let accounted = counted.accepted + counted.refused + counted.lost;
+    let missing = exposed.saturating_sub(counted.accepted) as f64 / exposed.max(1) as f64;
+    println!("not taken: {:.2} %, all of them counted: {}", 100.0 * missing, accounted == exposed);
+    let held = wrong == 0 && accounted == exposed && missing <= MOST_LOST && exposed > 0;
+    if held { Ok(()) } else { Err("the link does not hold what it must".to_owned()) }
+}
