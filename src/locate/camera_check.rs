@@ -99,7 +99,7 @@ pub(super) fn check(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WITHIN_95_PERCENT * super::evidence::worst_mm(&covariance, model, &Motion::of(placed)),
+        uncertainty_mm: WITHIN_95_PERCENT * super::covariance::worst_mm(&covariance, model, &Motion::of(placed)),
         same,
     })
 }

@@ -12,6 +12,7 @@
 mod camera_check;
 pub mod corner;
 mod correspond;
+mod covariance;
 mod edges;
 mod error;
 mod evidence;
@@ -25,6 +26,7 @@ mod profile;
 pub mod refine;
 mod rivals;
 mod search;
+mod shares;
 mod solve;
 
 pub use camera_check::CameraCheck;
