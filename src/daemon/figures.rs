@@ -55,7 +55,7 @@ pub(super) fn corner(
     job: &Job<'_>,
     picture: &ColorPicture,
     (sighting, place): (Sighting, Rigid<Base, Panel>),
-    (name, title): (&str, &str),
+    (which, name, title): (usize, &str, &str),
 ) -> Option<Figure> {
     let camera = &job.calibrations.flange_camera;
     let in_camera = sighting.base_from_camera.inverse() * (place * sighting.corner);
@@ -66,8 +66,14 @@ pub(super) fn corner(
         px_per_mm: camera.px_per_mm_at(in_camera.mm.z).0,
     };
     let caption =
-        format!("The flange camera's picture of the corner, {title}: where it is expected and where it is");
+        format!("The flange camera's picture of corner {which}, {title}: where it is expected and where it is");
     Some(figure((name, &caption), view.drawn(title), picture))
+}
+
+/// A picture in which a corner was looked for and not found.
+pub(super) fn no_corner(which: usize, picture: &ColorPicture) -> Figure {
+    let caption = format!("The flange camera's picture in which corner {which} was not found");
+    figure(("no_corner", &caption), Ok(picture.clone()), picture)
 }
 
 /// The path over the panel as the last film showed it.
