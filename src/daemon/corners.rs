@@ -20,6 +20,11 @@ use crate::verdict::{Judgement, Reason, Verdict};
 /// Corners that are looked at, at most.
 const MOST: usize = 2;
 
+/// How many corners a loop looks at where all can be.
+pub(super) fn most(job: &Job<'_>) -> usize {
+    MOST.min(job.recipe.corner().max_moves() + 1).min(job.corners.len())
+}
+
 /// The corners of a loop; indices count the taught ones.
 #[derive(Debug, Default, Clone)]
 pub(super) struct Corners {
@@ -78,8 +83,7 @@ impl Corners {
 
     /// How many corners are to be seen.
     fn wanted(&self, job: &Job<'_>) -> usize {
-        let views = job.recipe.corner().max_moves() + 1;
-        let all = MOST.min(views).min(job.corners.len());
+        let all = most(job);
         if self.no_more { self.chosen.len().min(all) } else { all }
     }
 

@@ -144,6 +144,7 @@ impl Running<'_> {
             arm: job.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
+            things: self.sight.things().filter(|_| matches!(motion.path, Path::Corner { .. })),
         };
         let settings = job.recipe.path();
         match motion.path {

@@ -10,6 +10,7 @@ use crate::eki::Time;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::{self, gate};
+use crate::path::reach::Things;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -27,6 +28,8 @@ pub(super) struct Sight {
     pub(super) place: Option<Rigid<Base, Panel>>,
     /// Which of the taught corners are looked at, and what they said.
     pub corners: Corners,
+    /// The panel where it was found and what else the scan showed, for the arm to keep off.
+    things: Option<Arc<Things>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -62,6 +65,11 @@ impl Sight {
         Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
+    /// What the arm keeps off on its way to a corner.
+    pub fn things(&self) -> Option<&Arc<Things>> {
+        self.things.as_ref()
+    }
+
     /// Adds what a film that was watched on its own left.
     pub fn take_film(&mut self, film: Sight) {
         self.inspections.extend(film.inspections);
@@ -87,7 +95,8 @@ impl Sight {
         let begun = Instant::now();
         let settings = job.recipe.locate();
         let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
-        let found = locate::locate(job.panel, &locate::View { scan: &scan, camera, base_from_camera }, settings);
+        let view = locate::View { scan: &scan, camera, base_from_camera };
+        let found = locate::locate(job.panel, &view, settings);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),
@@ -97,6 +106,9 @@ impl Sight {
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
         let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
+        for figure in figures::reasons(job, (&view, &picture), fit.as_ref(), &judgement) {
+            record.figure(&figure)?;
+        }
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
@@ -106,6 +118,11 @@ impl Sight {
             ..Budget::default()
         })?;
         (self.located, self.place, self.located_mm) = (place, place, located_mm);
+        self.things = place.map(|place| {
+            let of_panel = job.panel.points().map(|(_, point)| place * point);
+            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
+            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
+        });
         Ok(Answer::Graded(grade))
     }
 

@@ -157,34 +157,41 @@ impl Still {
     }
 
     /// How far the taught edges lie from the scan's in the picture, and the share of them that is there at all.
-    fn edges(&self, panel: &TaughtPanel, (grid, scan): (&Grid, &Scan)) -> (Vec<Constraint>, Option<f64>) {
+    fn edges(&self, panel: &TaughtPanel, now: (&Grid, &Scan)) -> (Vec<Constraint>, Option<f64>) {
+        let looked = self.looked(panel, now);
+        let asked = looked.len();
+        let edges: Vec<Constraint> = looked.into_iter().filter_map(|(_, edge)| edge).collect();
+        let same = (asked >= MIN_EDGES).then(|| edges.len() as f64 / asked as f64);
+        (edges, same)
+    }
+
+    /// Taught edges of the fixture, each with what the scan shows of it.
+    fn looked(&self, panel: &TaughtPanel, (grid, scan): (&Grid, &Scan)) -> Vec<(Steep, Option<Constraint>)> {
         let found: Vec<[Option<Steep>; 2]> = (0..self.is_still.len())
             .into_par_iter()
             .with_min_len(4_096)
             .map(|block| [(1, 0), (0, 1)].map(|step| self.steep(panel, grid, block, step)))
             .collect();
         let found: Vec<Steep> = found.into_iter().flatten().flatten().collect();
-        let edge = |k: &usize| {
+        let look = |k: &usize| {
             let Steep { block, pixel, across } = found[*k];
             let outward = [across.x, across.y];
             let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
             let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
             let (_, slope) = self.taught.camera.project_with_slope(camera_point(&point))?;
             let now = profile::line(scan, pixel, outward).and_then(|line| profile::step(&line, taught.offset_px));
-            let now = now.filter(|now| taught.contrast * now.contrast > 0.0);
-            Some(now.map(|now| Constraint {
+            let now = now.filter(|now| taught.contrast * now.contrast > 0.0).map(|now| Constraint {
                 point,
                 gradient: slope.transpose() * across,
                 residual: taught.offset_px - now.offset_px,
                 sample: *k,
-            }))
+            });
+            Some((found[*k], now))
         };
         let chosen = spread_over(found.len(), EDGES);
-        let edges: Vec<Option<Option<Constraint>>> = chosen.par_iter().with_min_len(64).map(edge).collect();
-        let asked = edges.iter().flatten().count();
-        let edges: Vec<Constraint> = edges.into_iter().flatten().flatten().collect();
-        let same = (asked >= MIN_EDGES).then(|| edges.len() as f64 / asked as f64);
-        (edges, same)
+        let looked: Vec<Option<(Steep, Option<Constraint>)>> =
+            chosen.par_iter().with_min_len(64).map(look).collect();
+        looked.into_iter().flatten().collect()
     }
 
     /// The edge between a block and the one beside it, where brightness changes by much; it belongs to the nearer of the two,
@@ -233,6 +240,33 @@ impl Still {
         (!of_panel.any(|inside| inside)).then_some(())?;
         Some(Steep { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
     }
+}
+
+/// An edge of the fixture, for people.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FixtureEdge {
+    pub pixel: Pixel,
+    /// How far it has moved across itself; `None` where it is gone.
+    pub moved_px: Option<f64>,
+}
+
+/// The fixture's edges, and how far they have moved in the picture since teaching.
+pub(super) fn fixture(
+    panel: &TaughtPanel,
+    model: &Model,
+    now: (&Grid, &Scan),
+    inside: &[bool],
+) -> Vec<FixtureEdge> {
+    if (panel.scan.width(), panel.scan.height()) != (now.1.width(), now.1.height()) || panel.camera != now.0.camera
+    {
+        return Vec::new();
+    }
+    let looked = Still::of(panel, model, now.0, inside).looked(panel, now);
+    let edge = |(steep, now): (Steep, Option<Constraint>)| FixtureEdge {
+        pixel: steep.pixel,
+        moved_px: now.map(|constraint| constraint.residual),
+    };
+    looked.into_iter().map(edge).collect()
 }
 
 /// A place where the taught picture has an edge of the fixture.

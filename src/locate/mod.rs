@@ -16,6 +16,7 @@ mod covariance;
 mod edges;
 mod error;
 mod evidence;
+pub mod explain;
 mod fit;
 pub mod gate;
 mod grid;

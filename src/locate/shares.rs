@@ -12,7 +12,7 @@ use super::search::{Sight, covered, sight};
 use rayon::prelude::*;
 
 /// A point of the outline is found where the edge is this near, px.
-const EDGE_FOUND_PX: f64 = 1.5;
+pub(super) const EDGE_FOUND_PX: f64 = 1.5;
 /// A channel at this level or above is saturated.
 const SATURATED: u8 = 252;
 /// Pieces with at least this share on the panel are part of it.

@@ -30,9 +30,10 @@ fn both_corners_are_verified_before_contact() {
     for _ in 0..2 {
         story.until("verify");
         story.answer(Answer::LookOn);
-        assert_eq!(
-            story.until("to-contact"),
-            "to-corner-1 verify-1 extractionon frames-pad to-approach toolon to-contact"
+        let acts = story.until("to-contact");
+        assert!(
+            acts.starts_with("to-corner-1 verify-1 ") && acts.ends_with("to-approach toolon to-contact"),
+            "{acts}"
         );
     }
     story.until("film");
