@@ -120,7 +120,7 @@ MATCHERS := target/bench-locate
 bench-locate: bench-locate-good bench-locate-bad bench-locate-peers
 
 bench-locate-good: setup
-	cargo bench --locked --bench locate -- good
+	cargo bench --locked --bench locate -- good memory
 
 bench-locate-bad: setup
 	cargo bench --locked --bench locate -- bad wet

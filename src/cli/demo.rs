@@ -35,8 +35,8 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),
         scan: rendered.file("taught_scan.pcd"),
-        corner: vec![rendered.file("taught_corner.png")],
-        flange: vec![rendered.file("taught_flange.json")],
+        corner: ["taught_corner.png", "taught_corner2.png"].map(|name| rendered.file(name)).to_vec(),
+        flange: ["taught_flange.json", "taught_flange2.json"].map(|name| rendered.file(name)).to_vec(),
         pictures: None,
     };
     teach::run(&teaching, &common)?;

@@ -6,7 +6,8 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::locate::{self, Fit, gate};
+use crate::locate::{self, Fit, explain, gate};
+use crate::panel::panel_from_base_at_teaching;
 use crate::recipe::Recipe;
 use crate::report::View;
 use crate::verdict::Judgement;
@@ -41,8 +42,11 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let located = stage(&taught, &scan, camera, base_from_camera, &recipe)?;
-    if let (Some(folder), Some(picture)) = (&args.pictures, located.drawn(&taught.panel)?) {
-        pictures::save(folder, "located", &picture)?;
+    if let Some(folder) = &args.pictures {
+        if let Some(picture) = located.drawn(&taught.panel)? {
+            pictures::save(folder, "located", &picture)?;
+        }
+        located.draw_reasons(&taught, &scan, &recipe, folder)?;
     }
     Ok(located.outcome())
 }
@@ -95,6 +99,32 @@ impl Located {
         View { picture: &self.picture, camera: &self.camera, camera_from_panel }
             .located(panel)
             .map_err(Fault::stage)
+    }
+
+    /// Writes a picture for each reason that shows in the scan.
+    fn draw_reasons(
+        &self,
+        taught: &Taught,
+        scan: &OrganizedCloud<Camera>,
+        recipe: &Recipe,
+        folder: &std::path::Path,
+    ) -> Result<(), Fault> {
+        if self.judgement.reasons.is_empty() {
+            return Ok(());
+        }
+        let (fit, base_from_camera) = (self.fit.as_ref(), self.base_from_camera);
+        let seen = locate::View { scan, camera: &self.camera, base_from_camera };
+        let explained = explain::explain(&taught.panel, &seen, recipe.locate(), fit).map_err(Fault::stage)?;
+        let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
+        let camera_from_panel = base_from_camera.inverse() * place;
+        let view = View { picture: &self.picture, camera: &self.camera, camera_from_panel };
+        for reason in &self.judgement.reasons {
+            let drawn = view.reason(&taught.panel, (&explained, fit), reason).map_err(Fault::stage)?;
+            if let Some((picture, _)) = drawn {
+                pictures::save(folder, &format!("reason_{}", reason.code), &picture)?;
+            }
+        }
+        Ok(())
     }
 
     fn outcome(&self) -> Outcome {

@@ -248,10 +248,10 @@ fn recipe(cell: &sim::Cell, seconds: u32) -> String {
          panel = \"simulated-panel\"\n\n\
          [process]\nobservation_s = {seconds}.0\nframes_per_second = {FRAMES_PER_SECOND:?}\n\n\
          [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\n\
-         [corner]\nwhich = \"{which}\"\n\n\
+         [corner]\nwhich = {which:?} # as each taught picture shows it\n\n\
          [region]\ncorners_px = [{corners}]\nrows = {rows}\ncolumns = {columns}\n\n\
          [inspect]\nmethod = \"film\"\n",
-        which = cell.corner_views().first().map_or("top-left", |view| view.name),
+        which = cell.corner_views().iter().map(|view| view.name).collect::<Vec<_>>(),
         corners = corners.join(", "),
         rows = region.rows,
         columns = region.columns,
@@ -259,14 +259,19 @@ fn recipe(cell: &sim::Cell, seconds: u32) -> String {
 }
 
 fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(), Fault> {
-    let Some(view) = cell.corner_views().into_iter().next() else { return Ok(()) };
-    let (picture, pose, base_from_flange) = match place {
-        Place::Nominal => ("taught_corner.png", "taught_flange.json", view.base_from_flange),
-        Place::Displaced => ("corner.png", "flange.json", cell.displaced_corner_pose(&view)),
-    };
-    let rendered_picture = cell.flange_picture(&base_from_flange, place);
-    disk::write(&rendered.file(picture), files::write_color_png(&rendered_picture).map_err(Fault::stage)?)?;
-    disk::write(&rendered.file(pose), files::write_pose(&KukaPose::from_rigid(&base_from_flange)))
+    // The first without a number, as scripts know it.
+    for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
+        let (taught, base_from_flange) = match place {
+            Place::Nominal => ("taught_", view.base_from_flange),
+            Place::Displaced => ("", cell.displaced_corner_pose(view)),
+        };
+        let picture =
+            files::write_color_png(&cell.flange_picture(&base_from_flange, place)).map_err(Fault::stage)?;
+        disk::write(&rendered.file(&format!("{taught}corner{number}.png")), picture)?;
+        let pose = files::write_pose(&KukaPose::from_rigid(&base_from_flange));
+        disk::write(&rendered.file(&format!("{taught}flange{number}.json")), pose)?;
+    }
+    Ok(())
 }
 
 /// When the clip's pictures are taken: from the dry panel to the end of the observation.

@@ -75,13 +75,16 @@ pub enum Act {
     Move(Motion),
     /// A 3D shot and the localization from it. `Graded`.
     Locate,
-    /// The corner picture from this view and the correction from it. `Graded` or `Displaced`.
+    /// The corner picture from this view and the correction from it. `Graded` or `LookOn`.
     Refine {
         /// Which corner pose, from 0.
         view: u8,
     },
-    /// The corner picture from the first view, wet or dry. `Graded`; accept renews the localization.
-    Verify,
+    /// The corner picture from this view, wet or dry. `Graded` or `LookOn`; accept renews the localization.
+    Verify {
+        /// Which corner pose, from 0.
+        view: u8,
+    },
     /// The picture of the dry panel. `Done`.
     DryPicture,
     /// Watch the film and judge it. `Filmed`.

@@ -99,8 +99,10 @@ pub enum Answer {
     },
     /// A gate's word on a localization, a corner or a plan.
     Graded(Grade),
-    /// The corner is seen, not yet where it should be; the next corner pose is ready.
-    Displaced,
+    /// The corner is seen, and another view is needed: of the next corner, or since this one stood elsewhere than it was
+    /// looked for. The next corner pose is ready.
+    #[serde(alias = "displaced")]
+    LookOn,
     /// The film was watched to its end, or not.
     Filmed(Film),
     /// A path over what is still to be abraded.

@@ -47,7 +47,7 @@ impl Turn {
                 (Phase::Dry, _) => Aim::Do(Act::DryPicture),
                 (Phase::Inspect, _) => Aim::Do(Act::Film),
                 (Phase::Plan, _) => Aim::Do(Act::Plan { pass: state.job.pass }),
-                (Phase::Verify, _) => Aim::Do(Act::Verify),
+                (Phase::Verify, _) => Aim::Do(Act::Verify { view: state.job.verified }),
                 (Phase::Abrade, _) => {
                     Aim::Do(Act::Move(state.motion(if self.is_air() { Path::Air } else { Path::Contact })))
                 }
@@ -78,9 +78,8 @@ impl Turn {
             (Act::Move(motion), R::Stands { done }) => self.stands(motion, done),
             (Act::Locate, R::Graded(grade)) => self.graded(grade, Phase::Refine { moves: 0 }),
             (Act::Refine { .. }, R::Graded(grade)) => self.refined(grade),
-            (Act::Refine { view }, R::Displaced) => {
-                let over = view >= self.state.job.max_moves && self.rules.keep(Rule::MoveLimit);
-                self.state.at = if over {
+            (Act::Refine { view }, R::LookOn) => {
+                self.state.at = if self.is_last(view) {
                     At::Completing { verdict: Verdict::Reject }
                 } else {
                     At::Execute(Phase::Refine { moves: view.saturating_add(1) })
@@ -102,7 +101,9 @@ impl Turn {
                 self.graded(Grade::Review, Phase::Verify);
             }
             (Act::Plan { .. }, R::Graded(Grade::Reject)) => self.graded(Grade::Reject, Phase::Verify),
-            (Act::Verify, R::Graded(grade)) => self.verified(grade),
+            (Act::Verify { view }, R::LookOn) if self.is_last(view) => self.verified(Grade::Reject),
+            (Act::Verify { view }, R::LookOn) => self.state.job.verified = view.saturating_add(1),
+            (Act::Verify { .. }, R::Graded(grade)) => self.verified(grade),
             _ => self.trouble(Trouble::Unexpected),
         }
     }
@@ -121,6 +122,11 @@ impl Turn {
             Switch::ExtractionOn => self.facts().extraction = Extraction::Flowing,
             Switch::ExtractionOff => self.facts().extraction = Extraction::Off,
         }
+    }
+
+    /// No corner pose follows this one.
+    fn is_last(&self, view: u8) -> bool {
+        view >= self.state.job.max_moves && self.rules.keep(Rule::MoveLimit)
     }
 
     fn is_air(&self) -> bool {
@@ -196,6 +202,7 @@ impl Turn {
     }
 
     fn verified(&mut self, grade: Grade) {
+        self.state.job.verified = 0;
         match (grade, self.state.at) {
             (Grade::Accept, at) => {
                 self.facts().token = Some(self.arm(Deadline::Token));
@@ -233,6 +240,7 @@ impl Turn {
     /// Leaves what is going on; nothing of it is continued.
     pub fn hold(&mut self, why: Why, phase: Phase) {
         self.state.due = None;
+        self.state.job.verified = 0;
         self.facts().token = None;
         let resume = match phase {
             Phase::Locate | Phase::Refine { .. } => Phase::Locate,

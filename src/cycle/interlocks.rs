@@ -46,8 +46,7 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
         Act::Locate => vec![dry_air, parked, dark, clear],
         Act::DryPicture => vec![dry_air, parked, lit, clear],
         Act::Film => vec![dry_air, parked, lit, clear],
-        Act::Refine { view } => vec![dark, clear, corner(view)],
-        Act::Verify => vec![dark, clear, corner(0)],
+        Act::Refine { view } | Act::Verify { view } => vec![dark, clear, corner(view)],
         Act::Switch(Switch::Rinse | Switch::Spray) => {
             vec![epoch, (R::ParkedForWater, N::At(Path::Park)), tool_off, (R::LensGuarded, N::LensGuarded)]
         }
@@ -144,7 +143,7 @@ impl Need {
             Need::LensGuarded => Act::Switch(Switch::LensGuard),
             Need::ExtractionOff => Act::Switch(Switch::ExtractionOff),
             Need::ExtractionFlowing => Act::Switch(Switch::ExtractionOn),
-            Need::Token => Act::Verify,
+            Need::Token => Act::Verify { view: state.job.verified },
         })
     }
 }

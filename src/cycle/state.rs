@@ -38,6 +38,7 @@ impl State {
             after_dry: Phase::Wet,
             plan: 0,
             waypoints: 0,
+            verified: 0,
         },
         facts: Facts::UNKNOWN,
         due: None,
@@ -224,6 +225,9 @@ pub struct Job {
     pub plan: u64,
     /// Its waypoints.
     pub waypoints: u32,
+    /// Corners that the Verify under way has seen where they should be.
+    #[serde(default)]
+    pub verified: u8,
 }
 
 /// An act that is under way.

@@ -49,7 +49,7 @@ impl Running<'_> {
         match act {
             Act::Locate
             | Act::Refine { .. }
-            | Act::Verify
+            | Act::Verify { .. }
             | Act::DryPicture
             | Act::Plan { .. }
             | Act::Film

@@ -159,8 +159,8 @@ impl Work {
                 }
                 None => Answer::Failed(Trouble::Unexpected),
             },
-            (Act::Verify, _) => match self.tip() {
-                Some(tip) => self.sight.verify(job, (pass, tip), eyes, notes)?,
+            (Act::Verify { view }, _) => match self.tip() {
+                Some(tip) => self.sight.verify(job, (pass, view, tip), eyes, notes)?,
                 None => Answer::Failed(Trouble::Unexpected),
             },
             _ => Answer::Failed(Trouble::Unexpected),

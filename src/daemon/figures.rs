@@ -5,13 +5,15 @@ use super::ports::Figure;
 use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Rigid, Tool};
 use crate::imaging::ImagingError;
 use crate::inspect::{Inspection, Step};
-use crate::panel::Grid;
+use crate::locate::{self, Fit, explain};
+use crate::panel::{Grid, panel_from_base_at_teaching};
 use crate::path::dwell::Dwell;
 use crate::path::{Plan, ToolPath};
 use crate::report::{
     CornerView, StripPicture, View, bounds, cut, dwell_map, film_strip, overlap_map, strip_times_s, surface_map,
 };
 use crate::surface::DeviationMap;
+use crate::verdict::{Judgement, Reason};
 
 /// The view of the 3D camera, with the panel where it stands.
 pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> View<'a> {
@@ -43,6 +45,29 @@ pub(super) fn located(job: &Job<'_>, scan: &ColorPicture, place: Option<Rigid<Ba
     }
 }
 
+/// Where each reason of a localization's verdict shows in its scan.
+pub(super) fn reasons(
+    job: &Job<'_>,
+    (seen, picture): (&locate::View<'_>, &ColorPicture),
+    fit: Option<&Fit>,
+    judgement: &Judgement,
+) -> Vec<Figure> {
+    if judgement.reasons.is_empty() {
+        return Vec::new();
+    }
+    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
+    let view = view(job, picture, place);
+    let Ok(explained) = explain::explain(job.panel, seen, job.recipe.locate(), fit) else { return Vec::new() };
+    let drawn = |reason: &Reason| {
+        let name = format!("reason_{}", reason.code);
+        match view.reason(job.panel, (&explained, fit), reason) {
+            Ok(drawn) => drawn.map(|(drawn, caption)| figure((&name, caption), Ok(drawn), picture)),
+            Err(error) => Some(figure((&name, &reason.message), Err(error), picture)),
+        }
+    };
+    judgement.reasons.iter().filter_map(drawn).collect()
+}
+
 /// A corner as the flange camera saw it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sighting {
@@ -57,7 +82,7 @@ pub(super) fn corner(
     job: &Job<'_>,
     picture: &ColorPicture,
     (sighting, place): (Sighting, Rigid<Base, Panel>),
-    (name, title): (&str, &str),
+    (which, name, title): (usize, &str, &str),
 ) -> Option<Figure> {
     let camera = &job.calibrations.flange_camera;
     let in_camera = sighting.base_from_camera.inverse() * (place * sighting.corner);
@@ -68,8 +93,14 @@ pub(super) fn corner(
         px_per_mm: camera.px_per_mm_at(in_camera.mm.z).0,
     };
     let caption =
-        format!("The flange camera's picture of the corner, {title}: where it is expected and where it is");
+        format!("The flange camera's picture of corner {which}, {title}: where it is expected and where it is");
     Some(figure((name, &caption), view.drawn(title), picture))
+}
+
+/// A picture in which a corner was looked for and not found.
+pub(super) fn no_corner(which: usize, picture: &ColorPicture) -> Figure {
+    let caption = format!("The flange camera's picture in which corner {which} was not found");
+    figure(("no_corner", &caption), Ok(picture.clone()), picture)
 }
 
 /// The path over the panel as the last film showed it.

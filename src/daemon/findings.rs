@@ -4,7 +4,7 @@ use super::Job;
 use super::trace::Walked;
 use crate::geometry::KukaPose;
 use crate::inspect::{GridInspection, Inspection};
-use crate::locate::refine::Refined;
+use crate::locate::refine::{self, CornerReport, Refined};
 use crate::locate::{self, gate};
 use crate::panel::GridId;
 use crate::path::dwell::Dwell;
@@ -52,11 +52,12 @@ pub(super) fn located(fit: Option<&locate::Fit>, judgement: Judgement, elapsed_m
     ])
 }
 
-/// What a corner picture after `moves` asks for; `step_mm` is how far the corner stands from where it was looked for.
+/// What the corner pictures after `moves` ask for; `step_mm` is how far a corner stands from where it was looked for, and
+/// the last picture must say that it is near.
 pub(super) fn refined(
     whole: &Refined,
     judgement: Judgement,
-    (moves, step_mm): (u8, f64),
+    (moves, step_mm, is_last): (u8, f64, bool),
     job: &Job<'_>,
 ) -> Finding {
     let limits = job.recipe.corner();
@@ -64,8 +65,9 @@ pub(super) fn refined(
     let correction_mm = whole.corners.iter().map(|corner| corner.shift_mm[0].hypot(corner.shift_mm[1]));
     let step = Number::new("corner from where it was looked for", "mm", step_mm);
     // One that asks for more leads to a move and another picture.
-    let settled = step_mm <= limits.settled_mm() || usize::from(moves) >= limits.max_moves();
-    let step = if settled { step.within(Limit::AtMost(limits.settled_mm())) } else { step };
+    let step = if is_last { step.within(Limit::AtMost(limits.settled_mm())) } else { step };
+    let left_mm = whole.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
+    let several = whole.corners.len() > 1;
     Finding::new(Kind::Refine, 0, judgement)
         .detail("base_from_panel", json!(KukaPose::from_rigid(&whole.base_from_panel)))
         .with([
@@ -76,17 +78,22 @@ pub(super) fn refined(
             Number::new("the same in the picture", "px", whole.error_px),
             step,
             Number::new(name::MOVES, "", f64::from(moves)).within(Limit::AtMost(limits.max_moves() as f64)),
+            Number::new("corners seen", "", whole.corners.len() as f64),
+            Number::new("turned by two corners", "°", several.then_some(whole.turned.0)),
+            Number::new("corners left of where they are seen", "mm", several.then_some(left_mm))
+                .within(Limit::AtMost(refine::MAX_LEFT_MM)),
         ])
 }
 
-/// How far the corner stands from where the localization puts it, just before contact.
-pub(super) fn verified(seen: &Refined, judgement: Judgement, pass: u8, job: &Job<'_>) -> Finding {
-    let [x_mm, y_mm] = seen.shift_mm;
-    let off = Number::new("corner from where the localization puts it", "mm", x_mm.hypot(y_mm));
+/// How far the corners stand from where the localization puts them, just before contact; `which` was seen last.
+pub(super) fn verified(seen: &Refined, judgement: Judgement, (pass, which): (u8, usize), job: &Job<'_>) -> Finding {
+    let off_mm = seen.corners.iter().map(CornerReport::asked_mm).fold(0.0, f64::max);
+    let [x_mm, y_mm] = seen.corners.last().map_or([f64::NAN; 2], |corner| corner.shift_mm);
+    let off = Number::new("corners from where the localization puts them, at most", "mm", off_mm);
     Finding::new(Kind::Verify, pass, judgement).with([
         off.within(Limit::AtMost(job.recipe.corner().verify_mm())),
-        Number::new("of it along the camera's x", "mm", x_mm),
-        Number::new("of it along the camera's y", "mm", y_mm),
+        Number::new(format!("corner {which} along the camera's x"), "mm", x_mm),
+        Number::new(format!("corner {which} along the camera's y"), "mm", y_mm),
     ])
 }
 

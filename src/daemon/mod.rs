@@ -22,6 +22,7 @@ mod abrasion;
 mod acts;
 mod cameras;
 mod computing;
+mod corners;
 mod deadlines;
 mod desk;
 mod figures;
@@ -163,7 +164,7 @@ pub struct Job<'a> {
     pub recipe: &'a Recipe,
     /// What was taught.
     pub panel: &'a TaughtPanel,
-    /// Its corners; the first is the one that the corner loop looks at.
+    /// Its corners; the corner loop takes the first ones whose moves pass the gate.
     pub corners: &'a [TaughtCorner],
     /// The calibrations.
     pub calibrations: Calibrations,

@@ -95,22 +95,25 @@ impl Running<'_> {
         self.under_way(id, motion, sent, (1, end))
     }
 
-    /// The route of a motion. To the first look at a corner it is that of the first taught corner whose way passes the
-    /// gate; where none does, that of the first.
+    /// The route of a motion. To the first look at a corner it is that of the first taught one whose way passes the gate,
+    /// to the next that of the first of the others; where no other's does, the corners go round.
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
-        let first_look = matches!(motion.path, Path::Corner { view: 0 });
-        if !first_look {
-            return self.route(motion);
-        }
-        let corners = self.job()?.corners.len();
-        for index in 0..corners {
-            self.sight.look_at_corner(index);
+        let Path::Corner { view } = motion.path else { return self.route(motion) };
+        let candidates = self.sight.corners.candidates(view, &self.job()?);
+        for &corner in &candidates {
+            self.sight.corners.choose(view, corner);
             let gated = self.route(motion)?;
             if gated.is_good() {
                 return Some(gated);
             }
         }
-        self.sight.look_at_corner(0);
+        if view == 0 {
+            self.sight.corners.choose(view, 0);
+        } else if !candidates.is_empty() {
+            tracing::warn!("the arm comes to no other taught corner: the panel's turn is not corrected");
+            self.sight.corners.end_choice(view);
+        }
+        self.sight.corners.go_round(view);
         self.route(motion)
     }
 
@@ -141,6 +144,7 @@ impl Running<'_> {
             arm: job.arm,
             flange_from_tool: state.flange_from_tool.to_rigid(),
             joints: state.joints,
+            things: self.sight.things().filter(|_| matches!(motion.path, Path::Corner { .. })),
         };
         let settings = job.recipe.path();
         match motion.path {

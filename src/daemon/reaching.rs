@@ -1,10 +1,10 @@
 //! What the arm reaches of the panel: each grid before the panel is wetted, and the plan before it is taken.
 //!
-//! Before contact the arm stands at the corner pose, where it came by a line from the ready pose, or from the park pose
-//! where that lies inside of the box; lines keep its configuration. So the way from there is part of what is looked at.
+//! Before contact the arm stands at the last corner pose, where it came by lines from the ready pose, or from the park pose
+//! where that lies inside of the box, over the corner before; lines keep its configuration. So the way from there is part of what is looked at.
 //! What moves is looked at again from the actual axes: see `routes`.
 
-use super::Job;
+use super::{Job, corners};
 use crate::geometry::{Base, Flange, Panel, Rigid, Tool};
 use crate::path::Kinematics;
 use crate::path::disc::DiscUse;
@@ -19,7 +19,7 @@ const AIR_MM_S: f64 = 200.0;
 /// The panel before the arm as it will stand there, with its sanding tool.
 ///
 /// # Errors
-/// Where no corner was taught, or the arm does not come to the first one's pose.
+/// Where no corner was taught, or the arm comes to none of their poses.
 pub fn stand<'a>(
     job: &Job<'_>,
     arm: &'a Kinematics,
@@ -30,14 +30,23 @@ pub fn stand<'a>(
         arm.base_from_flange(&job.park).is_some_and(|flange| workspace.holds((flange * camera).origin()))
     });
     let start = job.ready.filter(|_| !park_is_inside).unwrap_or(job.park);
-    let corner = job.corners.first().ok_or_else(|| Reason::new("no_corner", "no corner was taught"))?;
-    let base_from_camera = base_from_panel * corner.teaching.panel_from_camera;
-    let leg =
-        Leg { base_from_tool: Rigid::claim(*base_from_camera.isometry()), feed_mm_s: AIR_MM_S, blend_mm: 0.0 };
-    let travel = follow(arm, camera, Some(&start), &[leg])
-        .map_err(|fault| Reason::new("out_of_reach", format!("on the way to the corner: {}", fault.obstacle)))?;
+    let (mut at, mut seen, mut why) = (start, 0, Reason::new("no_corner", "no corner was taught"));
+    for (index, corner) in job.corners.iter().enumerate() {
+        let base_from_camera = base_from_panel * corner.teaching.panel_from_camera;
+        let base_from_tool = Rigid::claim(*base_from_camera.isometry());
+        match follow(arm, camera, Some(&at), &[Leg { base_from_tool, feed_mm_s: AIR_MM_S, blend_mm: 0.0 }]) {
+            Ok(travel) => (at, seen) = (travel.joints.last().copied().unwrap_or(at), seen + 1),
+            Err(fault) if index == 0 => {
+                why = Reason::new("out_of_reach", format!("on the way to the corner: {}", fault.obstacle));
+            }
+            Err(_) => {}
+        }
+        if seen >= corners::most(job) {
+            break;
+        }
+    }
     let flange_from_tool = job.calibrations.flange_from_tool;
-    Ok(Stand { arm, flange_from_tool, base_from_panel, from: travel.joints.last().copied() })
+    if seen > 0 { Ok(Stand { arm, flange_from_tool, base_from_panel, from: Some(at) }) } else { Err(why) }
 }
 
 /// Every grid by the path that would abrade it alone, with the gate's word on all of them.

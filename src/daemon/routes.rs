@@ -6,11 +6,12 @@
 use crate::cell::{self, Limits};
 use crate::eki::{MoveLin, SetAccSpeed};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
-use crate::path::reach::{Leg, follow};
+use crate::path::reach::{Leg, Things, follow};
 use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge_route};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
 use nalgebra::Vector3;
+use std::sync::Arc;
 
 /// Steps of a way through air, at most.
 const AIR_STEP_MM: f64 = 40.0;
@@ -37,6 +38,8 @@ pub(super) struct Standing<'a> {
     /// The tool that the controller has.
     pub flange_from_tool: Rigid<Flange, Tool>,
     pub joints: Joints,
+    /// What it keeps off, where the way does not lead to the panel.
+    pub things: Option<&'a Arc<Things>>,
 }
 
 /// A path that may be sent, or why not.
@@ -173,6 +176,10 @@ impl Standing<'_> {
     /// What keeps the arm from following these lines from where its axes stand.
     fn obstacle(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Option<Reason> {
         let arm = Kinematics::new(self.arm);
+        let arm = match self.things {
+            Some(things) => arm.beside(things.clone()),
+            None => arm,
+        };
         let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool)?;
         let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
         if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {

@@ -379,7 +379,12 @@ impl<'p> Running<'p> {
             }
             Some(Act::Film) => self.job().map_or(0.0, |job| job.demands().filmed_s()) + FILM_SPARE_S,
             Some(
-                Act::Locate | Act::Refine { .. } | Act::Verify | Act::Plan { .. } | Act::DryPicture | Act::SelfTest,
+                Act::Locate
+                | Act::Refine { .. }
+                | Act::Verify { .. }
+                | Act::Plan { .. }
+                | Act::DryPicture
+                | Act::SelfTest,
             ) => COMPUTING_S,
             _ => FEEDBACK_S,
         }

@@ -1,16 +1,16 @@
 //! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
 
-use super::figures::{self, Kept, Sighting};
+use super::corners::Corners;
+use super::figures::{self, Kept};
 use super::findings;
 use super::ports::{Eyes, Record, SightError};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::eki::Time;
-use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Point, Rigid};
+use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
-use crate::locate::refine::{self, CornerView, Refined};
-use crate::locate::{self, corner, gate};
-use crate::panel::TaughtCorner;
+use crate::locate::{self, gate};
+use crate::path::reach::Things;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -21,13 +21,15 @@ use std::time::Instant;
 #[derive(Debug, Default, Clone)]
 pub(super) struct Sight {
     /// By the 3D scan.
-    located: Option<Rigid<Base, Panel>>,
+    pub(super) located: Option<Rigid<Base, Panel>>,
     /// How well that is known, 95 %, mm.
-    located_mm: Option<f64>,
-    /// By the corner too.
-    place: Option<Rigid<Base, Panel>>,
-    /// Which of the taught corners is looked at.
-    corner: usize,
+    pub(super) located_mm: Option<f64>,
+    /// By the corners too.
+    pub(super) place: Option<Rigid<Base, Panel>>,
+    /// Which of the taught corners are looked at, and what they said.
+    pub corners: Corners,
+    /// The panel where it was found and what else the scan showed, for the arm to keep off.
+    things: Option<Arc<Things>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -50,7 +52,7 @@ pub(super) struct Filming {
 }
 
 /// What cannot be computed without what an earlier act leaves.
-const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
+pub(super) const MISSING: Answer = Answer::Failed(Trouble::Unexpected);
 
 impl Sight {
     /// Where the panel stands, as well as is known.
@@ -60,12 +62,12 @@ impl Sight {
 
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
-        Some(self.place? * job.corners.get(self.corner)?.teaching.panel_from_camera)
+        Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
-    /// Chooses the taught corner that is looked at from now on.
-    pub fn look_at_corner(&mut self, index: usize) {
-        self.corner = index;
+    /// What the arm keeps off on its way to a corner.
+    pub fn things(&self) -> Option<&Arc<Things>> {
+        self.things.as_ref()
     }
 
     /// Adds what a film that was watched on its own left.
@@ -83,7 +85,7 @@ impl Sight {
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        (self.located, self.place, self.dry) = (None, None, None);
+        (self.located, self.place, self.dry, self.corners) = (None, None, None, Corners::default());
         let scan = match eyes.scan() {
             Ok(scan) => scan,
             Err(error) => return blind(Kind::Locate, 0, &error, record),
@@ -93,7 +95,8 @@ impl Sight {
         let begun = Instant::now();
         let settings = job.recipe.locate();
         let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
-        let found = locate::locate(job.panel, &locate::View { scan: &scan, camera, base_from_camera }, settings);
+        let view = locate::View { scan: &scan, camera, base_from_camera };
+        let found = locate::locate(job.panel, &view, settings);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),
@@ -103,6 +106,9 @@ impl Sight {
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
         let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
+        for figure in figures::reasons(job, (&view, &picture), fit.as_ref(), &judgement) {
+            record.figure(&figure)?;
+        }
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
             hand_eye_mm: job.calibrations.hand_eye_mm,
@@ -112,84 +118,11 @@ impl Sight {
             ..Budget::default()
         })?;
         (self.located, self.place, self.located_mm) = (place, place, located_mm);
-        Ok(Answer::Graded(grade))
-    }
-
-    /// A corner picture from `base_from_camera`, and what it says about the place. `moves` were made before.
-    pub fn refine(
-        &mut self,
-        job: &Job<'_>,
-        (moves, base_from_camera): (u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
-        record: &mut dyn Record,
-    ) -> Result<Answer, DaemonError> {
-        let (Some(located), Some(place)) = (self.located, self.place) else { return Ok(MISSING) };
-        let picture = match eyes.corner_picture() {
-            Ok(picture) => picture,
-            Err(error) => return blind(Kind::Refine, 0, &error, record),
-        };
-        record.picture(&format!("corner{moves}"), &picture)?;
-        let (whole, sighting) = match look((job, self.corner), &picture, located, (place, base_from_camera)) {
-            Ok(seen) => seen,
-            Err(reason) => return unseen(Kind::Refine, 0, reason, record),
-        };
-        let (limits, step_mm) = (job.recipe.corner(), place_step_mm(&whole, place, sighting.corner));
-        let displaced = step_mm > limits.settled_mm();
-        let mut judgement = refine::judge(&whole, limits);
-        let claims = self.located_mm.zip(job.calibrations.hand_eye_mm);
-        let found =
-            claims.and_then(|(located_mm, hand_eye_mm)| refine::disagreement(&whole, &[located_mm, hand_eye_mm]));
-        if let (Some(reason), Verdict::Accept) = (found, judgement.verdict) {
-            judgement = Judgement::of(vec![], vec![reason]);
-        }
-        if displaced && usize::from(moves) >= limits.max_moves() && judgement.verdict == Verdict::Accept {
-            judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
-        }
-        let grade = grade(&judgement);
-        let before = figures::corner(job, &picture, (sighting, place), ("corner_before", "before the correction"));
-        let after = (sighting, whole.base_from_panel);
-        let after = figures::corner(job, &picture, after, ("corner_after", "after the correction"));
-        for figure in before.iter().chain(&after) {
-            record.figure(figure)?;
-        }
-        record.finding(&findings::refined(&whole, judgement, (moves, step_mm), job))?;
-        self.place = Some(whole.base_from_panel);
-        // What is rejected is not looked at again from nearer.
-        Ok(if displaced && grade == Grade::Accept { Answer::Displaced } else { Answer::Graded(grade) })
-    }
-
-    /// The corner again, wet or dry: does it still stand where the localization puts it?
-    pub fn verify(
-        &mut self,
-        job: &Job<'_>,
-        (pass, base_from_camera): (u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
-        record: &mut dyn Record,
-    ) -> Result<Answer, DaemonError> {
-        let Some(place) = self.place else { return Ok(MISSING) };
-        let picture = match eyes.corner_picture() {
-            Ok(picture) => picture,
-            Err(error) => return blind(Kind::Verify, pass, &error, record),
-        };
-        record.picture("verify", &picture)?;
-        let (seen, sighting) = match look((job, self.corner), &picture, place, (place, base_from_camera)) {
-            Ok(seen) => seen,
-            Err(reason) => return unseen(Kind::Verify, pass, reason, record),
-        };
-        let (off_mm, allowed_mm) = (seen.shift_mm[0].hypot(seen.shift_mm[1]), job.recipe.corner().verify_mm());
-        let message = || {
-            format!(
-                "the corner stands {off_mm:.2} mm from where the localization puts it, allowed are {allowed_mm:.2} mm, \
-                 [corner] verify_mm; has the panel moved?"
-            )
-        };
-        let reasons = if off_mm <= allowed_mm { vec![] } else { vec![Reason::new("moved", message())] };
-        let judgement = Judgement::of(reasons, vec![]);
-        let grade = grade(&judgement);
-        if let Some(figure) = figures::corner(job, &picture, (sighting, place), ("verify", "before contact")) {
-            record.figure(&figure)?;
-        }
-        record.finding(&findings::verified(&seen, judgement, pass, job))?;
+        self.things = place.map(|place| {
+            let of_panel = job.panel.points().map(|(_, point)| place * point);
+            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
+            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
+        });
         Ok(Answer::Graded(grade))
     }
 
@@ -318,41 +251,6 @@ fn median(values: &mut [f64]) -> Option<f64> {
     values.get(values.len() / 2).copied()
 }
 
-fn not_settled(step_mm: f64, job: &Job<'_>) -> Reason {
-    let limits = job.recipe.corner();
-    let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
-    let message = format!(
-        "after {moves} moves, [corner] max_moves, the corner still stands {step_mm:.2} mm from where it was looked for, \
-         allowed are {settled_mm:.2} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
-    );
-    Reason::new("not_settled", message)
-}
-
-/// What a corner picture says about a place: the correction of `place` by the corner as it is seen by a camera that
-/// expects it at `expected`.
-fn look(
-    (job, index): (&Job<'_>, usize),
-    picture: &ColorPicture,
-    place: Rigid<Base, Panel>,
-    (expected, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
-) -> Result<(Refined, Sighting), Reason> {
-    let camera = &job.calibrations.flange_camera;
-    let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
-    let taught: &TaughtCorner = job.corners.get(index).ok_or_else(no_corner)?;
-    let depth_mm = (base_from_camera.inverse() * (expected * taught.point)).mm.z;
-    let (settings, px_per_mm) = (job.recipe.corner(), camera.px_per_mm_at(depth_mm).0);
-    let found = corner::find(&picture.to_gray(), settings, settings.which().of(index), px_per_mm)
-        .map_err(|error| reason("no_corner", &error))?;
-    let view = CornerView { taught, base_from_camera, found_px: found.corner_px };
-    let refined = refine::refine(place, camera, &[view]).map_err(|error| reason("not_in_view", &error))?;
-    Ok((refined, Sighting { base_from_camera, found_px: found.corner_px, corner: taught.point }))
-}
-
-/// How far the corner's new place is from the one that the camera was sent to, mm.
-fn place_step_mm(whole: &Refined, before: Rigid<Base, Panel>, corner: Point<Panel>) -> f64 {
-    whole.base_from_panel.distance_at_mm(before, corner)
-}
-
 /// A gate's word for the table.
 pub(super) fn grade(judgement: &Judgement) -> Grade {
     match judgement.verdict {
@@ -366,13 +264,18 @@ pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reaso
     Reason::new(code, error.to_string())
 }
 
-fn blind(kind: Kind, pass: u8, error: &SightError, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+pub(super) fn blind(
+    kind: Kind,
+    pass: u8,
+    error: &SightError,
+    record: &mut dyn Record,
+) -> Result<Answer, DaemonError> {
     record.finding(&findings::rejected(kind, pass, reason("no_picture", error)))?;
     Ok(Answer::Failed(Trouble::Camera))
 }
 
 /// A picture that cannot be read: of a corner that is a rejection, of a film it says nothing.
-fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+pub(super) fn unseen(kind: Kind, pass: u8, reason: Reason, record: &mut dyn Record) -> Result<Answer, DaemonError> {
     record.finding(&findings::rejected(kind, pass, reason))?;
     let of_film = kind == Kind::Inspect;
     Ok(if of_film { Answer::Failed(Trouble::Picture) } else { Answer::Graded(Grade::Reject) })

@@ -153,6 +153,7 @@ impl<'r> Single<'r> {
             arm: cell.arm(),
             flange_from_tool: line.tool.flange_from_tool.to_rigid(),
             joints: self.state.joints,
+            things: None,
         };
         let gated = routes::air_at(
             &standing,

@@ -10,7 +10,7 @@ use super::model::{Model, Scan};
 use super::profile;
 use super::search::spread_over;
 use super::solve::{Constraint, Sums, Weighing, spread, twisted};
-use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Rigid};
+use crate::geometry::{Camera, Panel, Pixel, Rigid};
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix6, Vector2, Vector3};
 use rayon::prelude::*;
@@ -28,8 +28,12 @@ const SAME_FACE_MM: f64 = 1.0;
 const EDGE_NOISE_PX: f64 = 0.15;
 const EDGE_SHARING: f64 = 8.0;
 const EDGE_FLOOR_PX: f64 = 0.6;
-/// A change of brightness over two pixels that makes an edge.
-const EDGE_GRAY: f64 = 30.0;
+/// A change of brightness from block to block that makes an edge.
+const EDGE_GRAY: f64 = 16.0;
+/// Fewer edges do not say whether they are still there.
+const MIN_EDGES: usize = 40;
+/// A face that stands farther from its taught place hides what was there, mm.
+const SAME_PLACE_MM: f64 = 15.0;
 /// A camera does not move farther than this unnoticed: what holds a direction that the fixture does not.
 const PRIOR_MM: f64 = 3.0;
 const PRIOR_RAD: f64 = 0.004;
@@ -64,8 +68,10 @@ pub(super) fn check(
     if faces.len() < MIN_FACES {
         return None;
     }
-    let same = faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
-    let edges = still.edges(panel, scan);
+    let same_faces =
+        faces.iter().filter(|face| face.residual.abs() <= SAME_FACE_MM).count() as f64 / faces.len() as f64;
+    let (edges, same_edges) = still.edges(panel, (grid, scan));
+    let same = same_edges.map_or(same_faces, |same_edges| same_edges.min(same_faces));
     let centre = Motion::of(placed).point(&model.centre);
     let identity: Rigid<Camera, Panel> = *placed;
     let (mut moved, mut information) = (identity, Matrix6::zeros());
@@ -99,7 +105,7 @@ pub(super) fn check(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WITHIN_95_PERCENT * super::evidence::worst_mm(&covariance, model, &Motion::of(placed)),
+        uncertainty_mm: WITHIN_95_PERCENT * super::covariance::worst_mm(&covariance, model, &Motion::of(placed)),
         same,
     })
 }
@@ -108,6 +114,7 @@ pub(super) fn check(
 struct Still {
     taught: Grid,
     blocks: Vec<usize>,
+    is_still: Vec<bool>,
 }
 
 impl Still {
@@ -122,9 +129,10 @@ impl Still {
         };
         let taught = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
         let both =
-            |&block: &usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
-        let blocks = (0..grid.columns * grid.rows).filter(both).collect();
-        Still { taught, blocks }
+            |block: usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
+        let is_still: Vec<bool> = (0..grid.columns * grid.rows).map(both).collect();
+        let blocks = (0..is_still.len()).filter(|&block| is_still[block]).collect();
+        Still { taught, blocks, is_still }
     }
 
     /// How far the taught faces stand before the scan's, along their normals.
@@ -148,40 +156,127 @@ impl Still {
         faces.into_iter().flatten().collect()
     }
 
-    /// How far the taught edges lie from the scan's in the picture.
-    fn edges(&self, panel: &TaughtPanel, scan: &Scan) -> Vec<Constraint> {
-        let steep = |&block: &usize| steepest(&panel.scan, self.pixel(block)).map(|across| (block, across));
-        let found: Vec<Option<(usize, Vector2<f64>)>> =
-            self.blocks.par_iter().with_min_len(4_096).map(steep).collect();
-        let found: Vec<(usize, Vector2<f64>)> = found.into_iter().flatten().collect();
-        let edge = |k: &usize| {
-            let (block, across) = found[*k];
-            let (pixel, outward) = (self.pixel(block), [across.x, across.y]);
+    /// How far the taught edges lie from the scan's in the picture, and the share of them that is there at all.
+    fn edges(&self, panel: &TaughtPanel, now: (&Grid, &Scan)) -> (Vec<Constraint>, Option<f64>) {
+        let looked = self.looked(panel, now);
+        let asked = looked.len();
+        let edges: Vec<Constraint> = looked.into_iter().filter_map(|(_, edge)| edge).collect();
+        let same = (asked >= MIN_EDGES).then(|| edges.len() as f64 / asked as f64);
+        (edges, same)
+    }
+
+    /// Taught edges of the fixture, each with what the scan shows of it.
+    fn looked(&self, panel: &TaughtPanel, (grid, scan): (&Grid, &Scan)) -> Vec<(Steep, Option<Constraint>)> {
+        let found: Vec<[Option<Steep>; 2]> = (0..self.is_still.len())
+            .into_par_iter()
+            .with_min_len(4_096)
+            .map(|block| [(1, 0), (0, 1)].map(|step| self.steep(panel, grid, block, step)))
+            .collect();
+        let found: Vec<Steep> = found.into_iter().flatten().flatten().collect();
+        let look = |k: &usize| {
+            let Steep { block, pixel, across } = found[*k];
+            let outward = [across.x, across.y];
             let taught = profile::step(&profile::line(&panel.scan, pixel, outward)?, 0.0)?;
-            let now = profile::step(&profile::line(scan, pixel, outward)?, taught.offset_px)?;
             let point = self.taught.point(block % self.taught.columns, block / self.taught.columns)?;
             let (_, slope) = self.taught.camera.project_with_slope(camera_point(&point))?;
-            let same_side = taught.contrast * now.contrast > 0.0;
-            same_side.then(|| Constraint {
+            let now = profile::line(scan, pixel, outward).and_then(|line| profile::step(&line, taught.offset_px));
+            let now = now.filter(|now| taught.contrast * now.contrast > 0.0).map(|now| Constraint {
                 point,
                 gradient: slope.transpose() * across,
                 residual: taught.offset_px - now.offset_px,
                 sample: *k,
-            })
+            });
+            Some((found[*k], now))
         };
         let chosen = spread_over(found.len(), EDGES);
-        let edges: Vec<Option<Constraint>> = chosen.par_iter().with_min_len(64).map(edge).collect();
-        edges.into_iter().flatten().collect()
+        let looked: Vec<Option<(Steep, Option<Constraint>)>> =
+            chosen.par_iter().with_min_len(64).map(look).collect();
+        looked.into_iter().flatten().collect()
     }
 
-    fn pixel(&self, block: usize) -> Pixel {
-        self.taught.pixel(block % self.taught.columns, block / self.taught.columns)
+    /// The edge between a block and the one beside it, where brightness changes by much; it belongs to the nearer of the two,
+    /// or to the one that has a depth: beyond a fixture there may be nothing.
+    fn steep(
+        &self,
+        panel: &TaughtPanel,
+        grid: &Grid,
+        block: usize,
+        (right, down): (usize, usize),
+    ) -> Option<Steep> {
+        let (column, row) = (block % self.taught.columns, block / self.taught.columns);
+        let inside = column + right < self.taught.columns && row + down < self.taught.rows;
+        let beside = inside.then(|| block + right + down * self.taught.columns)?;
+        let depth = |block: usize| self.is_still[block].then(|| self.taught.depth_mm(block)).flatten();
+        let block = match (depth(block), depth(beside)) {
+            (Some(here), Some(there)) => {
+                if here <= there {
+                    block
+                } else {
+                    beside
+                }
+            }
+            (Some(_), None) => block,
+            (None, Some(_)) => beside,
+            (None, None) => return None,
+        };
+        // What was put before it hides it.
+        let moved_mm = grid.depth_mm(block)? - self.taught.depth_mm(block)?;
+        if moved_mm.abs() > SAME_PLACE_MM {
+            return None;
+        }
+        let (here, there) = (self.taught.pixel(column, row), self.taught.pixel(column + right, row + down));
+        let rise = brightness(panel, there)? - brightness(panel, here)?;
+        if rise.abs() < EDGE_GRAY {
+            return None;
+        }
+        let middle = Pixel::at((here.u + there.u) / 2.0, (here.v + there.v) / 2.0);
+        let reach = self.taught.factor as f64;
+        let at = |u: f64, v: f64| Pixel::at(middle.u + u * reach, middle.v + v * reach);
+        let rise = |a: Pixel, b: Pixel| Some(brightness(panel, b)? - brightness(panel, a)?);
+        let across = Vector2::new(rise(at(-1.0, 0.0), at(1.0, 0.0))?, rise(at(0.0, -1.0), at(0.0, 1.0))?);
+        let around = (-2..=2).flat_map(|j| (-2..=2).map(move |i| at(f64::from(i), f64::from(j))));
+        let of_panel = around.filter_map(|pixel| pixel.whole(panel.scan.width(), panel.scan.height()));
+        let mut of_panel = of_panel.map(|(column, row)| panel.mask.inside[row * panel.scan.width() + column]);
+        (!of_panel.any(|inside| inside)).then_some(())?;
+        Some(Steep { block, pixel: middle, across: across.try_normalize(EDGE_GRAY / 2.0)? })
     }
 }
 
-/// The direction in which the brightness rises most at a pixel, where it rises by much.
-fn steepest(scan: &OrganizedCloud<Panel>, pixel: Pixel) -> Option<Vector2<f64>> {
-    let at = |u: f64, v: f64| profile::brightness(scan, Pixel::at(pixel.u + u, pixel.v + v));
-    let rise = Vector2::new(at(1.0, 0.0)? - at(-1.0, 0.0)?, at(0.0, 1.0)? - at(0.0, -1.0)?);
-    (rise.norm() >= EDGE_GRAY).then(|| rise.normalize())
+/// An edge of the fixture, for people.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct FixtureEdge {
+    pub pixel: Pixel,
+    /// How far it has moved across itself; `None` where it is gone.
+    pub moved_px: Option<f64>,
+}
+
+/// The fixture's edges, and how far they have moved in the picture since teaching.
+pub(super) fn fixture(
+    panel: &TaughtPanel,
+    model: &Model,
+    now: (&Grid, &Scan),
+    inside: &[bool],
+) -> Vec<FixtureEdge> {
+    if (panel.scan.width(), panel.scan.height()) != (now.1.width(), now.1.height()) || panel.camera != now.0.camera
+    {
+        return Vec::new();
+    }
+    let looked = Still::of(panel, model, now.0, inside).looked(panel, now);
+    let edge = |(steep, now): (Steep, Option<Constraint>)| FixtureEdge {
+        pixel: steep.pixel,
+        moved_px: now.map(|constraint| constraint.residual),
+    };
+    looked.into_iter().map(edge).collect()
+}
+
+/// A place where the taught picture has an edge of the fixture.
+#[derive(Clone, Copy)]
+struct Steep {
+    block: usize,
+    pixel: Pixel,
+    across: Vector2<f64>,
+}
+
+fn brightness(panel: &TaughtPanel, pixel: Pixel) -> Option<f64> {
+    profile::brightness(&panel.scan, pixel)
 }

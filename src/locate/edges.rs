@@ -10,9 +10,11 @@ use super::search::outward_px;
 use crate::geometry::{PinholeCamera, Pixel};
 use nalgebra::{Vector2, Vector3};
 
-/// A depth this far from the surface is another thing, mm, and this much more for each px from the edge.
+/// A point this far from the surface's plane is another thing, mm, and this much more for each px from the edge.
 const ON_MM: f64 = 1.5;
 const ON_MM_PER_PX: f64 = 0.15;
+/// A surface more slanted than this is judged as if it were not: cosine of the angle.
+const MOST_SLANTED: f64 = 0.3;
 /// So many of the last pixels inside of an edge are looked at, and so many of them must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
@@ -72,13 +74,41 @@ pub(super) fn look(
     let edge = if looks_away {
         Edge::Hidden
     } else {
-        // Along the surface the depth changes this much for each px.
-        edge(scan, pixel, across, (point.z, outward.z / px_per_mm))
+        edge(scan, pixel, across, &Tangent::of(camera, pixel, &point, &(motion.turn * sample.normal)))
     };
     Some(Looked { point, gradient, edge })
 }
 
-fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, (depth_mm, slope_mm_per_px): (f64, f64)) -> Edge {
+/// The surface's plane beside a point, as the picture shows it: its inverse depth is linear in the pixels.
+struct Tangent {
+    at: Pixel,
+    inverse: f64,
+    /// Growth of the inverse depth, per mm and px.
+    slope: Vector2<f64>,
+    /// How squarely it is seen, 0…1.
+    cos: f64,
+}
+
+impl Tangent {
+    fn of(camera: &PinholeCamera, at: Pixel, point: &Vector3<f64>, normal: &Vector3<f64>) -> Tangent {
+        let distance = normal.dot(point);
+        Tangent {
+            at,
+            inverse: 1.0 / point.z,
+            slope: Vector2::new(normal.x / (camera.fx_px * distance), normal.y / (camera.fy_px * distance)),
+            cos: (distance.abs() / point.norm()).max(MOST_SLANTED),
+        }
+    }
+
+    /// How far a depth at a pixel lies behind the plane, along its normal, mm.
+    fn behind_mm(&self, column: usize, row: usize, depth_mm: f64) -> f64 {
+        let way = Vector2::new(column as f64 - self.at.u, row as f64 - self.at.v);
+        let plane_mm = 1.0 / (self.inverse + self.slope.dot(&way));
+        self.cos * (depth_mm - plane_mm)
+    }
+}
+
+fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, tangent: &Tangent) -> Edge {
     let reach = REACH as i32;
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);
@@ -89,8 +119,9 @@ fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, (depth_mm, slope_mm_per
     let depth = |offset: i32| {
         let way = f64::from(offset);
         let (u, v) = (pixel.u + way * across.x, pixel.v + way * across.y);
-        let [_, _, z] = scan.raw_points_mm()[v.round() as usize * scan.width() + u.round() as usize];
-        let away = f64::from(z) - (depth_mm + way * slope_mm_per_px);
+        let (column, row) = (u.round() as usize, v.round() as usize);
+        let [_, _, z] = scan.raw_points_mm()[row * scan.width() + column];
+        let away = tangent.behind_mm(column, row, f64::from(z));
         if z.is_nan() {
             Depth::Missing
         } else if away.abs() <= ON_MM + ON_MM_PER_PX * way.abs() {

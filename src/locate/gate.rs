@@ -16,9 +16,9 @@ const REVIEW_OVERLAP: f64 = 0.1;
 /// So much less of the outline than of the surface may be found: what hides a patch in the middle of a side hides its edge.
 const OUTLINE_ALLOWANCE: f64 = 0.15;
 /// Taught points that the scan sees through: the panel is not there. Single ones are flying points.
-pub const MAX_SEEN_THROUGH: f64 = 0.02;
+pub const MAX_SEEN_THROUGH: f64 = 0.01;
 /// Outline in view that is not where the taught one says.
-pub const MAX_OUTLINE_ABSENT: f64 = 0.12;
+pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
 /// Outline residual of a panel of the taught shape, px.
 const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Points that a dry panel gives.

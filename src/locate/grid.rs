@@ -15,12 +15,13 @@ use rayon::prelude::*;
 const COLUMNS: usize = 486;
 /// Depths within a block that differ by less belong to one surface without another look, mm at a block of 1 mm.
 const USUAL_SPREAD: f64 = 1.2;
-/// Depths farther from the block's median do not take part, in the same measure.
+/// Depths farther from the block's median do not take part, in the same measure; farther from its slanted plane, by less.
 const TRIM: f64 = 0.8;
+const TRIM_SLANTED: f64 = 0.35;
 /// The share of a block's pixels that must agree: where one side is missing, the mean would not be the middle's.
 const MIN_SHARE: f64 = 0.9;
-/// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 70° of slope.
-const STEP_SIDES: f64 = 2.75;
+/// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 73° of slope.
+const STEP_SIDES: f64 = 3.3;
 
 /// What a scan shows where a point projects to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,12 +72,17 @@ impl Grid {
         inverse.par_chunks_mut(columns).enumerate().for_each(|(row, line)| {
             let mut depths = Vec::with_capacity(factor * factor);
             for (column, block) in line.iter_mut().enumerate() {
+                let first = row * factor * width + column * factor;
                 depths.clear();
-                for v in row * factor..((row + 1) * factor).min(height) {
-                    let from = v * width + column * factor;
-                    depths.extend((from..(from + factor).min((v + 1) * width)).filter_map(&depth));
+                for v in 0..factor.min(height - row * factor) {
+                    depths.extend(
+                        (0..factor.min(width - column * factor)).filter_map(|u| depth(first + v * width + u)),
+                    );
                 }
                 *block = block_inverse(&mut depths, factor * factor, block_rad);
+                if block.is_nan() {
+                    *block = slanted_inverse(factor, block_rad, |u, v| depth(first + v * width + u));
+                }
             }
         });
         Grid { factor, columns, rows, camera: *camera, inverse, step_share: STEP_SIDES * block_rad }
@@ -153,13 +159,56 @@ fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
     }
     let middle = depths.len() / 2;
     let median = *depths.select_nth_unstable_by(middle, f32::total_cmp).1;
-    // A steep surface spreads over its block evenly about the median: slopes of up to 60° stay whole.
     let reach = (TRIM * side_mm) as f32;
     let near = |z: &&f32| (**z - median).abs() <= reach;
     if depths.iter().filter(near).count() < needed {
         return f32::NAN;
     }
     mean_inverse(depths.iter().filter(near).copied())
+}
+
+/// The inverse depth in the middle of a block that lies on a steep plane: its slopes are the medians of what neighbouring
+/// pixels differ by, so that neither a flying point nor an edge is one.
+fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -> Option<f32>) -> f32 {
+    let place = |k: usize| (k % factor, k / factor);
+    let inverse: Vec<Option<f64>> =
+        (0..factor * factor).map(|k| depth(place(k).0, place(k).1).map(|z| 1.0 / f64::from(z))).collect();
+    let needed = (MIN_SHARE * inverse.len() as f64).ceil() as usize;
+    if factor < 2 || inverse.iter().flatten().count() < needed {
+        return f32::NAN;
+    }
+    let slope = |step: usize, ends: &dyn Fn(usize) -> bool| {
+        let pairs = (0..inverse.len()).filter(|&k| !ends(k));
+        median(pairs.filter_map(|k| Some(inverse[k + step]? - inverse[k]?)).collect())
+    };
+    let (Some(right), Some(down)) =
+        (slope(1, &|k| place(k).0 + 1 == factor), slope(factor, &|k| place(k).1 + 1 == factor))
+    else {
+        return f32::NAN;
+    };
+    let middle = (factor as f64 - 1.0) / 2.0;
+    let level = |(k, inverse): (usize, &Option<f64>)| {
+        let (u, v) = place(k);
+        inverse.map(|inverse| inverse - right * (u as f64 - middle) - down * (v as f64 - middle))
+    };
+    let levels: Vec<f64> = inverse.iter().enumerate().filter_map(level).collect();
+    let Some(middle) = median(levels.clone()) else { return f32::NAN };
+    // As shares of the depth: dz / z = −z d(1/z).
+    let steepest = factor as f64 * right.hypot(down) / middle;
+    let near = |level: &&f64| (*level / middle - 1.0).abs() <= TRIM_SLANTED * block_rad;
+    let count = levels.iter().filter(near).count();
+    if count < needed || steepest > STEP_SIDES * block_rad {
+        return f32::NAN;
+    }
+    (levels.iter().filter(near).sum::<f64>() / count as f64) as f32
+}
+
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    let (middle, odd) = (values.len() / 2, values.len() % 2 == 1);
+    let (below, &mut high, _) =
+        (middle < values.len()).then(|| values.select_nth_unstable_by(middle, f64::total_cmp))?;
+    let low = below.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    Some(if odd { high } else { (low + high) / 2.0 })
 }
 
 fn mean_inverse(depths: impl Iterator<Item = f32>) -> f32 {
@@ -257,5 +306,25 @@ mod tests {
         };
         assert!((1.0 / block(1) - 700.0).abs() < 1e-3 && block(5).is_nan());
         assert!(block_inverse(&mut [700.0; 14], 16, 4.0 / 1785.0).is_nan());
+    }
+
+    /// By hand: a side of the block is 4/1785 · 700 = 1.57 mm. A slope of 70° rises 1.08 mm from pixel to pixel, so that no
+    /// two columns agree with one median; its plane has 700 mm in the middle, with a flying point too. One of 75° rises
+    /// 1.46 mm and is too steep; a step of 3 mm between two columns is an edge.
+    #[test]
+    fn a_steep_plane_is_whole_and_a_step_is_not() {
+        let rise = |per_pixel_mm: f64| {
+            move |u: usize, v: usize| {
+                let flies = (u, v) == (1, 2);
+                Some(if flies { 730.0 } else { (700.0 + per_pixel_mm * (u as f64 - 1.5)) as f32 })
+            }
+        };
+        let block = |depth: &dyn Fn(usize, usize) -> Option<f32>| slanted_inverse(4, 4.0 / 1785.0, depth);
+        let mut depths: Vec<f32> = (0..16).filter_map(|k| rise(1.08)(k % 4, k / 4)).collect();
+        assert!(block_inverse(&mut depths, 16, 4.0 / 1785.0).is_nan());
+        assert!((1.0 / block(&rise(1.08)) - 700.0).abs() < 0.02, "{}", 1.0 / block(&rise(1.08)));
+        assert!(block(&rise(1.46)).is_nan());
+        assert!(block(&|u, _| Some(if u < 2 { 700.0 } else { 703.0 })).is_nan());
+        assert!(block(&|u, v| (u + v > 0 && u + v < 6).then_some(700.0)).is_nan(), "14 of 16 are too few");
     }
 }

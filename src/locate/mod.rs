@@ -12,9 +12,11 @@
 mod camera_check;
 pub mod corner;
 mod correspond;
+mod covariance;
 mod edges;
 mod error;
 mod evidence;
+pub mod explain;
 mod fit;
 pub mod gate;
 mod grid;
@@ -25,6 +27,7 @@ mod profile;
 pub mod refine;
 mod rivals;
 mod search;
+mod shares;
 mod solve;
 
 pub use camera_check::CameraCheck;

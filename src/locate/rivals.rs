@@ -41,7 +41,7 @@ impl Votes {
         let surface = chosen.par_iter().with_min_len(512).map(|&i| match sight(&motion, model, grid, i) {
             Sight::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
             Sight::Through => Some(false),
-            Sight::Hidden | Sight::Unknown => None,
+            Sight::Near | Sight::Hidden | Sight::Unknown => None,
         });
         let mut said: Vec<Option<bool>> = outline.collect();
         said.extend(surface.collect::<Vec<_>>());

@@ -240,7 +240,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     let of_point = |&i: &usize| match sight(&motion, model, grid, i) {
         Sight::On(_) => 1.0,
         Sight::Through => -2.0,
-        Sight::Hidden | Sight::Unknown => 0.0,
+        Sight::Near | Sight::Hidden | Sight::Unknown => 0.0,
     };
     let surface = chosen.iter().map(of_point).sum::<f64>() / chosen.len() as f64;
     let edges = spread_over(model.outline.len(), SCORE_OUTLINE);
@@ -265,11 +265,13 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
 pub(super) enum Sight {
     /// It has it, so far along the normal, mm.
     On(f64),
+    /// It has it beside an edge or missing points, where the depth is good for no more.
+    Near,
     /// It sees something behind: the panel is not there.
     Through,
-    /// Something nearer is seen, or the point looks away.
+    /// Something nearer is seen, the point looks away, or it lies outside of the picture.
     Hidden,
-    /// Nothing was measured there, or it lies outside of the picture.
+    /// Nothing was measured there.
     Unknown,
 }
 
@@ -284,10 +286,10 @@ pub(super) fn sight(motion: &Motion, model: &Model, grid: &Grid, sample: usize) 
     let residual = |depth_mm: f64| normal.dot(&point) * (1.0 - depth_mm / point.z);
     match look {
         Look::Smooth(z) if residual(z).abs() <= ON_MM => Sight::On(residual(z)),
-        Look::Rough(z) if residual(z).abs() <= 2.0 * ON_MM => Sight::Unknown,
+        Look::Rough(z) if residual(z).abs() <= 2.0 * ON_MM => Sight::Near,
         Look::Smooth(z) | Look::Rough(z) if z > point.z => Sight::Through,
-        Look::Smooth(_) | Look::Rough(_) => Sight::Hidden,
-        Look::Nothing | Look::OutOfView => Sight::Unknown,
+        Look::Smooth(_) | Look::Rough(_) | Look::OutOfView => Sight::Hidden,
+        Look::Nothing => Sight::Unknown,
     }
 }
 

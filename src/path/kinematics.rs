@@ -5,6 +5,7 @@
 //! own forward solution. Knows nothing of limits of speed, paths or panels: see `reach`.
 //! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
 
+use super::reach::Things;
 use crate::cell::{Arm, ArmGeometry};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -12,6 +13,7 @@ use rs_opw_kinematics::glam::{DQuat, DVec3};
 use rs_opw_kinematics::kinematic_traits::{Kinematics as _, Pose};
 use rs_opw_kinematics::kinematics_impl::OPWKinematics;
 use rs_opw_kinematics::parameters::opw_kinematics::Parameters;
+use std::sync::Arc;
 
 /// Angles of the axes, degrees, axis 1 first.
 pub(super) type Angles = [f64; 6];
@@ -21,6 +23,7 @@ pub(super) type Angles = [f64; 6];
 pub struct Kinematics {
     arm: Arm,
     solver: OPWKinematics,
+    things: Option<Arc<Things>>,
 }
 
 /// Where the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
@@ -42,7 +45,18 @@ impl Kinematics {
             sign_corrections: signs,
             dof: 6,
         };
-        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters) }
+        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), things: None }
+    }
+
+    /// The same arm beside what a scan showed.
+    #[must_use]
+    pub fn beside(self, things: Arc<Things>) -> Self {
+        Kinematics { things: Some(things), ..self }
+    }
+
+    /// What it must keep off.
+    pub(super) fn things(&self) -> Option<&Things> {
+        self.things.as_deref()
     }
 
     /// The arm.

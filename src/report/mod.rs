@@ -9,6 +9,7 @@ mod dwelt;
 mod inspection;
 mod overlay;
 pub mod page;
+mod reasons;
 mod surface_map;
 
 pub use bars::{Bar, bars};

@@ -47,16 +47,16 @@ impl View<'_> {
         points.iter().filter_map(|&point| self.camera.project(self.camera_from_panel * point)).collect()
     }
 
-    fn px_per_mm(&self, at: Point<Panel>) -> f64 {
+    pub(super) fn px_per_mm(&self, at: Point<Panel>) -> f64 {
         self.camera.px_per_mm_at((self.camera_from_panel * at).mm.z).0
     }
 
-    fn line_px(&self) -> i32 {
+    pub(super) fn line_px(&self) -> i32 {
         (self.picture.height as f64 / 600.0).round().max(1.0) as i32
     }
 
     /// Draws the outline, where the taught panel would show it.
-    fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, ink: Ink) -> Result<(), ImagingError> {
+    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, ink: Ink) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
         canvas.polyline(&self.pixels(&thinned), true, Pen { ink, width_px: self.line_px() })
@@ -88,7 +88,7 @@ impl View<'_> {
     }
 
     /// The part of the picture around the panel, with a scale bar and a legend.
-    fn framed(
+    pub(super) fn framed(
         &self,
         canvas: Canvas,
         panel: &TaughtPanel,

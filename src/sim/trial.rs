@@ -159,6 +159,8 @@ impl Trial {
         let share = match wrong {
             Some(Wrong::Hidden) => 0.42..0.65,
             Some(Wrong::OutOfView) => 0.36..0.6,
+            // What is cut off must be seen to be missing.
+            Some(Wrong::Trimmed) => 0.0..1e-9,
             _ => 0.0..MAX_HIDDEN,
         };
         let shape = self.taught.clone();

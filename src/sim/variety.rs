@@ -102,7 +102,8 @@ impl Panel {
     /// The same with so much of its length cut off, mm.
     pub fn trimmed(&self, cut_mm: f64) -> Panel {
         let [length, width] = self.size_mm;
-        let (from, half) = (length / 2.0 - cut_mm, width);
+        let reach = self.corners.iter().map(|corner| corner.x).fold(0.0, f64::max);
+        let (from, half) = (reach - cut_mm, width);
         let cut = [[from, -half], [length, -half], [length, half], [from, half]];
         let mut panel = self.clone();
         panel.cuts.push(cut.map(|[s, t]| Vector2::new(s, t)).to_vec());

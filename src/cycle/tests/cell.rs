@@ -212,7 +212,7 @@ impl Cell {
             }
             (Act::Locate, Answer::Graded(Grade::Accept)) => (self.located, self.disturbed) = (true, false),
             (Act::Refine { .. }, Answer::Graded(Grade::Accept)) => self.token = true,
-            (Act::Verify, Answer::Graded(Grade::Accept)) => {
+            (Act::Verify { .. }, Answer::Graded(Grade::Accept)) => {
                 (self.token, self.verified, self.disturbed) = (true, true, false);
             }
             (Act::Plan { .. }, Answer::Planned { .. }) => self.verified = false,

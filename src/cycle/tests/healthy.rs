@@ -60,9 +60,10 @@ impl Cell {
             Act::OpenEpoch { above } => Answer::Epoch(above.max(self.epoch) + 1),
             Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,
             Act::Locate => Answer::Graded(grade(random, 0.9)),
-            Act::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::Displaced,
+            Act::Refine { view } if random.random_bool(1.0 / f64::from(view + 2)) => Answer::LookOn,
             Act::Refine { .. } => Answer::Graded(grade(random, 0.95)),
-            Act::Verify => Answer::Graded(grade(random, 0.93)),
+            Act::Verify { view } if random.random_bool(0.5 / f64::from(view + 1)) => Answer::LookOn,
+            Act::Verify { .. } => Answer::Graded(grade(random, 0.93)),
             Act::Film if random.random_bool(0.03) => Answer::Filmed(Film::Invalid),
             Act::Film => Answer::Filmed(if random.random_bool(0.7) { Film::Broken } else { Film::Whole }),
             Act::Plan { .. } if random.random_bool(0.03) => Answer::Graded(Grade::Reject),
@@ -163,8 +164,8 @@ pub fn answers(act: Act, id: Id) -> Vec<Report> {
         Act::Move(motion) => vec![stands(motion.waypoints), stands(motion.waypoints.saturating_sub(1))],
         Act::OpenEpoch { above } => vec![Answer::Epoch(above + 1), Answer::Epoch(above)],
         Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => vec![Answer::Done],
-        Act::Locate | Act::Verify => graded.to_vec(),
-        Act::Refine { .. } => [&graded[..], &[Answer::Displaced]].concat(),
+        Act::Locate => graded.to_vec(),
+        Act::Refine { .. } | Act::Verify { .. } => [&graded[..], &[Answer::LookOn]].concat(),
         Act::Film => [Film::Whole, Film::Broken, Film::Invalid].map(Answer::Filmed).to_vec(),
         Act::Plan { .. } => {
             let (plan, waypoints) = (7, 3);

@@ -85,8 +85,7 @@ impl Cell {
                 never(act == Act::Film && !(self.wet && self.dry_picture), "a film without water or dry picture")?;
                 never(act != Act::Locate && self.disturbed, "a picture of a panel whose place is not known")?;
             }
-            Act::Refine { view } => self.check_corner(view)?,
-            Act::Verify => self.check_corner(0)?,
+            Act::Refine { view } | Act::Verify { view } => self.check_corner(view)?,
             Act::Plan { pass } => {
                 never(self.film != Some(Film::Broken) && !self.air, "a plan without a break")?;
                 never(self.disturbed, "a plan on a panel whose place is not known")?;

@@ -10,7 +10,7 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     let mut story = Story::started(&[Film::Broken, Film::Whole]);
     assert_eq!(story.until("locate"), "to-park lensclear locate");
     assert_eq!(story.until("corner-0"), "frames-camera to-corner-0 corner-0");
-    story.answer(Answer::Displaced);
+    story.answer(Answer::LookOn);
     assert_eq!(story.until("corner-1"), "to-corner-1 corner-1");
     assert_eq!(story.until("drypicture"), "to-park lighton drypicture");
     assert_eq!(story.until("film"), "lensguard spray wateroff lensclear film");
@@ -21,6 +21,34 @@ fn a_dirty_panel_is_abraded_once_and_passes() {
     assert_eq!(story.rests(), "extractionoff lightoff");
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
     assert_eq!(story.cell.state.job.pass, 1);
+}
+
+/// Each contact is after a look at both corners; a corner too many is no verification.
+#[test]
+fn both_corners_are_verified_before_contact() {
+    let mut story = Story::started(&[Film::Broken, Film::Broken, Film::Whole]);
+    for _ in 0..2 {
+        story.until("verify");
+        story.answer(Answer::LookOn);
+        let acts = story.until("to-contact");
+        assert!(
+            acts.starts_with("to-corner-1 verify-1 ") && acts.ends_with("to-approach toolon to-contact"),
+            "{acts}"
+        );
+    }
+    story.until("film");
+    story.rests();
+    assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
+
+    let mut story = Story::started(&[Film::Broken]);
+    for corner in ["verify", "verify-1", "verify-2", "verify-3"] {
+        story.until(corner);
+        story.answer(Answer::LookOn);
+    }
+    story.rests();
+    assert!(matches!(story.at(), At::Held(Hold { why: Why::NotVerified, .. })), "{:?}", story.at());
+    story.asked(Request::Unhold { dried: false });
+    story.until("verify");
 }
 
 #[test]
@@ -91,7 +119,7 @@ fn the_corner_loop_ends_in_reject_when_the_corner_is_not_reached() {
     let mut story = Story::started(&[]);
     for corner in ["corner-0", "corner-1", "corner-2", "corner-3"] {
         story.until(corner);
-        story.answer(Answer::Displaced);
+        story.answer(Answer::LookOn);
     }
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Reject });

@@ -15,6 +15,8 @@ fn word(act: Act) -> String {
         Act::Switch(switch) => format!("{switch:?}").to_lowercase(),
         Act::SetFrames(frames) => format!("frames-{frames:?}").to_lowercase(),
         Act::Refine { view } => format!("corner-{view}"),
+        Act::Verify { view: 0 } => "verify".to_owned(),
+        Act::Verify { view } => format!("verify-{view}"),
         Act::Plan { pass } => format!("plan-{pass}"),
         Act::OpenEpoch { .. } => "epoch".to_owned(),
         Act::EndEpoch { .. } => "end-epoch".to_owned(),

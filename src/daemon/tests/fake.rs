@@ -287,7 +287,7 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();
     let text = format!(
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
-         [corner]\nwhich = \"top-left\"\nsettled_mm = 0.1\n\
+         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
          [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
          {more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
@@ -299,21 +299,19 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"));
     let base_from_camera = sim.calibrated_base_from_camera();
     let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
-    let view = &sim.corner_views()[0];
-    let picture = sim.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
-    let panel_from_camera =
-        panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
-    let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
     let camera = sim.flange_camera();
-    let found = crate::locate::corner::find(
-        &picture,
-        recipe.corner(),
-        recipe.corner().which().of(0),
-        camera.px_per_mm_at(depth_mm).0,
-    );
-    let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
-    let corner = panel.corner(teaching, camera).expect("on the panel");
-    ((panel, vec![corner]), recipe)
+    let teach = |(index, view): (usize, sim::CornerView)| {
+        let picture = sim.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
+        let panel_from_camera =
+            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
+        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
+        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+        let found = crate::locate::corner::find(&picture, settings, settings.which().of(index), px_per_mm);
+        let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
+        panel.corner(teaching, camera).expect("on the panel")
+    };
+    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
+    ((panel, corners), recipe)
 }
 
 fn calibrations(sim: &sim::Cell) -> Calibrations {

@@ -81,19 +81,28 @@ pub(super) fn too_fast(
     Ok(speed)
 }
 
+/// The arm's parts: each with its ends and the distance that it keeps, mm.
+pub(super) fn parts(
+    arm: &Kinematics,
+    tip: Point<Base>,
+    at: &Angles,
+) -> [(&'static str, Point<Base>, Point<Base>, f64); 4] {
+    let margins = arm.arm().margins();
+    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
+    [
+        ("upper arm", shoulder, elbow, margins.clearance_mm()),
+        ("forearm", elbow, wrist, margins.clearance_mm()),
+        ("wrist", wrist, flange, margins.clearance_mm()),
+        ("tool", flange, tip, margins.tool_clearance_mm()),
+    ]
+}
+
 /// No part of the arm, nor the tool with its tip there, in a keep-out box or too near to one.
 pub(super) fn keeps_out(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Obstacle> {
     if arm.arm().keep_out().is_empty() {
         return Ok(());
     }
-    let margins = arm.arm().margins();
-    let [shoulder, elbow, wrist, flange] = arm.skeleton(at);
-    let parts = [
-        ("upper arm", shoulder, elbow, margins.clearance_mm()),
-        ("forearm", elbow, wrist, margins.clearance_mm()),
-        ("wrist", wrist, flange, margins.clearance_mm()),
-        ("tool", flange, tip, margins.tool_clearance_mm()),
-    ];
+    let parts = parts(arm, tip, at);
     for keep_out in arm.arm().keep_out() {
         for (part, from, to, needed_mm) in parts {
             let samples = (from.distance_mm(to) / SAMPLE_MM).ceil().max(1.0) as usize;

@@ -12,9 +12,11 @@ mod obstacle;
 mod swing;
 #[cfg(test)]
 mod tests;
+mod things;
 
 pub use obstacle::{Obstacle, ReachFault, Singular};
 pub use swing::swing;
+pub use things::Things;
 
 use super::kinematics::{Angles, Kinematics, angles, joints};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
@@ -196,7 +198,7 @@ fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usi
             speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
         }
         travel.room_deg = travel.room_deg.min(room(arm, look, &next).map_err(fault)?);
-        keeps_out(arm, look.tip, &next).map_err(fault)?;
+        keeps_out(arm, look.tip, &next).and_then(|()| things::keeps_off(arm, look.tip, &next)).map_err(fault)?;
         at = next;
         if look.is_end {
             travel.joints.push(joints(at));

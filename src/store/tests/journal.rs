@@ -17,7 +17,7 @@ fn answer(act: Act, film: u32) -> Answer {
         Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done: 0 },
         Act::OpenEpoch { above } => Answer::Epoch(above + 1),
         Act::Move(motion) => Answer::Stands { done: motion.waypoints },
-        Act::Locate | Act::Refine { .. } | Act::Verify => Answer::Graded(Grade::Accept),
+        Act::Locate | Act::Refine { .. } | Act::Verify { .. } => Answer::Graded(Grade::Accept),
         Act::Film => Answer::Filmed(if film.is_multiple_of(2) { Film::Broken } else { Film::Whole }),
         Act::Plan { .. } => Answer::Planned { plan: 77, waypoints: 9 },
         Act::SelfTest | Act::SetFrames(_) | Act::Switch(_) | Act::DryPicture => Answer::Done,

@@ -50,7 +50,7 @@ pub fn svg(runs: &[Run]) -> String {
          <text x=\"{LEFT}\" y=\"22\" font-size=\"15\">{}</text>\n",
         SIZE[0],
         SIZE[1],
-        super::title(runs)
+        title(runs)
     );
     for power in MS[0] as i32..=MS[1] as i32 {
         let x = across(10f64.powi(power));
@@ -89,4 +89,11 @@ pub fn svg(runs: &[Run]) -> String {
     }
     svg.push_str("</svg>\n");
     svg
+}
+
+fn title(runs: &[Run]) -> String {
+    let mut seeds: Vec<u64> = runs.iter().map(|run| run.seed).collect();
+    seeds.sort_unstable();
+    seeds.dedup();
+    format!("{} scans: mean error over the panel against time", seeds.len())
 }

@@ -6,6 +6,7 @@ use panelprep::locate::refine::{CornerView, Refined, refine};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::sim::{Cell, Place, SEARCH_BOX_MM, Scene};
+use std::ops::RangeInclusive;
 
 /// Moves of this length are found, and of this length raise no alarm, mm.
 const FOUND_MM: f64 = 0.3;
@@ -18,9 +19,9 @@ struct Corner {
 }
 
 /// Runs them and tells.
-pub fn verifications(seeds: u64) -> usize {
+pub fn verifications(seeds: RangeInclusive<u64>) -> usize {
     let (mut found, mut moved, mut alarms, mut quiet, mut errors) = (0, 0, 0, 0, Vec::new());
-    for seed in 1..=seeds {
+    for seed in seeds {
         let cell = Cell::new(seed, Scene::Good, super::reduction());
         let recipe = recipe(&cell);
         let base_from_camera = cell.calibrated_base_from_camera();

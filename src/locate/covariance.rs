@@ -1,0 +1,109 @@
+//! The covariance of a pose, and what it means on the panel.
+//!
+//! About the panel's centre it is the inverse of the fit's information,
+//!     C = (Σ_k Σᵢ wᵢ JᵢᵀJᵢ / f_k)⁻¹,   f_k = max(1, (ν + Σ_c m_c²/s_c²) / (ν + n)),                            (1)
+//! over the kinds k of residuals. A kind's noise is stated in `fit` for the mean m of a cell whose members share one error;
+//! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
+//! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
+
+use super::evidence::Weakest;
+use super::fit::{EDGE_CORRELATION_MM, RANGE_CORRELATION_MM, Residuals};
+use super::grid::Motion;
+use super::model::Model;
+use super::solve::{Constraint, Sums, Weighing};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
+use std::collections::BTreeMap;
+
+/// 95 % of a normal distribution lie within this many standard deviations, in one direction.
+const WITHIN_95_PERCENT: f64 = 1.96;
+/// ν of (1).
+const TRUST_CELLS: f64 = 12.0;
+/// A cell needs this share of the points of a full one.
+const CELL_FILLED: f64 = 0.3;
+
+/// (1), and the direction in which it is largest.
+pub(super) fn covariance(
+    residuals: &Residuals,
+    weighing: &[Weighing; 3],
+    model: &Model,
+    motion: &Motion,
+) -> Option<(Matrix6<f64>, (f64, Weakest))> {
+    let across = {
+        let first = model.outline.first()?.point - model.centre;
+        (first - model.normal * model.normal.dot(&first)).try_normalize(1e-9)?
+    };
+    let up = model.normal.cross(&across);
+    let square = |sample: usize| {
+        let offset = model.points[sample] - model.centre;
+        let cell = |along: &Vector3<f64>| (offset.dot(along) / RANGE_CORRELATION_MM).floor() as i64;
+        (cell(&across), cell(&up))
+    };
+    // The taught outline is in order, so that a stretch of it is a run of its points.
+    let mut ways_mm = Vec::with_capacity(model.outline.len());
+    let mut way_mm = 0.0;
+    for sample in &model.outline {
+        ways_mm.push(way_mm);
+        way_mm += sample.length_mm;
+    }
+    let stretch = |sample: usize| ((ways_mm[sample] / EDGE_CORRELATION_MM).floor() as i64, 0);
+    let factors = [
+        inflation(&residuals.surface, &weighing[0], square),
+        inflation(&residuals.colour, &weighing[1], stretch),
+        inflation(&residuals.depth, &weighing[2], stretch),
+    ];
+    let kinds = [&residuals.surface, &residuals.colour, &residuals.depth];
+    let mut information = Matrix6::zeros();
+    for ((kind, weighing), factor) in kinds.iter().zip(weighing).zip(factors) {
+        information += Sums::over(kind, weighing, &residuals.centre).information / factor;
+    }
+    let covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
+    let count = model.points.len().max(1) as f64;
+    let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
+    let radius_mm = (squares / count).sqrt();
+    let scale = Matrix6::from_diagonal(&Vector6::new(radius_mm, radius_mm, radius_mm, 1.0, 1.0, 1.0));
+    let eigen = (scale * covariance * scale).symmetric_eigen();
+    let weakest_mm = WITHIN_95_PERCENT * eigen.eigenvalues.max().max(0.0).sqrt();
+    let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let normal = motion.turn * model.normal;
+    let (turn, shift) = (direction.fixed_rows::<3>(0), direction.fixed_rows::<3>(3));
+    let (spin, lift) = (turn.dot(&normal).powi(2), shift.dot(&normal).powi(2));
+    let (tilt, slide) = (turn.norm_squared() - spin, shift.norm_squared() - lift);
+    let word = if lift + tilt >= spin.max(slide) {
+        Weakest::Normal
+    } else if slide >= spin {
+        Weakest::Sideways
+    } else {
+        Weakest::Turn
+    };
+    Some((covariance, (weakest_mm, word)))
+}
+
+/// f of (1).
+fn inflation(constraints: &[Constraint], weighing: &Weighing, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
+    let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
+    for constraint in constraints {
+        let robust = weighing.robust(constraint.residual);
+        let sums = cells.entry(cell(constraint.sample)).or_default();
+        *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
+    }
+    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.sharing);
+    let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
+        let mean = sum / weight;
+        (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))
+    });
+    // The fit takes up a part of the noise, so that cells never say that there is less of it than stated.
+    ((TRUST_CELLS + squares) / (TRUST_CELLS + count)).max(1.0)
+}
+
+/// One standard deviation at the worst point of the panel, along its worst direction, mm.
+pub(super) fn worst_mm(covariance: &Matrix6<f64>, model: &Model, motion: &Motion) -> f64 {
+    let centre = motion.point(&model.centre);
+    let at = |point: &Vector3<f64>| {
+        let arm = motion.point(point) - centre;
+        let mut a = Matrix3x6::zeros();
+        a.fixed_view_mut::<3, 3>(0, 0).copy_from(&-arm.cross_matrix());
+        a.fixed_view_mut::<3, 3>(0, 3).copy_from(&Matrix3::identity());
+        (a * covariance * a.transpose()).symmetric_eigenvalues().max()
+    };
+    model.outline.iter().step_by(4).map(|sample| at(&sample.point)).fold(0.0, f64::max).max(0.0).sqrt()
+}

@@ -1,0 +1,133 @@
+//! What of the panel and of the scan found a partner.
+//!
+//! Each taught point is looked for where it projects to, each point of the outline where its edge should be, and the scan's
+//! pieces where the taught panel would show them. What is hidden or out of view says nothing, but is not found either.
+
+use super::edges::Edge;
+use super::fit::{Residuals, Seen};
+use super::grid::{Motion, camera_point};
+use super::model::Model;
+use super::pieces::Piece;
+use super::search::{Sight, covered, sight};
+use rayon::prelude::*;
+
+/// A point of the outline is found where the edge is this near, px.
+pub(super) const EDGE_FOUND_PX: f64 = 1.5;
+/// A channel at this level or above is saturated.
+const SATURATED: u8 = 252;
+/// Pieces with at least this share on the panel are part of it.
+const PART_OF_PANEL: f64 = 0.2;
+
+/// Shares of the taught surface, 0…1.
+pub(super) struct SurfaceShares {
+    pub found: f64,
+    pub through: f64,
+    pub measured: f64,
+    pub rms_mm: f64,
+}
+
+impl SurfaceShares {
+    pub fn of(motion: &Motion, seen: Seen<'_>) -> SurfaceShares {
+        let Seen { model, grid, scan } = seen;
+        let look = |i: usize| {
+            let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
+            let place = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height()));
+            let measured = place.is_some_and(|(column, row)| scan.point(column, row).is_some());
+            (sight(motion, model, grid, i), measured)
+        };
+        let looks: Vec<(Sight, bool)> =
+            (0..model.points.len()).into_par_iter().with_min_len(1_024).map(look).collect();
+        let (mut on, mut near, mut through, mut squares) = (0usize, 0usize, 0usize, 0.0);
+        let (mut in_view, mut measured) = (0usize, 0usize);
+        for (sight, has_point) in &looks {
+            match sight {
+                Sight::On(residual_mm) => (on, squares) = (on + 1, squares + residual_mm * residual_mm),
+                Sight::Near => near += 1,
+                Sight::Through => through += 1,
+                Sight::Unknown => {}
+                Sight::Hidden => continue,
+            }
+            in_view += 1;
+            measured += usize::from(*has_point);
+        }
+        let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;
+        SurfaceShares {
+            found: share(on + near, looks.len()),
+            through: share(through, looks.len()),
+            measured: share(measured, in_view),
+            rms_mm: (squares / on.max(1) as f64).sqrt(),
+        }
+    }
+}
+
+/// Shares of the taught outline, 0…1.
+pub(super) struct OutlineShares {
+    pub found: f64,
+    pub absent: f64,
+    pub rms_px: f64,
+    pub width_px: Option<f64>,
+}
+
+impl OutlineShares {
+    pub fn of(residuals: &Residuals, model: &Model) -> OutlineShares {
+        let (mut found, mut absent, mut in_view, mut squares, mut near) = (0.0, 0.0, 0.0, 0.0, 0usize);
+        let mut widths = Vec::new();
+        for (k, edge) in &residuals.edges {
+            let length_mm = model.outline[*k].length_mm;
+            let offset_px = match edge {
+                Edge::Colour { offset_px, width_px } => {
+                    widths.push(*width_px);
+                    *offset_px
+                }
+                Edge::Depth { offset_px } => *offset_px,
+                Edge::Absent => f64::INFINITY,
+                Edge::Hidden | Edge::OutOfView => continue,
+            };
+            in_view += length_mm;
+            if offset_px.abs() <= EDGE_FOUND_PX {
+                found += length_mm;
+                squares += offset_px * offset_px;
+                near += 1;
+            } else {
+                absent += length_mm;
+            }
+        }
+        let whole: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
+        let middle = widths.len() / 2;
+        let enough = widths.len() >= 20;
+        OutlineShares {
+            found: found / whole.max(1.0),
+            absent: absent / f64::max(in_view, 1.0),
+            rms_px: (squares / near.max(1) as f64).sqrt(),
+            width_px: enough.then(|| *widths.select_nth_unstable_by(middle, f64::total_cmp).1),
+        }
+    }
+}
+
+/// Of the pieces that are part of the panel, the share that the taught panel has.
+pub(super) fn scan_found(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
+    let (mut held, mut whole) = (0.0, 0.0);
+    for piece in pieces {
+        let share = covered(motion, seen.model, seen.grid, piece, 1_500);
+        if share >= PART_OF_PANEL {
+            held += share * piece.area_mm2;
+            whole += piece.area_mm2;
+        }
+    }
+    held / f64::max(whole, 1.0)
+}
+
+/// Share of the panel's pixels that are overexposed.
+pub(super) fn saturated(motion: &Motion, seen: Seen<'_>) -> f64 {
+    let Seen { model, grid, scan } = seen;
+    let (mut asked, mut over) = (0usize, 0usize);
+    for point in model.points.iter().step_by(7) {
+        let pixel = grid.camera.project(camera_point(&motion.point(point)));
+        let Some((column, row)) = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height())) else {
+            continue;
+        };
+        asked += 1;
+        over += usize::from(scan.color_at(row * scan.width() + column).iter().any(|&level| level >= SATURATED));
+    }
+    over as f64 / asked.max(1) as f64
+}

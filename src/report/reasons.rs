@@ -1,0 +1,274 @@
+//! A picture for each reason of a localization's verdict: where in the scan it shows.
+//!
+//! Colours are told apart with every common colour vision (Okabe & Ito); every picture has a legend that says what they
+//! mean. Dots stand for places of the taught panel, lines for its outline.
+
+use super::canvas::{Canvas, Ink, Pen, crop, resized};
+use super::overlay::View;
+use crate::geometry::{ColorPicture, Panel, Pixel, Rigid};
+use crate::imaging::ImagingError;
+use crate::locate::Fit;
+use crate::locate::explain::{ENLARGED, Explained, OutlineMark, SurfaceMark};
+use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
+use crate::verdict::Reason;
+
+/// Residuals with full colour, mm.
+const FULL_MM: f64 = 0.5;
+/// Share of a dot's ink, the rest is the picture.
+const INK: f64 = 0.75;
+/// Half the side of a close picture, px, and its width when enlarged.
+const CLOSE_HALF_PX: usize = 24;
+const CLOSE_PX: usize = 720;
+/// Colours of things, largest first.
+const THINGS: [Ink; 5] = [Ink::ORANGE, Ink::BLUE, Ink::GREEN, Ink::YELLOW, Ink::VERMILLION];
+
+impl View<'_> {
+    /// Where a reason shows in the scan's picture, and what the picture shows; `None` for reasons that no scan shows.
+    ///
+    /// # Errors
+    /// Where OpenCV refuses to draw.
+    pub fn reason(
+        &self,
+        panel: &TaughtPanel,
+        (explained, fit): (&Explained, Option<&Fit>),
+        reason: &Reason,
+    ) -> Result<Option<(ColorPicture, &'static str)>, ImagingError> {
+        let surface = |ink: &dyn Fn(SurfaceMark) -> Option<Ink>| self.dotted(explained, ink);
+        let drawn = match &*reason.code {
+            "no_panel" => (self.things(explained)?, "What stands in the search box, thing by thing"),
+            "poor_fit" | "not_converged" => {
+                let picture = surface(&|mark| residual_ink(mark));
+                let legend = [
+                    (Ink::VERMILLION, "0.5 mm or more before the taught surface"),
+                    (Ink::WHITE, "on it"),
+                    (Ink::BLUE, "0.5 mm or more behind it"),
+                ];
+                (self.marked(picture, panel, explained, &legend)?, "How far the scan lies from the taught surface")
+            }
+            "seen_through" => {
+                let picture = surface(&|mark| (mark == SurfaceMark::Through).then_some(Ink::VERMILLION));
+                let legend = [(Ink::VERMILLION, "the scan sees something behind"), (Ink::GREEN, "outline found")];
+                (self.marked(picture, panel, explained, &legend)?, "Where the taught panel is not there")
+            }
+            "points_missing" => {
+                let picture = surface(&|mark| (mark == SurfaceMark::Missing).then_some(Ink::YELLOW));
+                let legend = [(Ink::YELLOW, "no point"), (Ink::GREEN, "outline found")];
+                (self.marked(picture, panel, explained, &legend)?, "Where the panel gave no points")
+            }
+            "low_overlap" => {
+                let picture = surface(&|mark| match mark {
+                    SurfaceMark::On(_) => None,
+                    SurfaceMark::Hidden => Some(Ink::ORANGE),
+                    SurfaceMark::Through => Some(Ink::VERMILLION),
+                    SurfaceMark::Missing => Some(Ink::YELLOW),
+                });
+                let legend = [
+                    (Ink::ORANGE, "hidden"),
+                    (Ink::VERMILLION, "something behind is seen"),
+                    (Ink::YELLOW, "no point"),
+                    (Ink::GREEN, "outline found"),
+                ];
+                (
+                    self.marked(picture, panel, explained, &legend)?,
+                    "What of the taught panel was not found, and why",
+                )
+            }
+            "outline_differs" => {
+                let legend = [
+                    (Ink::GREEN, "outline found"),
+                    (Ink::VERMILLION, "not where it was taught"),
+                    (Ink::WHITE, "hidden or out of view"),
+                ];
+                let picture = self.picture.clone();
+                (self.marked(picture, panel, explained, &legend)?, "Where the panel's edge is not the taught one")
+            }
+            "overexposed" => {
+                let legend = [(Ink::VERMILLION, "overexposed"), (Ink::GREEN, "outline found")];
+                (self.marked(self.overexposed(), panel, explained, &legend)?, "What is overexposed")
+            }
+            "blurred" => match explained.widest {
+                Some(at) => (self.close(at)?, "The panel's edge where it is least sharp"),
+                None => return Ok(None),
+            },
+            "camera_moved" => (self.fixture(explained)?, "The fixture's edges as taught, over the new picture"),
+            "uncertain" | "starts_disagree" => {
+                (self.weakest(panel, explained)?, "The direction in which the pose is held least")
+            }
+            "ambiguous" => match fit.and_then(|fit| Some((fit, fit.rival?))) {
+                Some((fit, rival)) => {
+                    let other = fit.base_from_panel.inverse() * rival.base_from_panel;
+                    let legend = [(Ink::ORANGE, "the first placement"), (Ink::BLUE, "the other")];
+                    (self.twice(panel, other, legend)?, "Two placements that explain the scan about equally well")
+                }
+                None => return Ok(None),
+            },
+            "shift_limit" | "turn_limit" | "tilt_limit" => match fit {
+                Some(fit) => {
+                    let nominal = fit.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
+                    let legend = [(Ink::ORANGE, "where it stands"), (Ink::BLUE, "its nominal place")];
+                    (self.twice(panel, nominal, legend)?, "Where the panel stands and where it should")
+                }
+                None => return Ok(None),
+            },
+            _ => return Ok(None),
+        };
+        Ok(Some(drawn))
+    }
+
+    /// The picture with dots where the taught surface is marked.
+    fn dotted(&self, explained: &Explained, ink: &dyn Fn(SurfaceMark) -> Option<Ink>) -> ColorPicture {
+        let mut picture = self.picture.clone();
+        for (pixel, mark) in &explained.surface {
+            if let Some(ink) = ink(*mark) {
+                dot(&mut picture, *pixel, explained.block_px, ink);
+            }
+        }
+        picture
+    }
+
+    /// The outline in colours over a picture, framed around the panel.
+    fn marked(
+        &self,
+        picture: ColorPicture,
+        panel: &TaughtPanel,
+        explained: &Explained,
+        legend: &[(Ink, &str)],
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(&picture)?;
+        let ink = |mark: OutlineMark| match mark {
+            OutlineMark::Found => Ink::GREEN,
+            OutlineMark::Elsewhere => Ink::VERMILLION,
+            OutlineMark::Hidden => Ink::WHITE,
+        };
+        for pair in explained.outline.windows(2) {
+            let [(from, mark), (to, _)] = pair else { continue };
+            // A window's outline begins elsewhere.
+            if from.distance_px(*to) < 12.0 * explained.block_px.max(1) as f64 {
+                let pen = Pen { ink: ink(*mark), width_px: self.line_px() + 1 };
+                canvas.polyline(&[*from, *to], false, pen)?;
+            }
+        }
+        self.framed(canvas, panel, legend)
+    }
+
+    fn overexposed(&self) -> ColorPicture {
+        let mut picture = self.picture.clone();
+        for pixel in &mut picture.rgb {
+            if pixel.iter().any(|&level| level >= 252) {
+                *pixel = Ink::VERMILLION.0;
+            }
+        }
+        picture
+    }
+
+    fn close(&self, at: Pixel) -> Result<ColorPicture, ImagingError> {
+        let first = |n: f64| (n.max(0.0) as usize).saturating_sub(CLOSE_HALF_PX);
+        let part = crop(self.picture, first(at.u), first(at.v), (2 * CLOSE_HALF_PX, 2 * CLOSE_HALF_PX));
+        let meaning = format!("{} x {} pixels, enlarged", part.width, part.height);
+        Canvas::on(&resized(&part, CLOSE_PX)?)?.with_legend(&[(Ink::WHITE, &meaning)])?.finish()
+    }
+
+    fn fixture(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        let radius_px = f64::from(self.line_px()) * 3.0;
+        for (pixel, stands) in &explained.fixture {
+            let ink = if *stands { Ink::GREEN } else { Ink::VERMILLION };
+            canvas.cross(*pixel, radius_px, Pen { ink, width_px: self.line_px() })?;
+        }
+        let legend =
+            [(Ink::GREEN, "stands where it stood"), (Ink::VERMILLION, "moved by half a pixel or more, or gone")];
+        canvas.with_legend(&legend)?.finish()
+    }
+
+    fn weakest(&self, panel: &TaughtPanel, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        let pen = |ink| Pen { ink, width_px: self.line_px() };
+        let (found, moved): (Vec<Pixel>, Vec<Pixel>) = explained.weakest.iter().copied().unzip();
+        canvas.polyline(&moved, true, pen(Ink::VERMILLION))?;
+        for (from, to) in explained.weakest.iter().step_by((explained.weakest.len() / 40).max(1)) {
+            canvas.polyline(&[*from, *to], false, pen(Ink::VERMILLION))?;
+        }
+        canvas.polyline(&found, true, pen(Ink::ORANGE))?;
+        let meaning = format!("moved by its error (95 %), drawn {ENLARGED:.0} times larger");
+        self.framed(canvas, panel, &[(Ink::ORANGE, "the place found"), (Ink::VERMILLION, &meaning)])
+    }
+
+    /// The panel at the place found and at another.
+    fn twice(
+        &self,
+        panel: &TaughtPanel,
+        panel_from_other: Rigid<Panel, Panel>,
+        legend: [(Ink, &str); 2],
+    ) -> Result<ColorPicture, ImagingError> {
+        let mut canvas = Canvas::on(self.picture)?;
+        let other = View { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
+        other.outline(&mut canvas, panel, legend[1].0)?;
+        self.outline(&mut canvas, panel, legend[0].0)?;
+        canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
+        canvas.with_legend(&legend)?.finish()
+    }
+
+    fn things(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
+        let mut picture = self.picture.clone();
+        let mut legend = Vec::new();
+        for ((area_mm2, places), ink) in explained.things.iter().zip(THINGS) {
+            for pixel in places {
+                dot(&mut picture, *pixel, explained.block_px, ink);
+            }
+            legend.push((ink, format!("a thing of {:.0} cm2", area_mm2 / 100.0)));
+        }
+        if legend.is_empty() {
+            legend.push((Ink::WHITE, "nothing stands in the search box".to_owned()));
+        }
+        let legend: Vec<(Ink, &str)> = legend.iter().map(|(ink, text)| (*ink, text.as_str())).collect();
+        Canvas::on(&picture)?.with_legend(&legend)?.finish()
+    }
+}
+
+/// From behind over the surface to before it: blue, white, vermillion.
+fn residual_ink(mark: SurfaceMark) -> Option<Ink> {
+    let SurfaceMark::On(mm) = mark else { return None };
+    let share = (mm / FULL_MM).clamp(-1.0, 1.0);
+    let end = if share > 0.0 { Ink::VERMILLION } else { Ink::BLUE };
+    let mix = |i: usize| (255.0 + share.abs() * (f64::from(end.0[i]) - 255.0)) as u8;
+    Some(Ink([mix(0), mix(1), mix(2)]))
+}
+
+/// A square of ink about a pixel.
+fn dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: Ink) {
+    let first = |n: f64| (n - (side_px as f64 - 1.0) / 2.0).round() as i64;
+    let (left, top) = (first(at.u), first(at.v));
+    for v in top..top + side_px as i64 {
+        for u in left..left + side_px as i64 {
+            if u < 0 || v < 0 || u >= picture.width as i64 || v >= picture.height as i64 {
+                continue;
+            }
+            let pixel = &mut picture.rgb[v as usize * picture.width + u as usize];
+            *pixel = std::array::from_fn(|i| {
+                (f64::from(pixel[i]) + INK * (f64::from(ink.0[i]) - f64::from(pixel[i]))).round() as u8
+            });
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a quarter of a millimetre before the surface is half way from white to vermillion (213, 94, 0).
+    #[test]
+    fn residuals_have_their_colours() {
+        assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(Ink([234, 174, 127])));
+        assert_eq!(residual_ink(SurfaceMark::On(-3.0)), Some(Ink::BLUE));
+        assert_eq!(residual_ink(SurfaceMark::Missing), None);
+    }
+
+    /// By hand: a square of two pixels about (0, 1) reaches from −0.5, out of the picture, to 0.5.
+    #[test]
+    fn a_dot_stays_in_its_picture() {
+        let mut picture = ColorPicture::filled(4, 3, [0; 3]);
+        dot(&mut picture, Pixel::at(0.4, 1.4), 2, Ink::WHITE);
+        assert_eq!(picture.rgb.iter().filter(|pixel| pixel[0] == 191).count(), 4);
+        dot(&mut picture, Pixel::at(-9.0, 50.0), 2, Ink::WHITE);
+    }
+}
