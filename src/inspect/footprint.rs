@@ -56,6 +56,8 @@ pub struct GridFootprint {
     pub seen_share: f64,
     /// The share of it that the recipe masks.
     pub masked_share: f64,
+    /// What of it lies in the picture and showed nothing, mm²: overexposed, or hidden by a reflection that stands still.
+    pub lost_mm2: f64,
     /// Its edge in the picture, px, closed: curves on a curved panel under a real lens.
     pub edge_px: Vec<Pixel>,
 }
@@ -133,6 +135,7 @@ impl Footprint {
             area_mm2: whole_mm2[index],
             seen_share: share(seen_mm2[index], index),
             masked_share: share(masked_mm2[index], index),
+            lost_mm2: 0.0,
             edge_px: grid.edge.iter().filter_map(|&point| camera.project(camera_from_panel * point)).collect(),
         });
         Ok(Footprint {
@@ -212,6 +215,7 @@ impl Footprint {
         }
         for (grid, lost_mm2) in self.grids.iter_mut().zip(lost_mm2).filter(|(grid, _)| grid.area_mm2 > 0.0) {
             grid.seen_share -= lost_mm2 / grid.area_mm2;
+            grid.lost_mm2 += lost_mm2;
         }
     }
 
