@@ -74,6 +74,10 @@ mod tests {
             wet_when_dry(&WINDOW, &known).len()
         };
         assert_eq!([79.0, 81.0, 100.0].map(|own| found(own, &place)), [36, 0, 0]);
-        assert_eq!(found(60.0, &|i| place(i) && i % 40 < 19), 0, "most of it was wet later: it is a film that broke");
+        assert_eq!(
+            found(60.0, &|i| place(i) && i % 40 < 19),
+            0,
+            "most of it was wet later: it is a film that broke"
+        );
     }
 }

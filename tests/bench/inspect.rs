@@ -9,6 +9,8 @@ mod clips;
 mod damage;
 #[path = "inspect/speed.rs"]
 mod speed;
+#[path = "inspect/tally.rs"]
+mod tally;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();

@@ -1,6 +1,7 @@
 //! One row of tiles while it is judged: the light on its cells, and where glints make a dry look doubtful.
 
-use super::kernel::{self, Line, NEW, OverTime, Rule};
+use super::judging::{Line, OverTime, Rule, judge};
+use super::kernel::{self, NEW};
 use super::light::{CELL_PX, Light, TILE_PX};
 
 /// A cell with fewer bright pixels, of the half of them that are looked at, holds noise.
@@ -54,7 +55,7 @@ impl Band<'_> {
                     unseen: &mut unseen[part.clone()],
                 },
             };
-            if kernel::judge(&mut line, rule) {
+            if judge(&mut line, rule) {
                 let new = kept[part.clone()].iter().enumerate().filter(|(_, kept)| **kept & NEW > 0);
                 new.for_each(|(column, _)| broke(part.start + column));
             }

@@ -4,12 +4,13 @@
 //! and is smooth, a glint adds to it and moves on. So with the dry picture d of a pixel, s = g τ d while its film holds
 //! and s = g d when it has broken; τ, one number for the panel, is read from the clip where the panel becomes wet
 //! ([`wetting`]), and g ([`light`]) from each picture, by the pixels whose state is known. What looks dry long enough has
-//! broken since it first did ([`kernel`], row by row in a [`band`]).
+//! broken since it first did ([`judging`], row by row in a [`band`]).
 //!
 //! Memory is fixed: some 20 bytes for each pixel of the window. Does not know grids or verdicts.
 
 mod answers;
 mod band;
+mod judging;
 mod kernel;
 mod light;
 mod wetting;
@@ -17,7 +18,8 @@ mod wetting;
 use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
-use kernel::{Adding, BROKE, INSIDE, LEVEL, NEW, OPEN, OverTime, Rule, Sum};
+use judging::{OverTime, Rule};
+use kernel::{Adding, BROKE, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
 use rayon::prelude::*;
 use wetting::Wetting;
@@ -113,7 +115,8 @@ impl Model {
         let (kept, stride) = (&self.kept, self.stride);
         let count = |tile: usize| {
             let (left, top) = (tile % columns * TILE_PX, tile / columns * TILE_PX);
-            let row = |row: usize| kept[row * stride + left..][..TILE_PX].iter().filter(|s| **s & INSIDE > 0).count();
+            let row =
+                |row: usize| kept[row * stride + left..][..TILE_PX].iter().filter(|s| **s & INSIDE > 0).count();
             (top..top + TILE_PX).step_by(LIGHT_EVERY).map(row).sum::<usize>() as u32
         };
         self.inside = (0..columns * self.tile_rows).map(count).collect();
@@ -159,7 +162,11 @@ impl Model {
     /// The share of the region that is hidden under this light.
     fn hidden_under(&self, gain: f64) -> f64 {
         let gain_q12 = light::q12(gain);
-        let rows = self.brightness.chunks(self.stride).zip(self.dry.chunks(self.stride)).zip(self.kept.chunks(self.stride));
+        let rows = self
+            .brightness
+            .chunks(self.stride)
+            .zip(self.dry.chunks(self.stride))
+            .zip(self.kept.chunks(self.stride));
         let (mut hidden, mut all) = (0, 0);
         for ((light, dry), kept) in rows.step_by(HIDDEN_EVERY) {
             hidden += kernel::hidden(light, dry, kept, gain_q12);
@@ -194,7 +201,8 @@ impl Model {
             let at = index / columns * TILE_PX * stride + index % columns * TILE_PX;
             let part = at..at + (TILE_PX - 1) * stride + TILE_PX;
             let (light, dry, kept) = (&self.brightness[part.clone()], &self.dry[part.clone()], &self.kept[part]);
-            let add = |every, band_q10| kernel::add_up(light, dry, kept, Adding { stride, every, film_q16, band_q10 });
+            let add =
+                |every, band_q10| kernel::add_up(light, dry, kept, Adding { stride, every, film_q16, band_q10 });
             let first = add(MEAN_EVERY, band_q10);
             if first.expected == 0 {
                 return first;

@@ -1,7 +1,8 @@
 //! From the dry panel to the first fully wet picture: each pixel's dry brightness, and what a film leaves of it.
 
 use super::Model;
-use super::kernel::{HIDDEN, INSIDE, LEVEL, OPEN, RUN, Rule};
+use super::judging::Rule;
+use super::kernel::{HIDDEN, INSIDE, LEVEL, OPEN, RUN};
 use crate::geometry::ColorPicture;
 
 /// What a film leaves of the dry brightness, until the clip tells.
@@ -10,9 +11,12 @@ const FILM_ASSUMED: f64 = 0.62;
 const WET_RATIOS: [f64; 2] = [0.2, 0.88];
 /// … and those of what is dry.
 const DRY_RATIOS: [f64; 2] = [0.93, 1.07];
-/// Of the region this share must be wet, and this share dry, in a picture for τ to be read from it.
+/// Of the region this share must be wet in a picture for τ to be read from it; with so much of it dry it counts for more.
 const MIN_SHARE_READ: f64 = 0.05;
+const WEIGHT_WITH_DRY: f64 = 4.0;
+/// Ratios are counted in so many classes; the most frequent one is looked for among means over so many to both sides.
 const FILM_BINS: usize = 256;
+const PEAK_BINS: usize = 5;
 /// Darker than this a pixel tells nothing, levels.
 const MIN_DRY_LEVELS: u16 = 4;
 /// Before the film is watched the light is told by pixels this near to what the picture before lets expect, 1/1024.
@@ -28,8 +32,8 @@ pub(super) struct Wetting {
     /// τ.
     pub film: f64,
     film_known: bool,
-    /// Ratios to the dry brightness of what was wet while a part was dry.
-    film_bins: Vec<u32>,
+    /// How many pixels had which ratio to their dry brightness when wet.
+    film_bins: Vec<f64>,
 }
 
 impl Wetting {
@@ -39,7 +43,7 @@ impl Wetting {
             dry_pictures: 0,
             film: FILM_ASSUMED,
             film_known: false,
-            film_bins: vec![0; FILM_BINS],
+            film_bins: vec![0.0; FILM_BINS],
         }
     }
 }
@@ -99,8 +103,7 @@ impl Model {
         if let Some(film) = self.film_left() {
             (self.wetting.film, self.wetting.film_known) = (film, true);
         }
-        let rule =
-            Rule { film_q16: self.film_q16(), persist: 1, before: 0, now: 0, brighter_q12: 4096, notes: 0 };
+        let rule = Rule { film_q16: self.film_q16(), persist: 1, before: 0, now: 0, brighter_q12: 4096, notes: 0 };
         // Whether it is steady plays no part yet.
         let before = std::mem::replace(&mut self.before, self.brightness.clone());
         self.judge(rule);
@@ -108,8 +111,8 @@ impl Model {
         self.kept.iter_mut().for_each(|kept| *kept &= !RUN);
     }
 
-    /// The median ratio to the dry brightness of what is wet; `None` where too little is. What is still dry tells the
-    /// light: without it a shadow would be taken for film, so once τ is known it is read no more.
+    /// The ratio to the dry brightness that most of what is wet has; `None` where too little is. Pictures in which a part is
+    /// still dry count for more: that part tells the light. So neither a shadow nor the spray's mist is taken for film.
     fn film_left(&mut self) -> Option<f64> {
         let (mut bins, mut dry_pixels, mut all) = (vec![0_u32; FILM_BINS], 0_u32, 0_u32);
         for ((&light, &dry), &kept) in self.brightness.iter().zip(&self.dry).zip(&self.kept) {
@@ -123,17 +126,18 @@ impl Model {
             }
         }
         let enough = |count: u32| f64::from(count) >= MIN_SHARE_READ * f64::from(all);
-        if !enough(bins.iter().sum()) || (self.wetting.film_known && !enough(dry_pixels)) {
+        if !enough(bins.iter().sum()) {
             return None;
         }
+        let weight = if enough(dry_pixels) { WEIGHT_WITH_DRY } else { 1.0 };
         let sums = &mut self.wetting.film_bins;
-        sums.iter_mut().zip(bins).for_each(|(sum, bin)| *sum += bin);
-        let (count, mut sum): (u32, u32) = (sums.iter().sum(), 0);
-        let bin = sums.iter().position(|bin| {
-            sum += bin;
-            sum * 2 >= count
-        })?;
-        Some((bin as f64 + 0.5) / FILM_BINS as f64)
+        sums.iter_mut().zip(bins).for_each(|(sum, bin)| *sum += weight * f64::from(bin));
+        let around = |bin: &usize| sums[bin - PEAK_BINS..=bin + PEAK_BINS].iter().sum::<f64>();
+        let peak = (PEAK_BINS..FILM_BINS - PEAK_BINS).max_by(|a, b| around(a).total_cmp(&around(b)))?;
+        // Between the bins: the peak's own mean.
+        let part = || sums[peak - PEAK_BINS..=peak + PEAK_BINS].iter().zip(peak - PEAK_BINS..);
+        let mean = part().map(|(count, bin)| count * (bin as f64 + 0.5)).sum::<f64>() / around(&peak);
+        Some(mean / FILM_BINS as f64)
     }
 
     /// What the film leaves of the dry brightness, where the clip told it.

@@ -34,7 +34,8 @@ const DAMAGES: [(&str, &str, Damage); 14] = [
     ("moved by 3 px", "moved", |picture, time_s| {
         Some(if time_s > MIDDLE_S { shifted(&picture, 3) } else { picture })
     }),
-    ("a drop on the dry panel", "wet_when_dry", |picture, time_s| {
+    // On a greasy place it is seen neither wet nor dry.
+    ("a drop on the dry panel", "wet_when_dry|not_seen", |picture, time_s| {
         Some(if time_s < 1.0 { spotted(picture, |gray| gray * 0.55) } else { picture })
     }),
     ("a reflection that stands still", "not_seen", |picture, time_s| {
@@ -73,7 +74,7 @@ pub fn run(seeds: u64, reduction: usize) -> usize {
             let codes: Vec<&str> = judgement.reasons.iter().map(|reason| &*reason.code).collect();
             let right = match code {
                 "" => judgement.verdict != Verdict::Invalid,
-                _ => judgement.verdict == Verdict::Invalid && codes.contains(&code),
+                _ => judgement.verdict == Verdict::Invalid && code.split('|').any(|code| codes.contains(&code)),
             };
             wrong += usize::from(!right);
             println!(
