@@ -1,21 +1,23 @@
 //! `panelprep plan`: the sanding path over the failed grids.
 
 use super::args::{Common, Plan};
+use super::assignment::Calibrated;
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
+use crate::daemon::{self, Job};
 use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
-use crate::path::panel_reach::{self, Reached, Stand, Unreached};
+use crate::path::panel_reach::{self, Reached, Stand};
 use crate::path::{self, Kinematics, ProgramName};
 use crate::recipe::Recipe;
-use crate::report::View;
+use crate::report::{View, dwell_map, overlap_map, surface_map};
 use crate::surface::{self, Deviation, Fit};
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::Judgement;
 use serde_json::{Value, json};
 
 /// A plan with its verdict.
@@ -48,28 +50,21 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     };
     let fit = surface::examine(&taught.panel, recipe.surface()).or_else(|refusal| {
         if let (Some(folder), Some(map)) = (&args.pictures, &refusal.map) {
-            pictures::save(folder, "surface", &map.picture(MAP_FULL_MM))?;
+            pictures::save(folder, "surface", &surface_map(map).map_err(Fault::stage)?)?;
         }
         Err(Fault::stage(refusal.error))
     })?;
     let mut planned = on_surface(fit, &taught, &grids, base_from_panel, &recipe)?;
-    let reached = match files.cell.calibration().flange_from_tool {
-        Some(_) => Some(planned.reach(&files, &taught, base_from_panel, &recipe)?),
-        None => None,
-    };
+    let (reached, reach_words) = planned.reach((&files, common), &taught, base_from_panel, &recipe)?;
+    let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
+    let disc = DiscUse::of(&planned.plan, recipe.path(), worn_mm2);
+    planned.judge(Judgement::of(vec![], disc.change("this path").into_iter().collect()));
     let dwell = planned.dwell(&taught, &grids, &recipe);
     let mut outcome = planned.outcome();
-    outcome.words.extend(planned.table(&dwell, &recipe));
-    outcome.say(match &reached {
-        Some(Ok(reached)) => format!(
-            "the arm follows, {:.0}° of room beyond its margins, tool turned by {:.0}°",
-            reached.travel.room_deg, reached.spin.0
-        ),
-        Some(Err(_)) => "the arm cannot follow".to_owned(),
-        None => "reach not looked at: the cell's file names no flange_from_tool".to_owned(),
-    });
-    let reach = reached.as_ref().and_then(|reached| reached.as_ref().ok());
-    outcome.put("reach", json!(reach.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
+    outcome.words.extend(planned.table(&dwell, &disc, &recipe));
+    outcome.say(reach_words);
+    outcome.put("reach", json!(reached.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
+    outcome.put("disc_worn_before_mm2", json!(worn_mm2));
     outcome.put("dwell", numbers(&dwell));
     let text = Value::Object(outcome.json.clone()).to_string();
     if let Some(file) = &args.krl {
@@ -88,9 +83,9 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
             camera_from_panel: taught.panel.panel_from_camera.inverse(),
         };
         pictures::save(folder, "planned", &planned.over(&view, &taught)?)?;
-        pictures::save(folder, "surface", &planned.fit.map.picture(MAP_FULL_MM))?;
-        pictures::save(folder, "dwell", &dwell.picture(&taught.panel.region, dwell.longest_s()))?;
-        pictures::save(folder, "overlap", &dwell.overlap_picture(&taught.panel.region))?;
+        pictures::save(folder, "surface", &surface_map(&planned.fit.map).map_err(Fault::stage)?)?;
+        pictures::save(folder, "dwell", &dwell_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
+        pictures::save(folder, "overlap", &overlap_map(&dwell, &taught.panel.region).map_err(Fault::stage)?)?;
     }
     Ok(outcome)
 }
@@ -111,9 +106,6 @@ fn on_surface(
     Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel), fit })
 }
 
-/// Deviation that has full colour in the picture of the surface, mm.
-const MAP_FULL_MM: f64 = 0.2;
-
 fn numbers(dwell: &Dwell) -> Value {
     let grid = |grid: &GridDwell| {
         json!({
@@ -125,30 +117,58 @@ fn numbers(dwell: &Dwell) -> Value {
 }
 
 impl Planned {
-    /// Looks at the plan's reach and turns its tool as that asks; a plan that the arm cannot follow is rejected.
+    /// Looks at the plan's reach and turns its tool as that asks; a plan that the arm cannot follow is rejected. Comes
+    /// with what to say of it.
     fn reach(
         &mut self,
-        files: &CellFiles,
+        (files, common): (&CellFiles, &Common),
         taught: &Taught,
         base_from_panel: Rigid<Base, Panel>,
         recipe: &Recipe,
-    ) -> Result<Result<Reached, Box<Unreached>>, Fault> {
-        let arm = Kinematics::new(files.cell.arm());
-        let stand =
-            Stand { arm: &arm, flange_from_tool: files.flange_from_tool()?.value, base_from_panel, from: None };
-        let reached = panel_reach::of_plan(&self.plan, &stand, recipe.path());
-        let judgement = panel_reach::judge_plan(&reached, (&self.fit.surface, &taught.panel.region));
-        if let [reason, ..] = judgement.reasons.as_slice() {
-            let mut rejected = vec![reason.clone()];
-            let mut doubts = Vec::new();
-            let known = if self.judgement.verdict == Verdict::Reject { &mut rejected } else { &mut doubts };
-            known.extend(self.judgement.reasons.iter().cloned());
-            self.judgement = Judgement::of(rejected, doubts);
+    ) -> Result<(Option<Reached>, String), Fault> {
+        let calibration = files.cell.calibration();
+        if calibration.flange_from_tool.is_none() {
+            return Ok((None, "reach not looked at: the cell's file names no flange_from_tool".to_owned()));
         }
-        if let Ok(reached) = &reached {
+        let arm = Kinematics::new(files.cell.arm());
+        let sees = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
+        let in_cell = sees && files.cell.park().is_some() && !taught.corners.is_empty();
+        let (stand, from) = if in_cell {
+            let calibrated = Calibrated::read(files, common)?;
+            let panel = (&taught.panel, taught.corners.as_slice());
+            let job = Job::new(&files.cell, recipe, panel, calibrated.values).map_err(Fault::stage)?;
+            (daemon::stand(&job, &arm, base_from_panel), "as it comes from the park pose by the corner")
+        } else {
+            let flange_from_tool = files.flange_from_tool()?.value;
+            let stand = Stand { arm: &arm, flange_from_tool, base_from_panel, from: None };
+            (Ok(stand), "in the best configuration; the cell states no way there")
+        };
+        let reached = match stand {
+            Ok(stand) => {
+                let reached = panel_reach::of_plan(&self.plan, &stand, recipe.path());
+                self.judge(panel_reach::judge_plan(&reached, (&self.fit.surface, &taught.panel.region)));
+                reached.ok()
+            }
+            Err(reason) => {
+                self.judge(Judgement::of(vec![reason], vec![]));
+                None
+            }
+        };
+        let words = match &reached {
+            Some(reached) => format!(
+                "the arm follows, {from}, {:.0}° of room beyond its margins, tool turned by {:.0}°",
+                reached.travel.room_deg, reached.spin.0
+            ),
+            None => "the arm cannot follow".to_owned(),
+        };
+        if let Some(reached) = &reached {
             self.plan = panel_reach::turned(&self.plan, reached.spin);
         }
-        Ok(reached)
+        Ok((reached, words))
+    }
+
+    fn judge(&mut self, other: Judgement) {
+        self.judgement = other.and(self.judgement.clone());
     }
 
     /// What the disc does along the plan.
@@ -159,8 +179,7 @@ impl Planned {
     }
 
     /// The dry run in numbers, line by line.
-    fn table(&self, dwell: &Dwell, recipe: &Recipe) -> Vec<String> {
-        let disc = DiscUse::of(&self.plan, recipe.path(), 0.0);
+    fn table(&self, dwell: &Dwell, disc: &DiscUse, recipe: &Recipe) -> Vec<String> {
         let discs = disc.discs().map_or("not counted, no disc_life_mm2".to_owned(), |discs| format!("{discs:.2}"));
         let mut table = vec![
             format!(
@@ -173,7 +192,11 @@ impl Planned {
                 recipe.path().feed_mm_s(),
                 recipe.path().acceleration_mm_s2()
             ),
-            format!("swept by the disc  {:8.0} mm², discs: {discs}", disc.swept_mm2),
+            format!(
+                "swept by the disc  {:8.0} mm², discs: {discs}; before this {:.0} mm²",
+                disc.swept_mm2,
+                disc.worn_after_mm2 - disc.swept_mm2
+            ),
             format!(
                 "covered            {:8.2} %, longest under the disc {:.2} s",
                 100.0 * dwell.share(),

@@ -52,6 +52,11 @@ impl Abrasion {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
+    /// What the plan with this number will wear of the disc, mm².
+    pub fn wears_mm2(&self, job: &Job<'_>, number: u64) -> f64 {
+        self.plan(number).map_or(0.0, |plan| DiscUse::of(plan, job.recipe.path(), 0.0).swept_mm2)
+    }
+
     /// Once the panel is localized as well as it will be: its surface, and the arm's reach of every grid. `found` is
     /// the localization's own grade.
     pub fn survey(
@@ -165,7 +170,7 @@ impl Abrasion {
         let arm = Kinematics::new(job.arm);
         let reached = panel_reach::of_plan(&plan, &reaching::stand(job, &arm, place)?, settings);
         let disc = DiscUse::of(&plan, settings, self.worn_mm2);
-        let worn = reaching::disc_reason(&disc, "this path").into_iter().collect();
+        let worn = disc.change("this path").into_iter().collect();
         let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &panel.region))
             .and(path::judge(&plan, settings))
             .and(path::judge_pad(settings, job.limits.tool_error_mm()))

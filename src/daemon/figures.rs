@@ -8,7 +8,9 @@ use crate::inspect::{Inspection, Step};
 use crate::panel::Grid;
 use crate::path::dwell::Dwell;
 use crate::path::{Plan, ToolPath};
-use crate::report::{CornerView, StripPicture, View, bounds, cut, film_strip, strip_times_s};
+use crate::report::{
+    CornerView, StripPicture, View, bounds, cut, dwell_map, film_strip, overlap_map, strip_times_s, surface_map,
+};
 use crate::surface::DeviationMap;
 
 /// The view of the 3D camera, with the panel where it stands.
@@ -82,30 +84,21 @@ pub(super) fn planned(job: &Job<'_>, plan: &Plan, film: &ColorPicture, place: Ri
     figure(("planned", "The planned path of the tool over the panel"), drawn, film)
 }
 
-/// Deviation that has full colour in the picture of a surface, mm.
-const SURFACE_FULL_MM: f64 = 0.2;
-
 /// How the surface lies in the taught scan, pixel by pixel.
 pub(super) fn surface(map: &DeviationMap) -> Figure {
-    let caption = "The region's scan beside the fitted surface: red in front of it, blue behind, full colour at 0.2 mm; \
-                   black has no point, yellow was left out";
-    Figure { name: "surface".to_owned(), caption: caption.to_owned(), picture: map.picture(SURFACE_FULL_MM) }
+    let caption = "The region's scan beside the fitted surface";
+    figure(("surface", caption), surface_map(map), &ColorPicture::filled(1, 1, [245; 3]))
 }
 
 /// What the disc did, by the poses that the robot reported: how long, and how often.
 pub(super) fn dwelt(job: &Job<'_>, dwell: &Dwell) -> [Figure; 2] {
     let region = &job.panel.region;
-    let time = format!(
-        "How long each place was under the disc, by the poses that the robot reported: the darker the longer, up to \
-         {:.2} s; red was not reached, grey not asked for",
-        dwell.longest_s()
-    );
-    let often =
-        "How often the disc passed each place: light green once, green twice, blue more often; red not at all";
-    let figure = |name: &str, caption: String, picture| Figure { name: name.to_owned(), caption, picture };
+    let bare = ColorPicture::filled(1, 1, [225; 3]);
+    let time = "How long each place was under the disc, by the poses that the robot reported";
+    let often = "How often the disc passed each place, by the same poses";
     [
-        figure("executed", time, dwell.picture(region, dwell.longest_s())),
-        figure("overlap", often.to_owned(), dwell.overlap_picture(region)),
+        figure(("executed", time), dwell_map(dwell, region), &bare),
+        figure(("overlap", often), overlap_map(dwell, region), &bare),
     ]
 }
 

@@ -50,6 +50,7 @@ pub use ports::{
     SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
+pub use reaching::stand;
 pub use recording::{StoreRecord, keeper};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, serve};
 pub use single::{Line, Single, SingleError, speeds};

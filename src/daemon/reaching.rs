@@ -17,7 +17,10 @@ use crate::verdict::{Judgement, Reason};
 const AIR_MM_S: f64 = 200.0;
 
 /// The panel before the arm as it will stand there, with its sanding tool.
-pub(super) fn stand<'a>(
+///
+/// # Errors
+/// Where no corner was taught, or the arm does not come to the first one's pose.
+pub fn stand<'a>(
     job: &Job<'_>,
     arm: &'a Kinematics,
     base_from_panel: Rigid<Base, Panel>,
@@ -66,17 +69,5 @@ pub(super) fn survey(
 fn worn_out(grids: &[GridReach], life_mm2: Option<f64>, worn_mm2: f64) -> Vec<Reason> {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
     let needed = DiscUse { swept_mm2: largest_mm2, worn_after_mm2: worn_mm2 + largest_mm2, life_mm2 };
-    disc_reason(&needed, "one grid").into_iter().collect()
-}
-
-/// Asks for a new disc where the one in use would not last.
-pub(super) fn disc_reason(disc: &DiscUse, what: &str) -> Option<Reason> {
-    let life_mm2 = disc.life_mm2.filter(|_| disc.asks_for_a_change())?;
-    let left_mm2 = (life_mm2 - (disc.worn_after_mm2 - disc.swept_mm2)).max(0.0);
-    let message = format!(
-        "the disc lasts for {left_mm2:.0} mm² more of {life_mm2:.0}, disc_life_mm2, and {what} takes {:.0}; change it, say \
-         so by `panelprep ctl new-disc`, and accept",
-        disc.swept_mm2
-    );
-    Some(Reason::new("disc_worn", message))
+    needed.change("one grid").into_iter().collect()
 }

@@ -9,7 +9,9 @@ use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
 use super::trace::{Told, Trace};
 use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{self, Act, Answer, Deadline, Effect, Event, Id, Path, Report, State, Trouble, fold, step};
+use crate::cycle::{
+    self, Act, Answer, Deadline, Effect, Event, Id, Motion, Path, Report, State, Trouble, fold, step,
+};
 use crate::eki::{self, Mode, StopCause};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
@@ -138,6 +140,8 @@ pub(super) struct Running<'p> {
     pub sight: Sight,
     pub abrasion: Abrasion,
     pub trace: Trace,
+    /// Of the path under way, counted as worn already, mm².
+    reserved_mm2: f64,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
@@ -158,6 +162,7 @@ impl<'p> Running<'p> {
             sight: Sight::default(),
             abrasion: Abrasion::default(),
             trace: Trace::default(),
+            reserved_mm2: 0.0,
             pending: None,
             sent: None,
             robot_state: None,
@@ -289,7 +294,10 @@ impl<'p> Running<'p> {
                 let at = self.ports.robot.now() + self.span(deadline);
                 self.deadlines.arm(id, deadline, at);
             }
-            Effect::OpenIntent(motion) => self.ports.record.open_intent(&motion)?,
+            Effect::OpenIntent(motion) => {
+                self.reserve_disc(&motion)?;
+                self.ports.record.open_intent(&motion)?;
+            }
             Effect::CloseIntent { motion, outcome, done } => {
                 if motion.path == Path::Contact {
                     self.abraded((motion.waypoints, done))?;
@@ -307,6 +315,16 @@ impl<'p> Running<'p> {
         Ok(())
     }
 
+    /// Before contact the whole path is counted as worn: what is cut short by a crash must not be forgotten.
+    fn reserve_disc(&mut self, motion: &Motion) -> Result<(), DaemonError> {
+        if motion.path == Path::Contact {
+            let wears_mm2 = self.job().map_or(0.0, |job| self.abrasion.wears_mm2(&job, motion.plan));
+            self.reserved_mm2 = wears_mm2;
+            self.ports.record.wear_disc(wears_mm2)?;
+        }
+        Ok(())
+    }
+
     /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
     fn abraded(&mut self, executed: (u32, u32)) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
@@ -314,9 +332,9 @@ impl<'p> Running<'p> {
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;
-        if worn_mm2 > 0.0 {
-            self.ports.record.wear_disc(worn_mm2)?;
-        }
+        // In place of what was counted beforehand.
+        let reserved_mm2 = std::mem::take(&mut self.reserved_mm2);
+        self.ports.record.wear_disc(worn_mm2 - reserved_mm2)?;
         Ok(())
     }
 

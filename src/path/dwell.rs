@@ -7,7 +7,7 @@
 //! contact: a compliant pad.
 
 use super::plan::Plan;
-use crate::geometry::{ColorPicture, Panel, Point, Rigid, Tool};
+use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 use rayon::prelude::*;
@@ -20,8 +20,6 @@ const CONTACT_MM: f64 = 1.0;
 const FOOT_STEPS: usize = 12;
 /// Such a place is exact enough, mm.
 const FOOT_MM: f64 = 1e-4;
-/// Pixels along the region's longer side in a picture.
-const PICTURE_PX: usize = 900;
 
 /// A pose of a path that was or will be executed.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -244,52 +242,8 @@ impl Dwell {
         self.grids.iter().flat_map(|grid| &grid.dwell_s).fold(0.0, |most, dwell| f64::max(most, f64::from(*dwell)))
     }
 
-    /// A picture of the region, unrolled: grey where nothing was asked, red where the disc did not reach, from light to
-    /// dark green by the time under the disc, dark from `full_s` on.
-    pub fn picture(&self, region: &Region, full_s: f64) -> ColorPicture {
-        self.painted(region, |grid, sample| {
-            let dwell = f64::from(grid.dwell_s[sample]);
-            let dark = (dwell / full_s.max(1e-9)).min(1.0);
-            let fade = |light: f64, deep: f64| (light + (deep - light) * dark) as u8;
-            let green = [fade(215.0, 10.0), fade(240.0, 90.0), fade(205.0, 30.0)];
-            if dwell > 0.0 { green } else { LEFT }
-        })
-    }
-
-    /// The same by how often the disc passed: light green once, green twice, blue more often.
-    pub fn overlap_picture(&self, region: &Region) -> ColorPicture {
-        self.painted(region, |grid, sample| match grid.passes[sample] {
-            0 => LEFT,
-            1 => [205, 235, 195],
-            2 => [90, 170, 90],
-            _ => [50, 80, 190],
-        })
-    }
-
-    fn painted(&self, region: &Region, color: impl Fn(&GridDwell, usize) -> [u8; 3]) -> ColorPicture {
-        let longer = self.sides_mm[0].max(self.sides_mm[1]).max(1.0);
-        let pixels = |side_mm: f64| ((PICTURE_PX as f64 * side_mm / longer) as usize).max(1);
-        let mut picture = ColorPicture::filled(pixels(self.sides_mm[0]), pixels(self.sides_mm[1]), UNASKED);
-        let (width, height) = (picture.width, picture.height);
-        for grid in &self.grids {
-            let [low, high] = region.unit_box(grid.id);
-            let rows = grid.dwell_s.len() / grid.columns.max(1);
-            let start = |low: f64, size: usize| (low * size as f64).round() as usize;
-            for y in start(low.y, height)..start(high.y, height).min(height) {
-                for x in start(low.x, width)..start(high.x, width).min(width) {
-                    let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
-                        let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
-                        ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
-                    };
-                    let row = index(y, height, low.y, high.y, rows);
-                    let sample = row * grid.columns + index(x, width, low.x, high.x, grid.columns);
-                    picture.rgb[y * width + x] = color(grid, sample);
-                }
-            }
-        }
-        picture
+    /// How long the region is along u and along v, through its middle, mm.
+    pub fn sides_mm(&self) -> [f64; 2] {
+        self.sides_mm
     }
 }
-
-const UNASKED: [u8; 3] = [225, 225, 225];
-const LEFT: [u8; 3] = [210, 40, 30];

@@ -5,13 +5,17 @@ mod calibration;
 pub mod canvas;
 mod closeup;
 mod cycle;
+mod dwelt;
 mod inspection;
 mod overlay;
 pub mod page;
+mod surface_map;
 
 pub use bars::{Bar, bars};
 pub use calibration::{corners_to_touch, residual_field, trend};
 pub use closeup::{CornerView, StripPicture, bounds, cut, film_strip, strip_times_s};
 pub use cycle::cycle_page;
+pub use dwelt::{dwell_map, overlap_map};
 pub use inspection::inspection_page;
 pub use overlay::View;
+pub use surface_map::surface_map;

@@ -1,8 +1,8 @@
-//! The deviation of a fit as a picture: where the scan lies before and behind the surface, and where it has holes.
+//! The deviation of a fit as a map: where the scan lies before and behind the surface, and where it has holes.
 
 use super::bspline::Parameter;
 use super::samples::Window;
-use crate::geometry::{ColorPicture, Pixel};
+use crate::geometry::Pixel;
 use crate::panel::Region;
 use nalgebra::Point2;
 
@@ -58,10 +58,6 @@ impl Holes {
     }
 }
 
-const BACKGROUND: [u8; 3] = [245, 245, 245];
-const MISSING: [u8; 3] = [20, 20, 20];
-const REJECTED: [u8; 3] = [230, 190, 0];
-
 impl DeviationMap {
     /// Pixels across.
     pub fn width(&self) -> usize {
@@ -73,20 +69,9 @@ impl DeviationMap {
         &self.pixels
     }
 
-    /// A picture: white on the surface, red in front of it, blue behind it, full colour from `full_mm` on; black where
-    /// the scan has no point, yellow where a point was left out.
-    pub fn picture(&self, full_mm: f64) -> ColorPicture {
-        let width = self.width();
-        let mut picture = ColorPicture::filled(width, self.pixels.len() / width.max(1), BACKGROUND);
-        for (color, pixel) in picture.rgb.iter_mut().zip(&self.pixels) {
-            *color = match pixel {
-                MapPixel::Outside => BACKGROUND,
-                MapPixel::Missing => MISSING,
-                MapPixel::Rejected { .. } => REJECTED,
-                MapPixel::Fits { mm } => shade(f64::from(*mm) / full_mm),
-            };
-        }
-        picture
+    /// Size of a pixel on the panel, mm, in the middle of the region.
+    pub fn mm_per_px(&self) -> f64 {
+        self.mm_per_px
     }
 
     /// Side, px, and middle of the largest square of the region in which no pixel has a point in the fit; 0 where there
@@ -140,12 +125,6 @@ impl DeviationMap {
     }
 }
 
-/// White at 0, red at 1, blue at −1.
-fn shade(share: f64) -> [u8; 3] {
-    let fade = (255.0 * (1.0 - share.abs().min(1.0))) as u8;
-    if share >= 0.0 { [255, fade, fade] } else { [fade, fade, 255] }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -179,7 +158,5 @@ mod tests {
         assert_eq!(map.largest_hole(), (2, Pixel::at(102.5, 51.5)));
         map.pixels[6 + 2] = fits;
         assert_eq!(map.largest_hole().0, 1);
-        let picture = map.picture(0.2);
-        assert_eq!((picture.rgb[0], picture.rgb[6 + 3]), ([255, 127, 127], MISSING));
     }
 }

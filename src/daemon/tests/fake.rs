@@ -96,6 +96,7 @@ pub struct Story {
     /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
     pub feeds: Vec<(f64, f64)>,
     pub worn_mm2: f64,
+    pub wears: Vec<(f64, bool)>,
     pub moved_without_intent: usize,
 }
 
@@ -274,6 +275,7 @@ impl Cell {
             lines: world.lines,
             feeds: world.feeds_m_s.iter().copied().zip(world.blends_mm.iter().copied()).collect(),
             worn_mm2: record.worn_mm2,
+            wears: record.wears,
             moved_without_intent: world.moved_without_intent,
         })
     }
@@ -510,6 +512,8 @@ pub struct Memory {
     cycles: i64,
     is_full: bool,
     pub worn_mm2: f64,
+    /// Each entry of the disc's wear, and whether a motion was open then.
+    pub wears: Vec<(f64, bool)>,
     pub findings: Vec<Finding>,
     figures: Vec<String>,
     budget: Budget,
@@ -526,6 +530,7 @@ impl Memory {
             cycles: 0,
             is_full: false,
             worn_mm2: 0.0,
+            wears: Vec::new(),
             findings: Vec::new(),
             figures: Vec::new(),
             budget: Budget::default(),
@@ -616,6 +621,7 @@ impl Journal for Memory {
 
     fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
         self.worn_mm2 += swept_mm2;
+        self.wears.push((swept_mm2, self.world.borrow().intent.is_some()));
         self.written()
     }
 

@@ -89,6 +89,11 @@ fn what_was_executed_is_looked_at() {
     assert!(number(&story, Kind::Abrade, "poses reported on the way") > 10.0);
     let contact_mm = number(&story, Kind::Abrade, "way in contact");
     assert!((story.worn_mm2 - 30.0 * contact_mm).abs() < 1e-6 && contact_mm > 100.0);
+    // The whole path is counted before a motion is open; what was really swept takes its place while it still is.
+    let [(planned_mm2, false), (correction_mm2, true)] = story.wears.as_slice() else {
+        panic!("{:?}", story.wears)
+    };
+    assert!(*planned_mm2 > 1_000.0 && correction_mm2.abs() < 0.05 * planned_mm2, "{:?}", story.wears);
 }
 
 /// The disc has 100 mm² left of its life: a new one is asked for before the panel is wet.

@@ -1,0 +1,165 @@
+//! What the disc did to the surface, as maps of the unrolled region: how long, and how often.
+//!
+//! Time runs from light to dark blue, which every eye tells apart by lightness alone; what was not reached is vermillion.
+
+use super::canvas::{Canvas, Ink, Pen};
+use crate::geometry::{ColorPicture, Pixel};
+use crate::imaging::ImagingError;
+use crate::panel::Region;
+use crate::path::dwell::{Dwell, GridDwell};
+
+/// Pixels along the region's longer side.
+const PICTURE_PX: usize = 900;
+const UNASKED: Ink = Ink([225, 225, 225]);
+const NOT_REACHED: Ink = Ink::VERMILLION;
+/// The shortest and the longest time.
+const TIMES: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
+/// Shares of the longest time that the legend explains.
+const EXPLAINED: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+/// Once, twice, more often.
+const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40, 90])];
+/// Lengths that a scale bar may have, mm.
+const BARS_MM: [f64; 8] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0];
+
+/// How long each place was under the disc; dark from the longest time on.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
+    let longest_s = dwell.longest_s();
+    let ink = |share: f64| {
+        let [light, dark] = TIMES.map(|ink| ink.0);
+        let fade = |n: usize| f64::from(light[n]) + (f64::from(dark[n]) - f64::from(light[n])) * share.min(1.0);
+        Ink([0, 1, 2].map(|n| fade(n).round() as u8))
+    };
+    let color = |grid: &GridDwell, sample: usize| match f64::from(grid.dwell_s[sample]) {
+        dwell_s if dwell_s > 0.0 => ink(dwell_s / longest_s),
+        _ => NOT_REACHED,
+    };
+    let words = EXPLAINED.map(|share| format!("{:.2} s under the disc", share * longest_s));
+    let mut legend: Vec<(Ink, &str)> = EXPLAINED.iter().zip(&words).map(|(s, w)| (ink(*s), w.as_str())).collect();
+    legend.extend([(NOT_REACHED, "not reached"), (UNASKED, "not asked for")]);
+    drawn(dwell, region, color, &legend)
+}
+
+/// How often the disc passed each place.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn overlap_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
+    let color = |grid: &GridDwell, sample: usize| match grid.passes[sample] {
+        0 => NOT_REACHED,
+        passes => PASSES[usize::from(passes - 1).min(PASSES.len() - 1)],
+    };
+    let [once, twice, more] = PASSES;
+    let legend = [
+        (once, "passed once"),
+        (twice, "passed twice"),
+        (more, "passed more often"),
+        (NOT_REACHED, "not reached"),
+        (UNASKED, "not asked for"),
+    ];
+    drawn(dwell, region, color, &legend)
+}
+
+fn drawn(
+    dwell: &Dwell,
+    region: &Region,
+    color: impl Fn(&GridDwell, usize) -> Ink,
+    legend: &[(Ink, &str)],
+) -> Result<ColorPicture, ImagingError> {
+    let sides_mm = dwell.sides_mm();
+    let px_per_mm = PICTURE_PX as f64 / sides_mm[0].max(sides_mm[1]).max(1.0);
+    let mut canvas = Canvas::on(&painted(dwell, region, px_per_mm, color))?;
+    let [width, height] = sides_mm.map(|side_mm| side_mm * px_per_mm);
+    let text_px = (height / 40.0).max(12.0);
+    for grid in &dwell.grids {
+        let [low, high] = region.unit_box(grid.id);
+        let place = |u: f64, v: f64| Pixel::at(u * width, v * height);
+        let edge = [place(low.x, low.y), place(high.x, low.y), place(high.x, high.y), place(low.x, high.y)];
+        canvas.polyline(&edge, true, Pen { ink: Ink::WHITE, width_px: 1 })?;
+        let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
+        canvas.label(corner, &grid.id.to_string(), text_px, Ink::WHITE)?;
+    }
+    let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * 4.0 <= sides_mm[0]).unwrap_or(1.0);
+    canvas.scale_bar(bar_mm, px_per_mm)?;
+    canvas.with_legend(legend)?.finish()
+}
+
+fn painted(
+    dwell: &Dwell,
+    region: &Region,
+    px_per_mm: f64,
+    color: impl Fn(&GridDwell, usize) -> Ink,
+) -> ColorPicture {
+    let [width, height] = dwell.sides_mm().map(|side_mm| ((side_mm * px_per_mm) as usize).max(1));
+    let mut picture = ColorPicture::filled(width, height, UNASKED.0);
+    for grid in &dwell.grids {
+        let [low, high] = region.unit_box(grid.id);
+        let rows = grid.dwell_s.len() / grid.columns.max(1);
+        let start = |low: f64, size: usize| (low * size as f64).round() as usize;
+        for y in start(low.y, height)..start(high.y, height).min(height) {
+            for x in start(low.x, width)..start(high.x, width).min(width) {
+                let index = |at: usize, size: usize, low: f64, high: f64, count: usize| {
+                    let share = ((at as f64 + 0.5) / size as f64 - low) / (high - low);
+                    ((share * count as f64).max(0.0) as usize).min(count.saturating_sub(1))
+                };
+                let row = index(y, height, low.y, high.y, rows);
+                let sample = row * grid.columns + index(x, width, low.x, high.x, grid.columns);
+                picture.rgb[y * width + x] = color(grid, sample).0;
+            }
+        }
+    }
+    picture
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{KukaPose, Panel, Point};
+    use crate::panel::GridId;
+    use crate::path::dwell::{Executed, simulate};
+    use crate::surface::{BSplineSurface, KnotVector};
+
+    /// A square of 60 mm, four grids; the disc of 5 mm radius went once along the middle of the upper ones and back over
+    /// the last third of it.
+    fn walked() -> (Dwell, Region) {
+        let knots = || KnotVector::uniform(1, 1, 0.0..=1.0).expect("knots");
+        let controls = [(0.0, 0.0), (0.0, 60.0), (60.0, 0.0), (60.0, 60.0)].map(|(x, y)| Point::at(x, y, 0.0));
+        let viewer: Point<Panel> = Point::at(30.0, 30.0, 500.0);
+        let surface = BSplineSurface::new([knots(), knots()], controls.to_vec(), viewer).expect("a surface");
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [60, 0], [60, 60], [0, 60]]\nrows = 2\n\
+             columns = 2\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        let recipe = crate::recipe::Recipe::check("test.toml", text).unwrap_or_else(|e| panic!("{e}"));
+        let region = Region::new(recipe.region()).expect("convex");
+        let at = |x: f64| Executed {
+            panel_from_tool: KukaPose { x_mm: x, y_mm: 15.0, c_deg: 180.0, ..KukaPose::default() }.to_rigid(),
+            seconds: 2.0,
+            contact: true,
+        };
+        let grids: Vec<GridId> = region.ids().filter(|id| id.to_string() != "r2c2").collect();
+        (simulate(&surface, &region, &grids, &[at(5.0), at(55.0), at(40.0)], 5.0), region)
+    }
+
+    /// By hand: 900 px for 60 mm are 15 px a mm, so (20, 15) mm lies at (300, 225) px below the legend.
+    #[test]
+    fn each_place_has_the_colour_of_its_passes() {
+        let (dwell, region) = walked();
+        let map = overlap_map(&dwell, &region).expect("drawn");
+        let top = map.height - 900;
+        let color = |x_mm: f64, y_mm: f64| map.rgb[(top + (y_mm * 15.0) as usize) * 900 + (x_mm * 15.0) as usize];
+        assert_eq!([color(20.0, 15.0), color(43.0, 15.0)], [PASSES[0].0, PASSES[1].0]);
+        assert_eq!([color(20.0, 25.0), color(45.0, 45.0)], [NOT_REACHED.0, UNASKED.0]);
+        let map = dwell_map(&dwell, &region).expect("drawn");
+        assert!(top > 5 * 12 && map.rgb.contains(&TIMES[1].0) && map.rgb.contains(&NOT_REACHED.0));
+    }
+
+    /// Told apart by lightness alone: each step of both ramps is darker than the one before by a tenth of the range.
+    #[test]
+    fn the_ramps_are_read_without_colour() {
+        let light =
+            |ink: Ink| 0.2126 * f64::from(ink.0[0]) + 0.7152 * f64::from(ink.0[1]) + 0.0722 * f64::from(ink.0[2]);
+        let steps = |inks: &[Ink]| inks.windows(2).all(|pair| light(pair[0]) > light(pair[1]) + 25.0);
+        assert!(steps(&PASSES) && steps(&TIMES));
+    }
+}

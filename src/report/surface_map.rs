@@ -1,0 +1,115 @@
+//! How a fitted surface lies in the scan, as a map that an engineer can read.
+//!
+//! Each pixel shows the mean deviation of the points around it, so that the scan's white noise, which says nothing about
+//! the surface, does not hide what is wrong with the shape. Points that are missing or were left out are shown as they
+//! are, one by one.
+
+use super::canvas::{Canvas, Ink};
+use crate::geometry::ColorPicture;
+use crate::imaging::ImagingError;
+use crate::surface::{DeviationMap, MapPixel};
+
+/// Deviation that has full colour, mm.
+const FULL_MM: f64 = 0.1;
+/// The mean is over a square of 2 n + 1 pixels.
+const MEAN_RADIUS_PX: usize = 3;
+const OUTSIDE: Ink = Ink([245, 245, 245]);
+const MISSING: Ink = Ink([204, 121, 167]);
+const LEFT_OUT: Ink = Ink::YELLOW;
+const IN_FRONT: Ink = Ink::VERMILLION;
+const BEHIND: Ink = Ink([0, 114, 178]);
+/// Lengths that a scale bar may have, mm.
+const BARS_MM: [f64; 8] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0];
+
+/// The map with its legend and scale.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
+    let (width, pixels) = (map.width(), map.pixels());
+    let means = means_mm(width, pixels);
+    let mut picture = ColorPicture::filled(width, pixels.len() / width.max(1), OUTSIDE.0);
+    for ((color, pixel), mean_mm) in picture.rgb.iter_mut().zip(pixels).zip(means) {
+        *color = match pixel {
+            MapPixel::Outside => OUTSIDE,
+            MapPixel::Missing => MISSING,
+            MapPixel::Rejected { .. } => LEFT_OUT,
+            MapPixel::Fits { .. } => shade(mean_mm / FULL_MM),
+        }
+        .0;
+    }
+    let px_per_mm = 1.0 / map.mm_per_px();
+    let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * 4.0 * px_per_mm <= width as f64).unwrap_or(1.0);
+    let mut canvas = Canvas::on(&picture)?;
+    canvas.scale_bar(bar_mm, px_per_mm)?;
+    let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
+    let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
+    let behind = format!("scan {FULL_MM} mm or more behind it");
+    let legend = [
+        (IN_FRONT, front.as_str()),
+        (Ink::WHITE, "scan on the surface"),
+        (BEHIND, &behind),
+        (LEFT_OUT, "point left out of the fit"),
+        (MISSING, "no point"),
+    ];
+    canvas.with_legend(&legend)?.finish()
+}
+
+/// The mean of the points in the fit around each pixel, mm; 0 where there is none. By running sums, along the rows and
+/// then along the columns.
+fn means_mm(width: usize, pixels: &[MapPixel]) -> Vec<f64> {
+    let own = |pixel: &MapPixel| match pixel {
+        MapPixel::Fits { mm } => [f64::from(*mm), 1.0],
+        _ => [0.0, 0.0],
+    };
+    let values: Vec<[f64; 2]> = pixels.iter().map(own).collect();
+    let height = values.len() / width.max(1);
+    let along_rows = sums(&values, (height, width), (width, 1));
+    let both = sums(&along_rows, (width, height), (1, width));
+    both.into_iter().map(|[sum, count]| if count > 0.0 { sum / count } else { 0.0 }).collect()
+}
+
+/// Sums over 2 n + 1 values along each of `lines` lines of `length` values, the lines and their values so far apart.
+fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step): (usize, usize)) -> Vec<[f64; 2]> {
+    let mut summed = vec![[0.0; 2]; values.len()];
+    for line in 0..lines {
+        let at = |place: usize| line * line_step + place * step;
+        for place in 0..length {
+            let window = place.saturating_sub(MEAN_RADIUS_PX)..(place + MEAN_RADIUS_PX + 1).min(length);
+            summed[at(place)] = window.fold([0.0; 2], |[sum, count], near| {
+                let [mm, one] = values[at(near)];
+                [sum + mm, count + one]
+            });
+        }
+    }
+    summed
+}
+
+/// White at 0, the front's colour at 1, the back's at −1.
+fn shade(share: f64) -> Ink {
+    let full = if share >= 0.0 { IN_FRONT } else { BEHIND };
+    let strength = share.abs().min(1.0);
+    Ink(full.0.map(|value| (255.0 + (f64::from(value) - 255.0) * strength).round() as u8))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: of a row with 0.3, nothing, 0.1 the mean around each is 0.2.
+    #[test]
+    fn a_mean_is_over_what_is_there() {
+        let row = [MapPixel::Fits { mm: 0.3 }, MapPixel::Missing, MapPixel::Fits { mm: 0.1 }];
+        assert!(means_mm(3, &row).iter().all(|mean| (mean - 0.2).abs() < 1e-7));
+        // Two rows far apart in a column do not mix; the squares are seven high.
+        let mut column = vec![MapPixel::Outside; 9];
+        (column[0], column[8]) = (MapPixel::Fits { mm: 1.0 }, MapPixel::Fits { mm: -1.0 });
+        assert_eq!(means_mm(1, &column), [1.0, 1.0, 1.0, 1.0, 0.0, -1.0, -1.0, -1.0, -1.0]);
+    }
+
+    #[test]
+    fn front_and_back_have_their_colours() {
+        assert_eq!([shade(2.0), shade(0.0), shade(-1.0)], [IN_FRONT, Ink::WHITE, BEHIND]);
+        assert_eq!(shade(0.5), Ink([234, 175, 128]));
+    }
+}
