@@ -40,7 +40,7 @@ pub struct Step {
     pub since_wet_s: Option<f64>,
     /// Whether the picture can be judged by.
     pub usable: bool,
-    /// Broken film so far, mm².
+    /// Broken film so far, mm²; what turns out to be a glint is taken back at the end.
     pub broken_mm2: f64,
     /// Grids that fail from this picture on.
     pub newly_failed: Vec<GridId>,

@@ -3,8 +3,8 @@
 use super::Model;
 use super::kernel::{BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
 
-/// A pixel that was hidden in a larger share of the pictures was not seen.
-const MOST_HIDDEN: f64 = 0.5;
+/// A pixel that showed nothing in a larger share of the pictures was not seen.
+const MOST_UNSEEN: f64 = 0.5;
 
 impl Model {
     fn at(&self, index: usize) -> usize {
@@ -28,13 +28,13 @@ impl Model {
         self.kept[self.at(index)] & INSIDE > 0
     }
 
-    /// Whether it showed that it is wet or dry, and was hidden in less than half of the pictures.
+    /// Whether it showed that it is wet or dry, and did so in half of the pictures: no glint, nothing that flickers.
     pub fn saw(&self, index: usize) -> bool {
         let at = self.at(index);
         let judged = self.times_s.len() - 1;
         self.sees(index)
             && self.kept[at] & (EVER_WET | BROKE | RUN) > 0
-            && f64::from(self.unseen[at]) <= MOST_HIDDEN * judged as f64
+            && f64::from(self.unseen[at]) <= MOST_UNSEEN * judged as f64
     }
 
     /// Whether it was seen wet in a picture.

@@ -43,7 +43,7 @@ pub struct OverTime<'a> {
     pub until: &'a mut [u16],
     /// How far it was from its dry brightness while it looked dry: a mean that forgets, 1/64 level.
     pub off: &'a mut [i16],
-    /// In how many pictures a glint or overexposure hid it.
+    /// In how many pictures it showed neither that it is wet nor that it is dry.
     pub unseen: &'a mut [u16],
 }
 
@@ -115,7 +115,7 @@ fn judge_slices(
             off[i] = if looks_dry { mean } else { off[i] };
             since[i] = if (was == 0) & (up == 1) & (kept[i] & BROKE == 0) { rule.before } else { since[i] };
             until[i] = if (was == 1) & (down == 1) { rule.now } else { until[i] };
-            unseen[i] += u16::from(glint & (rule.notes > 0));
+            unseen[i] += u16::from(!wet & !looks_dry & (rule.notes > 0));
             // A third of the way from wet to dry: beyond doubt it is wet.
             let surely_wet = (s < wl + high(dl - wl, 21_845)) & !glint;
             let opens = (run >= rule.persist) & (kept[i] & INSIDE > 0);
@@ -213,7 +213,8 @@ mod tests {
             })
             .collect();
         assert_eq!(broke.iter().position(|broke| *broke), Some(6));
-        assert_eq!((one.since[0], one.until[0], one.unseen[0]), (1, 9, 1));
+        // Unseen in 1 and 4, where it was not steady, and in 3.
+        assert_eq!((one.since[0], one.until[0], one.unseen[0]), (1, 9, 3));
         assert_eq!(one.kept[0] & (OPEN | BROKE | EVER_WET), BROKE | EVER_WET);
     }
 
