@@ -149,10 +149,10 @@ pub enum SceneName {
 /// How hard the films of a simulated cell are to read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
 pub enum FilmName {
-    /// Steady light and no glints, as the simulated cell has it.
-    #[default]
+    /// Steady light and no glints.
     Calm,
-    /// A good cell on a common day: some drift, glints, drops.
+    /// A good cell on a common day, as the simulated cell has it: some drift, glints, drops.
+    #[default]
     Usual,
     /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as the seed has it.
     Hard,

@@ -94,7 +94,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
                 inspected.drawn(&taught)?,
             ),
             ("break_times", "When it broke", inspected.break_times(&taught)?),
-            ("film", "The film in time, with what had broken by then", inspected.strip()?),
+            ("film", "The film in time; in colour what had broken by then", inspected.strip()?),
         ];
         let mut figures = Vec::with_capacity(drawn.len());
         for (name, caption, picture) in &drawn {
@@ -248,6 +248,7 @@ impl Inspected {
             .iter()
             .map(|grid| {
                 json!({"id": grid.id.to_string(), "failed": grid.failed, "seen": grid.seen,
+                       "wet_when_dry": grid.wet_when_dry,
                        "broken_mm2": grid.broken_mm2, "time_to_break_s": grid.time_to_break_s})
             })
             .collect();

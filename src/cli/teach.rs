@@ -6,6 +6,7 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::geometry::Point;
+use crate::inspect::{Demands, Footprint};
 use crate::locate::{self, gate};
 use crate::recipe::Recipe;
 use crate::report::View;
@@ -48,13 +49,42 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     taught.version = files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
     let mut outcome = outcome(&taught, recipe.panel());
     let view = locate::View { scan: &scan, camera: &scanner.value, base_from_camera: base_from_camera.value };
-    say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
+    let mut warnings = say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
+    let min_break_mm2 = Demands::of(&recipe, files.cell.limits()).min_break_mm2;
+    warnings.extend(say_what_is_detected(&taught, &recipe, min_break_mm2, &mut outcome)?);
+    for warning in &warnings {
+        outcome.say(format!("warning: {warning}"));
+    }
+    outcome.put("warnings", json!(warnings));
     Ok(outcome)
 }
 
+/// Says how small a break the water-break test surely finds on this panel; a warning where a grid should fail by less.
+fn say_what_is_detected(
+    taught: &Taught,
+    recipe: &Recipe,
+    min_break_mm2: f64,
+    outcome: &mut Outcome,
+) -> Result<Option<String>, Fault> {
+    let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
+    outcome.say(format!("the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²"));
+    outcome.put("detection_limit_mm2", json!(limit_mm2));
+    Ok((limit_mm2 > min_break_mm2).then(|| {
+        format!(
+            "a grid should fail from {min_break_mm2:.1} mm² of broken film, and breaks below {limit_mm2:.1} mm² may be \
+             missed: bring the camera nearer, or allow more in min_break_mm2"
+        )
+    }))
+}
+
 /// Says how well the panel's shape holds it, by locating it in its own scan, and what its corners see of a move along the
-/// normal.
-fn say_how_it_is_held(taught: &Taught, view: &locate::View<'_>, recipe: &Recipe, outcome: &mut Outcome) {
+/// normal. What to warn of comes back.
+fn say_how_it_is_held(
+    taught: &Taught,
+    view: &locate::View<'_>,
+    recipe: &Recipe,
+    outcome: &mut Outcome,
+) -> Vec<String> {
     let mut warnings: Vec<String> = Vec::new();
     match locate::locate(&taught.panel, view, recipe.locate()) {
         Ok(fit) => {
@@ -83,10 +113,7 @@ fn say_how_it_is_held(taught: &Taught, view: &locate::View<'_>, recipe: &Recipe,
     }
     let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::normal_seen).collect();
     outcome.put("normal_seen", json!(seen));
-    for warning in &warnings {
-        outcome.say(format!("warning: {warning}"));
-    }
-    outcome.put("warnings", json!(warnings));
+    warnings
 }
 
 /// What was learnt, drawn.

@@ -143,7 +143,7 @@ fn by_lateness(rows: &[Row]) -> Vec<(String, usize)> {
 fn between(ends: &[f64], unit: &str) -> String {
     match (ends[0].is_finite(), ends[1].is_finite()) {
         (true, true) => format!("{} to {} {unit}", ends[0], ends[1]),
-        (true, false) => format!("from {} {unit}", ends[0]),
+        (true, false) => format!("{} {unit} and more", ends[0]),
         _ => format!("below {} {unit}", ends[1]),
     }
 }

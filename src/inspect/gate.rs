@@ -2,7 +2,7 @@
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
 //! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
-//! verdict from part of a test would name part of the grids. Fail where film broke on a grid. What the recipe masks is no
+//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail where film broke on a grid. What the recipe masks is no
 //! part of the test: it hides no break elsewhere, and its grids do not pass. A break always stays in the reasons.
 
 use super::quality::{Flaw, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
@@ -88,6 +88,8 @@ pub struct GridInspection {
     pub seen: bool,
     /// Is all of it that was not seen what the recipe masks?
     pub only_masked: bool,
+    /// Was so much of it wet already in the dry picture that a break in it would fail the grid?
+    pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
     /// When `min_break_mm2` were broken, s after the first fully wet picture.
@@ -190,10 +192,20 @@ fn invalid(
         );
         reasons.push(Reason::new("never_wet", message));
     }
-    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked);
+    let wet = names(grids, |grid| grid.wet_when_dry);
+    if !wet.is_empty() {
+        let message = format!(
+            "the dry picture shows places on {} that were wet already, and the test says nothing of them: dry the panel and \
+             repeat the test",
+            wet.join(", ")
+        );
+        reasons.push(Reason::new("wet_when_dry", message));
+    }
+    let unseen = names(grids, |grid| !grid.seen && !grid.only_masked && !grid.wet_when_dry);
     if !unseen.is_empty() {
         let message = format!(
-            "not wholly seen: {}; move the panel into view, or lower the exposure where it is too bright",
+            "not wholly seen: {}; move the panel into view, lower the exposure where it is too bright, or move the lamp \
+             where a reflection stands still",
             unseen.join(", ")
         );
         reasons.push(Reason::new("not_seen", message));

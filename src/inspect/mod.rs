@@ -1,11 +1,11 @@
 //! The water-break test: where, when and on how much surface the water film broke (thesis 4.2–4.4, Fig. 4.9).
 //!
 //! The one idea: a film darkens the panel by one factor, light changes it smoothly, glints move on; a place that looks
-//! dry long enough has broken ([`model`], on [`light`] and [`kernel`]). The thesis's own pipeline ([`thesis`], [`film`])
-//! stands beside it (`method = "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn
-//! broken pixels into mm² of each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`],
-//! [`steady`]); what broke is put together at the end ([`settle`], [`pieces`]). One gate turns all of it into a verdict
-//! ([`gate`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
+//! dry long enough has broken ([`model`]). The thesis's own pipeline ([`thesis`], [`film`]) stands beside it (`method =
+//! "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn broken pixels into mm² of
+//! each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`], [`steady`]); what broke is put
+//! together at the end ([`conclude`], [`settle`], [`pieces`]), without what the dry picture makes doubtful ([`doubt`]). One
+//! gate turns all of it into a verdict ([`gate`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
 //!
 //! A dry picture before the spray is part of the test: by it a pixel is wet or not. A place that never becomes wet, or
 //! dries under the spray, is a break at 0 s.
@@ -13,12 +13,12 @@
 //! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
 
 mod advice;
-mod band;
+mod conclude;
+mod connected;
+mod doubt;
 mod film;
 mod footprint;
 mod gate;
-mod kernel;
-mod light;
 mod model;
 mod pieces;
 mod quality;
@@ -33,13 +33,14 @@ mod thesis;
 mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
+pub use conclude::Inspection;
+pub use connected::pieces_of;
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
 pub use quality::{Flaw, Quality};
 pub use score::{Confusion, Score, score, score_within};
-pub use settle::pieces_of;
-pub use watch::{Inspection, Step, Watch};
+pub use watch::{Step, Watch};
 
 use crate::imaging::ImagingError;
 use crate::phase::Phase;
@@ -84,6 +85,12 @@ pub enum InspectError {
         phase: Phase,
         /// The phase before.
         previous: Phase,
+    },
+    /// A film too long.
+    #[error("the clip has more than {most} wet pictures; take fewer a second")]
+    TooManyPictures {
+        /// How many it may have.
+        most: usize,
     },
     /// Nothing to examine.
     #[error("the clip has no picture of phase wet; the first fully wet picture is the reference of the test")]

@@ -1,18 +1,25 @@
 //! From pixels that broke to places that broke, once the film is over.
 //!
-//! What looked dry at the end, though not long enough, belongs to the break that it touches. A few pixels alone are noise;
-//! a place no larger than a glint's rim that was open for some seconds alone was one that lingered. A small wet place
-//! within a break is a bead of water on grease, no film: it belongs to the break.
+//! What looked dry at the end, though not long enough, belongs to the break that it touches. A few pixels alone are noise.
+//! A place no larger than a glint must have the dry brightness all over, as a break has: a glint that lingers is a bell,
+//! which is that bright at a ring alone. A small wet place within a break is a bead of water on grease, no film: it
+//! belongs to the break.
 
+use super::connected::{AROUND, BESIDE, at_rim, components, neighbours};
 use super::film::NEVER;
 use super::footprint::Window;
-use crate::geometry::Mask;
 use std::collections::VecDeque;
 
 /// Fewer connected pixels are noise.
 const MIN_PIECE_PX: usize = 4;
-/// A glint that lingers at one place is gone after this time, s, the time to notice it included.
-const GLINT_S: f32 = 5.0;
+/// Of what the film takes, so much may be left of it at the brightest tenth of a dry place …
+const NEAR_DRY: f32 = 0.2;
+/// … and so much may its inner part vary from tenth to tenth; renderings: 0.12 at most, glints from 0.3 on.
+const MAX_UNEVEN: f32 = 0.22;
+/// A smaller inner part says nothing by its evenness. Where such a place closed soon it must be nearer to dry.
+const MIN_CORE_PX: usize = 9;
+const SOON_S: f32 = 5.0;
+const NEARER_DRY: f32 = 0.12;
 
 /// What is known of the window's pixels besides when they broke.
 pub struct Seen<'a> {
@@ -20,27 +27,28 @@ pub struct Seen<'a> {
     pub looks_dry_since_s: &'a dyn Fn(usize) -> Option<f32>,
     /// How long a pixel that broke was open, s, where it closed again.
     pub was_open_s: &'a dyn Fn(usize) -> Option<f32>,
+    /// How far from its dry brightness it was while it looked dry, as a share of what the film takes.
+    pub off_dry: &'a dyn Fn(usize) -> f32,
     /// The region.
     pub inside: &'a [bool],
-    /// The largest glint and the largest bead, px.
-    pub small_px: usize,
+    /// The largest glint, px.
+    pub glint_px: usize,
+    /// The largest bead, px.
+    pub bead_px: usize,
 }
 
 /// When each pixel of the window broke, s; [`NEVER`] where its film holds.
 pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &Seen<'_>) -> Vec<f32> {
-    let Seen { inside, small_px, .. } = *seen;
     let mut broke_s = broke_s;
     grow(window, &mut broke_s, seen.looks_dry_since_s);
-    let pieces = components(window, |i| broke_s[i] < NEVER, &AROUND);
-    let was_glint = |piece: &Vec<usize>| {
-        let gone = |&i: &usize| (seen.was_open_s)(i).is_some_and(|open_s| open_s < GLINT_S);
-        piece.len() <= small_px && piece.iter().all(gone)
+    let is_noise = |piece: &Vec<usize>| {
+        piece.len() < MIN_PIECE_PX || (piece.len() <= seen.glint_px && !is_level(window, &broke_s, piece, seen))
     };
-    for noise in pieces.iter().filter(|piece| piece.len() < MIN_PIECE_PX || was_glint(piece)) {
-        noise.iter().for_each(|&i| broke_s[i] = NEVER);
-    }
+    let noise: Vec<Vec<usize>> =
+        components(window, |i| broke_s[i] < NEVER, &AROUND).into_iter().filter(is_noise).collect();
+    noise.iter().flatten().for_each(|&i| broke_s[i] = NEVER);
     for wet in components(window, |i| broke_s[i] == NEVER, &BESIDE) {
-        let enclosed = wet.len() <= small_px && wet.iter().all(|&i| inside[i] && !at_rim(window, i));
+        let enclosed = wet.len() <= seen.bead_px && wet.iter().all(|&i| seen.inside[i] && !at_rim(window, i));
         if enclosed {
             let rim = wet.iter().flat_map(|&i| neighbours(window, i, &BESIDE)).map(|i| broke_s[i]);
             let closed_in_s = rim.filter(|time_s| *time_s < NEVER).fold(0.0, f32::max);
@@ -50,10 +58,23 @@ pub fn settled(window: &Window, broke_s: Vec<f32>, seen: &Seen<'_>) -> Vec<f32> 
     broke_s
 }
 
-/// The connected pieces of a mask, as indices of its pixels.
-pub fn pieces_of(mask: &Mask) -> Vec<Vec<usize>> {
-    let window = Window { left: 0, top: 0, width: mask.width, height: mask.height };
-    components(&window, |index| mask.inside[index], &AROUND)
+/// Whether a place has the dry brightness all over: some of it reaches that, and what does not lie at its rim is even.
+fn is_level(window: &Window, broke_s: &[f32], piece: &[usize], seen: &Seen<'_>) -> bool {
+    let sorted = |pixels: &mut dyn Iterator<Item = usize>| {
+        let mut off: Vec<f32> = pixels.map(seen.off_dry).collect();
+        off.sort_by(f32::total_cmp);
+        off
+    };
+    let low = |off: &[f32]| off[off.len() / 10];
+    let high = |off: &[f32]| off[off.len() - 1 - off.len() / 10];
+    let inner = |&i: &usize| neighbours(window, i, &BESIDE).all(|next| broke_s[next] < NEVER);
+    let core = sorted(&mut piece.iter().copied().filter(inner));
+    let reached = high(&sorted(&mut piece.iter().copied()));
+    if core.len() >= MIN_CORE_PX {
+        return reached > -NEAR_DRY && high(&core) - low(&core) < MAX_UNEVEN;
+    }
+    let closed_soon = piece.iter().all(|&i| (seen.was_open_s)(i).is_some_and(|open_s| open_s < SOON_S));
+    reached > if closed_soon { -NEARER_DRY } else { -NEAR_DRY }
 }
 
 fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) -> Option<f32>) {
@@ -70,50 +91,6 @@ fn grow(window: &Window, broke_s: &mut [f32], looks_dry_since_s: impl Fn(usize) 
     }
 }
 
-const BESIDE: [(isize, isize); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
-const AROUND: [(isize, isize); 8] = [(-1, -1), (0, -1), (1, -1), (-1, 0), (1, 0), (-1, 1), (0, 1), (1, 1)];
-
-fn neighbours<'a>(
-    window: &Window,
-    index: usize,
-    steps: &'a [(isize, isize)],
-) -> impl Iterator<Item = usize> + use<'a> {
-    let (width, height) = (window.width, window.height);
-    let (column, row) = (index % width, index / width);
-    steps.iter().filter_map(move |&(right, down)| {
-        let (column, row) = (column.checked_add_signed(right)?, row.checked_add_signed(down)?);
-        (column < width && row < height).then_some(row * width + column)
-    })
-}
-
-fn at_rim(window: &Window, index: usize) -> bool {
-    neighbours(window, index, &BESIDE).count() < 4
-}
-
-fn components(window: &Window, holds: impl Fn(usize) -> bool, steps: &[(isize, isize)]) -> Vec<Vec<usize>> {
-    let mut seen = vec![false; window.width * window.height];
-    let mut found = Vec::new();
-    for first in 0..seen.len() {
-        if seen[first] || !holds(first) {
-            continue;
-        }
-        seen[first] = true;
-        let mut piece = vec![first];
-        let mut at = 0;
-        while let Some(&index) = piece.get(at) {
-            at += 1;
-            for next in neighbours(window, index, steps) {
-                if !seen[next] && holds(next) {
-                    seen[next] = true;
-                    piece.push(next);
-                }
-            }
-        }
-        found.push(piece);
-    }
-    found
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -127,26 +104,48 @@ mod tests {
             .collect()
     }
 
+    const DRY: Seen<'_> = Seen {
+        looks_dry_since_s: &|_| None,
+        was_open_s: &|_| None,
+        off_dry: &|_| 0.0,
+        inside: &[true; 48],
+        glint_px: 0,
+        bead_px: 0,
+    };
+
     #[test]
     fn noise_goes_a_bead_is_filled_and_the_rim_joins() {
         let broke = times(["........", ".1111..7", ".1.21...", ".1111...", "........", "77......"]);
         let late = |i: usize| (i == 8 + 5).then_some(9.0);
         let expected = times(["........", ".11119..", ".1221...", ".1111...", "........", "........"]);
-        let seen = |late, open, small_px| Seen {
-            looks_dry_since_s: late,
-            was_open_s: open,
-            inside: &[true; 48],
-            small_px,
-        };
-        assert_eq!(settled(&WINDOW, broke.clone(), &seen(&late, &|_| None, 1)), expected);
-        let without_filling = settled(&WINDOW, broke.clone(), &seen(&|_| None, &|_| None, 0));
-        assert_eq!(without_filling[2 * 8 + 2], NEVER);
-        // Eleven pixels that were open for 4 s: a glint where it may be as large as that, a break where not.
-        for (small_px, left) in [(11, 0), (10, 12)] {
-            let found = settled(&WINDOW, broke.clone(), &seen(&|_| None, &|_| Some(4.0), small_px));
-            assert_eq!(found.iter().filter(|time_s| **time_s < NEVER).count(), left, "{small_px}");
+        let seen = Seen { looks_dry_since_s: &late, bead_px: 1, ..DRY };
+        assert_eq!(settled(&WINDOW, broke.clone(), &seen), expected);
+        assert_eq!(settled(&WINDOW, broke, &DRY)[2 * 8 + 2], NEVER, "without filling");
+    }
+
+    fn left(broke: &[f32], seen: &Seen<'_>) -> usize {
+        settled(&WINDOW, broke.to_vec(), seen).iter().filter(|time_s| **time_s < NEVER).count()
+    }
+
+    /// By hand: 5 × 6 px have an inner part of 3 × 4 px, which is even, or higher by 0.3 at one column.
+    #[test]
+    fn a_glint_is_a_bell_and_a_break_is_level() {
+        let broke = times(["11111...", "11111...", "11111...", "11111...", "11111...", "11111..."]);
+        let (bell, level) = (|i: usize| if i % 8 == 2 { 0.0 } else { -0.3 }, |_| -0.15);
+        for (off_dry, glint_px, expected) in
+            [(&bell as &dyn Fn(usize) -> f32, 30, 0), (&bell, 29, 30), (&level, 30, 30), (&|_| -0.21, 30, 0)]
+        {
+            assert_eq!(left(&broke, &Seen { off_dry, glint_px, ..DRY }), expected, "{glint_px}");
         }
-        let long = settled(&WINDOW, broke, &seen(&|_| None, &|_| Some(6.0), 11));
-        assert_eq!(long.iter().filter(|time_s| **time_s < NEVER).count(), 12);
+    }
+
+    /// Eight pixels have no inner part: what closed soon must be nearer to dry than what stayed.
+    #[test]
+    fn a_tiny_place_that_closed_soon_must_be_dry() {
+        let broke = times(["1111....", "1111....", "........", "........", "........", "........"]);
+        for (open_s, off, expected) in [(4.0, -0.15, 0), (4.0, -0.1, 8), (6.0, -0.15, 8), (6.0, -0.25, 0)] {
+            let seen = Seen { was_open_s: &|_| Some(open_s), off_dry: &|_| off, glint_px: 8, ..DRY };
+            assert_eq!(left(&broke, &seen), expected, "{open_s} s, {off}");
+        }
     }
 }

@@ -7,12 +7,15 @@
 //!
 //! The thesis leaves open how the three channels become one binary picture. Here the largest counts, each channel's
 //! difference by its weight, the heaviest being 1 (`channel_weights`): a film changes the panel most in one channel (its
-//! blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis masks the test picture and filters the masked one by HSV, where black means masked out; here the
-//! two binary pictures meet in an "and", which is the same and lets the range contain black.
+//! blue one, 4.2), and the grey of the difference would dilute that one by the others. The thesis masks the test picture and
+//! filters the masked one by HSV, where black means masked out; here the two binary pictures meet in an "and", which is
+//! the same and lets the range contain black.
 //!
 //! H, S and V are OpenCV's 8-bit ones: H/2 in 0…179, S and V in 0…255, and a negative hue wraps by 360°.
 
-use super::footprint::Window;
+use super::InspectError;
+use super::film::Film;
+use super::footprint::{Footprint, Window};
 use crate::geometry::ColorPicture;
 use crate::imaging::{ImagingError, named};
 use crate::recipe;
@@ -96,6 +99,59 @@ fn hue_saturation_value(test: &Mat) -> opencv::Result<Vec<[u8; 3]>> {
     imgproc::cvt_color_def(test, &mut hsv, imgproc::COLOR_RGB2HSV)?; // Eq. 4.3–4.5
     let (pixels, _) = hsv.data_bytes()?.as_chunks::<3>();
     Ok(pixels.to_vec())
+}
+
+/// The pipeline over time.
+#[derive(Debug)]
+pub struct OverTime {
+    film: Film,
+    dry: Option<Mat>,
+    reference: Option<Mat>,
+}
+
+impl OverTime {
+    pub fn new(pixels: usize, settings: &recipe::Inspect) -> Self {
+        OverTime { film: Film::new(pixels, settings.persist_frames()), dry: None, reference: None }
+    }
+
+    /// Takes a picture of the dry panel; the last one counts.
+    pub fn dry(&mut self, picture: &ColorPicture, window: &Window) -> Result<(), InspectError> {
+        self.dry = Some(crop(picture, window)?);
+        Ok(())
+    }
+
+    /// When each pixel of the window broke, s.
+    pub fn times_s(&self) -> &[f32] {
+        self.film.times()
+    }
+
+    /// The pixels that broke now, and when they did.
+    pub fn wet(
+        &mut self,
+        picture: &ColorPicture,
+        since_wet_s: f64,
+        settings: &recipe::Inspect,
+        footprint: &Footprint,
+    ) -> Result<(Vec<usize>, f64), InspectError> {
+        let test = crop(picture, footprint.window())?;
+        let inside = footprint.inside();
+        let looks_dry = looks_dry(settings, &test)?;
+        let Some(reference) = &self.reference else {
+            // The first fully wet picture: what still is as it was dry broke at 0 s.
+            let mut never_wet = Vec::new();
+            if let Some(dry) = self.dry.take() {
+                let wetted = changed(settings, &dry, &test)?;
+                never_wet = (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
+                self.film.mark(&never_wet, 0.0);
+            }
+            self.reference = Some(test);
+            return Ok((never_wet, 0.0));
+        };
+        let changed = changed(settings, reference, &test)?;
+        let broken = (0..inside.len()).map(|i| inside[i] && changed[i] && looks_dry[i]);
+        let newly = self.film.push(broken, since_wet_s);
+        Ok((newly.pixels, newly.since_wet_s))
+    }
 }
 
 #[cfg(test)]

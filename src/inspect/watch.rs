@@ -1,52 +1,36 @@
-//! The test as it runs: pictures in, one by one, and an inspection at the end.
+//! The test as it runs: pictures in, one by one.
 
-use super::film::{Film, NEVER};
+use super::film::NEVER;
 use super::footprint::Footprint;
-use super::gate::{Demands, GridInspection, Observation, judge};
-use super::model::Model;
-use super::pieces::{Break, breaks};
+use super::gate::Demands;
+use super::model::{MOST_PICTURES, Model};
 use super::quality::Quality;
-use super::settle::{Seen, settled};
 use super::steady::Outline;
 use super::{InspectError, thesis};
 use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::panel::{GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::{self, Method};
-use crate::verdict::Judgement;
-use opencv::core::Mat;
-
-/// A wet place within a break is a bead on grease, and a break that closed soon a glint that lingered, up to this area,
-/// mm².
-const SMALL_MM2: f64 = 20.0;
 
 /// Watches a film break.
 #[derive(Debug)]
 pub struct Watch {
-    settings: recipe::Inspect,
-    demands: Demands,
-    picture_px: (usize, usize),
-    footprint: Footprint,
-    outline: Outline,
-    model: Model,
+    pub(super) settings: recipe::Inspect,
+    pub(super) demands: Demands,
+    pub(super) picture_px: (usize, usize),
+    pub(super) footprint: Footprint,
+    pub(super) outline: Outline,
+    pub(super) model: Model,
     /// Where the recipe asks for the thesis's method, which then says what broke.
-    thesis: Option<Thesis>,
-    quality: Quality,
-    last: Option<(f64, Phase)>,
-    first_wet_s: Option<f64>,
-    observed_s: f64,
-    longest_gap_s: f64,
-    frames: usize,
-    broken_mm2: Vec<f64>,
-    time_to_break_s: Vec<Option<f64>>,
-}
-
-/// The thesis's pipeline over time.
-#[derive(Debug)]
-struct Thesis {
-    film: Film,
-    dry: Option<Mat>,
-    reference: Option<Mat>,
+    pub(super) thesis: Option<thesis::OverTime>,
+    pub(super) quality: Quality,
+    pub(super) last: Option<(f64, Phase)>,
+    pub(super) first_wet_s: Option<f64>,
+    pub(super) observed_s: f64,
+    pub(super) longest_gap_s: f64,
+    pub(super) frames: usize,
+    pub(super) broken_mm2: Vec<f64>,
+    pub(super) time_to_break_s: Vec<Option<f64>>,
 }
 
 /// What one picture added.
@@ -56,26 +40,10 @@ pub struct Step {
     pub since_wet_s: Option<f64>,
     /// Whether the picture can be judged by.
     pub usable: bool,
-    /// Broken film so far, mm².
+    /// Broken film so far, mm²; what turns out to be a glint is taken back at the end.
     pub broken_mm2: f64,
     /// Grids that fail from this picture on.
     pub newly_failed: Vec<GridId>,
-}
-
-/// What a test found, with its verdict.
-#[derive(Debug, Clone)]
-pub struct Inspection {
-    /// Pass, fail or invalid, and why.
-    pub judgement: Judgement,
-    /// How the film was watched.
-    pub observation: Observation,
-    /// The connected pieces of broken film, largest first.
-    pub breaks: Vec<Break>,
-    /// Each grid, row by row.
-    pub grids: Vec<GridInspection>,
-    /// The region in the picture: grid edges to draw.
-    pub footprint: Footprint,
-    since_wet_s: Vec<f32>,
 }
 
 impl Watch {
@@ -95,11 +63,10 @@ impl Watch {
         let margin_px = if is_thesis { thesis::margin_px(settings) } else { 0 };
         let footprint = Footprint::new(taught, camera, camera_from_panel, (margin_px, &settings.masked_px()))?;
         let (grids, pixels) = (footprint.grids().len(), footprint.inside().len());
-        let film = || Film::new(pixels, settings.persist_frames());
         let weights = settings.channel_weights();
         Ok(Watch {
             model: Model::new(*footprint.window(), footprint.inside(), weights, demands.persist_frames()),
-            thesis: is_thesis.then(|| Thesis { film: film(), dry: None, reference: None }),
+            thesis: is_thesis.then(|| thesis::OverTime::new(pixels, settings)),
             outline: Outline::new(taught, camera, camera_from_panel),
             quality: Quality::default(),
             settings: settings.clone(),
@@ -128,7 +95,7 @@ impl Watch {
                 self.model.dry(picture);
                 self.quality.first_sharpness = self.outline.begin(picture);
                 if let Some(thesis) = &mut self.thesis {
-                    thesis.dry = Some(thesis::crop(picture, self.footprint.window())?);
+                    thesis.dry(picture, self.footprint.window())?;
                 }
                 Ok(Step::default())
             }
@@ -150,6 +117,9 @@ impl Watch {
         if !(time_s.is_finite() && time_s > previous_s) {
             return Err(InspectError::TimeOrder { time_s, previous_s });
         }
+        if self.frames + 1 >= MOST_PICTURES {
+            return Err(InspectError::TooManyPictures { most: MOST_PICTURES - 1 });
+        }
         if phase < previous {
             return Err(InspectError::PhaseOrder { time_s, phase, previous });
         }
@@ -164,8 +134,8 @@ impl Watch {
         let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
         self.longest_gap_s = self.longest_gap_s.max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
-        let look = self.model.look(picture);
-        let steady = self.outline.hold_against(picture);
+        let (model, outline) = (&mut self.model, &self.outline);
+        let (look, steady) = rayon::join(|| model.look(picture), || outline.hold_against(picture));
         let usable = self.quality.take(&look, steady, &self.settings, since_wet_s);
         let before = self.time_to_break_s.clone();
         if usable {
@@ -206,9 +176,10 @@ impl Watch {
         }
     }
 
-    fn broke_s(&self, index: usize) -> f32 {
+    /// When a pixel of the window broke as far as is known, s; [`NEVER`] where it did not.
+    pub(super) fn broke_s(&self, index: usize) -> f32 {
         match &self.thesis {
-            Some(thesis) => thesis.film.times()[index],
+            Some(thesis) => thesis.times_s()[index],
             None => self.model.broke_s(index).unwrap_or(NEVER),
         }
     }
@@ -221,131 +192,5 @@ impl Watch {
     /// The pixels of the picture that broke so far.
     pub fn mask(&self) -> Mask {
         self.footprint.to_picture(|index| self.broke_s(index) < NEVER)
-    }
-
-    /// Ends the test.
-    ///
-    /// # Errors
-    /// Where no wet picture came.
-    pub fn finish(mut self) -> Result<Inspection, InspectError> {
-        if self.first_wet_s.is_none() {
-            return Err(InspectError::NoWetPicture);
-        }
-        self.quality.end();
-        let inside = self.footprint.inside().to_vec();
-        let broke_s: Vec<f32> = (0..inside.len()).map(|index| self.broke_s(index)).collect();
-        let since_wet_s = match self.thesis {
-            Some(_) => broke_s,
-            None => {
-                let looks_dry = |index: usize| self.model.looks_dry_since_s(index).filter(|_| inside[index]);
-                let seen = Seen {
-                    looks_dry_since_s: &looks_dry,
-                    was_open_s: &|index| self.model.was_open_s(index),
-                    inside: &inside,
-                    small_px: self.footprint.pixels_of(SMALL_MM2),
-                };
-                settled(self.footprint.window(), broke_s, &seen)
-            }
-        };
-        let model = &self.model;
-        let never_wet = |index: &usize| inside[*index] && model.sees(*index) && !model.ever_wet(*index);
-        let never_wet_mm2: f64 = self.footprint.surface_mm2((0..inside.len()).filter(never_wet));
-        self.footprint.lose(|index| !model.sees(index));
-        let grids = self.grids(&since_wet_s);
-        let observation = Observation {
-            observed_s: self.observed_s,
-            frames: self.frames,
-            longest_gap_s: self.longest_gap_s,
-            min_break_mm2: self.demands.min_break_mm2,
-            has_dry: model.has_dry(),
-            never_wet_percent: 100.0 * never_wet_mm2 / self.footprint.region_mm2().max(f64::MIN_POSITIVE),
-            film_left: model.film(),
-            dry_levels: model.mean_dry_levels(),
-            detection_limit_mm2: self.footprint.detection_limit_mm2(),
-            quality: self.quality.clone(),
-        };
-        let judgement = judge(&observation, &grids, &self.demands, &self.settings);
-        let is_thesis = self.thesis.is_some();
-        let closed = |index: usize| !is_thesis && !model.is_open(index) && model.broke_s(index).is_some();
-        let breaks = breaks(&self.footprint, &since_wet_s, closed)?;
-        Ok(Inspection { judgement, observation, breaks, grids, footprint: self.footprint, since_wet_s })
-    }
-
-    /// Each grid by the pixels that broke, in the order of their times.
-    fn grids(&self, since_wet_s: &[f32]) -> Vec<GridInspection> {
-        let mut broken: Vec<usize> = (0..since_wet_s.len()).filter(|&index| since_wet_s[index] < NEVER).collect();
-        broken.sort_by(|&a, &b| since_wet_s[a].total_cmp(&since_wet_s[b]).then(a.cmp(&b)));
-        let mut broken_mm2 = vec![0.0; self.broken_mm2.len()];
-        let mut time_to_break_s = vec![None; broken_mm2.len()];
-        for index in broken {
-            self.footprint.add_area(index, &mut broken_mm2);
-            for (time, broken_mm2) in time_to_break_s.iter_mut().zip(&broken_mm2) {
-                if time.is_none() && *broken_mm2 >= self.demands.min_break_mm2 {
-                    *time = Some(f64::from(since_wet_s[index]));
-                }
-            }
-        }
-        let grid = |index: usize| {
-            let footprint = &self.footprint.grids()[index];
-            GridInspection {
-                id: footprint.id,
-                failed: time_to_break_s[index].is_some(),
-                seen: footprint.seen(),
-                only_masked: footprint.only_masked(),
-                broken_mm2: broken_mm2[index],
-                time_to_break_s: time_to_break_s[index],
-            }
-        };
-        (0..broken_mm2.len()).map(grid).collect()
-    }
-}
-
-impl Thesis {
-    /// The pixels that broke now, and when they did.
-    fn wet(
-        &mut self,
-        picture: &ColorPicture,
-        since_wet_s: f64,
-        settings: &recipe::Inspect,
-        footprint: &Footprint,
-    ) -> Result<(Vec<usize>, f64), InspectError> {
-        let test = thesis::crop(picture, footprint.window())?;
-        let inside = footprint.inside();
-        let looks_dry = thesis::looks_dry(settings, &test)?;
-        let Some(reference) = &self.reference else {
-            // The first fully wet picture: what still is as it was dry broke at 0 s.
-            let mut never_wet = Vec::new();
-            if let Some(dry) = self.dry.take() {
-                let wetted = thesis::changed(settings, &dry, &test)?;
-                never_wet = (0..inside.len()).filter(|&i| inside[i] && !wetted[i] && looks_dry[i]).collect();
-                self.film.mark(&never_wet, 0.0);
-            }
-            self.reference = Some(test);
-            return Ok((never_wet, 0.0));
-        };
-        let changed = thesis::changed(settings, reference, &test)?;
-        let broken = (0..inside.len()).map(|i| inside[i] && changed[i] && looks_dry[i]);
-        let newly = self.film.push(broken, since_wet_s);
-        Ok((newly.pixels, newly.since_wet_s))
-    }
-}
-
-impl Inspection {
-    /// The pixels of the picture that broke.
-    pub fn mask(&self) -> Mask {
-        self.footprint.to_picture(|index| self.since_wet_s[index] < NEVER)
-    }
-
-    /// The pixels of the picture that broke until this time after the first fully wet picture.
-    pub fn mask_at(&self, since_wet_s: f64) -> Mask {
-        let until_s = (since_wet_s as f32).min(f32::MAX);
-        self.footprint.to_picture(|index| self.since_wet_s[index] <= until_s)
-    }
-
-    /// When the film broke at a pixel of the picture, s after the first fully wet picture; `None` where it held, and
-    /// outside of the region.
-    pub fn break_time_s(&self, column: usize, row: usize) -> Option<f64> {
-        let time = self.since_wet_s[self.footprint.index_of(column, row)?];
-        (time < NEVER).then_some(f64::from(time))
     }
 }

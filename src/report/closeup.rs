@@ -70,7 +70,7 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
     const WIDTH_PX: usize = 420;
     let one = |strip: &StripPicture| {
         let mut canvas = Canvas::on(&strip.picture)?;
-        canvas.shade(&strip.broken, Ink::ORANGE, 0.55)?;
+        canvas.shade(&strip.broken, Ink::YELLOW, 0.55)?;
         let mut canvas = Canvas::on(&resized(&canvas.finish()?, WIDTH_PX)?)?;
         canvas.label(Pixel::at(8.0, 24.0), &strip.label, 16.0, Ink::WHITE)?;
         canvas.finish()

@@ -54,6 +54,7 @@ fn grids(inspection: &Inspection) -> Section {
         let word = match (grid.failed, grid.seen) {
             (true, _) => "failed",
             (false, true) => "passed",
+            (false, false) if grid.wet_when_dry => "not passed: wet already in the dry picture",
             (false, false) => "not passed: not wholly seen",
         };
         let when = grid.time_to_break_s.map(|time_s| format!(" from {time_s:.1} s")).unwrap_or_default();

@@ -137,7 +137,7 @@ impl View<'_> {
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }
 
-    /// What broke: the mask tinted, failed grids with a thick rim.
+    /// What broke: the mask tinted and outlined, failed grids with a thick rim.
     ///
     /// # Errors
     /// As [`View::taught`].
@@ -148,12 +148,16 @@ impl View<'_> {
         failed: &dyn Fn(&Grid) -> bool,
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        canvas.shade(broken, Ink::ORANGE, 0.3)?;
+        canvas.shade(broken, Ink::YELLOW, 0.3)?;
         for contour in outer_contours(broken)? {
-            canvas.polyline(&contour, true, Pen { ink: Ink::ORANGE, width_px: 1 })?;
+            canvas.polyline(&contour, true, Pen { ink: Ink::YELLOW, width_px: 1 })?;
         }
         self.grids(&mut canvas, &panel.grids, failed)?;
-        let legend = [(Ink::ORANGE, "broken film"), (Ink::VERMILLION, "failed grid"), (Ink::WHITE, "passed grid")];
+        let legend = [
+            (Ink::YELLOW, "broken film"),
+            (Ink::VERMILLION, "failed grid"),
+            (Ink::WHITE, "grid that did not fail"),
+        ];
         self.framed(canvas, panel, &legend)
     }
 
@@ -167,7 +171,9 @@ impl View<'_> {
         time_s: &dyn Fn(usize, usize) -> Option<f64>,
         end_s: f64,
     ) -> Result<ColorPicture, ImagingError> {
+        // Bleached, so that the darkest colour of the scale, the earliest break, stands out from a dark panel.
         let mut picture = self.picture.to_gray().to_color();
+        picture.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| 120 + gray / 4));
         for (index, pixel) in picture.rgb.iter_mut().enumerate() {
             if let Some(time_s) = time_s(index % self.picture.width, index / self.picture.width) {
                 *pixel = scale(time_s / end_s.max(1e-9)).0;

@@ -4,8 +4,8 @@
 //! film breaks and when it closes. A picture at time t then is
 //!     exposure · light(t) · (dry + (wet − dry) w r (1 + n) + glints w) + noise,
 //! with w the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker the
-//! new film is; a drop is thick film, also over a break. A picture is a function of its time: any frame rate shows the
-//! same film.
+//! new film is; a drop is thick film, also over a break, where water has come. A picture is a function of its time: any
+//! frame rate shows the same film.
 
 use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
@@ -201,7 +201,8 @@ impl Film {
                 let column = row.first_column + offset;
                 let thickness = drift.thickness(wetted.streak) * (1.0 + new as f32);
                 let own = wetted.film(time_s as f32) * thickness;
-                let film = own + covered[offset] * (DROP_THICKNESS - own).max(0.0);
+                let drop = covered[offset] * wetted.reached(time_s as f32);
+                let film = own + drop * (DROP_THICKNESS - own).max(0.0);
                 let gain = gains[column - columns.start];
                 let glint = shine[offset] * film.min(1.0) * (self.spec.exposure * 128.0) as f32;
                 let color = std::array::from_fn(|channel| {
@@ -300,9 +301,14 @@ fn beads(spot: &Spot, index: usize, spec: &FilmSpec, seed: Seed) -> Vec<Bead> {
 }
 
 impl Wetted {
+    /// How far water has come over this pixel at this time, 0…1.
+    fn reached(&self, time_s: f32) -> f32 {
+        ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
+    }
+
     /// How much of this pixel has its film at this time, 0…1.
     fn film(&self, time_s: f32) -> f32 {
-        let reached = ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0);
+        let reached = self.reached(time_s);
         let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
         let closed = ((time_s - self.closes_at_s) / CLOSING_S as f32).clamp(0.0, 1.0);
         reached * (1.0 - self.greasy * (1.0 - self.bead) * open * (1.0 - closed))

@@ -119,7 +119,7 @@ impl Cell {
             taught,
             present,
             spots,
-            film: FilmSpec::CALM,
+            film: FilmSpec::USUAL,
             base_from_panel: scene::displaced(seed),
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),

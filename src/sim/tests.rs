@@ -225,7 +225,7 @@ fn breaks_open_grow_and_fill_their_spots() {
 /// Broken film looks dry; whole film keeps 0.58 to 0.63 of the dry colour, less in streaks; the fixture stays.
 #[test]
 fn a_whole_film_is_dark_and_a_broken_one_is_not() {
-    let cell = Cell::new(6, Scene::Good, 4);
+    let cell = Cell::new(6, Scene::Good, 4).with_films(FilmSpec::CALM);
     let (film, mask) = (cell.film(), cell.film().broken(80.0));
     let (dry, wet) = (film.picture(0.0).to_gray(), film.picture(80.0).to_gray());
     let mut means = [(0.0, 0.0, 0); 3];

@@ -1,5 +1,6 @@
 //! The water-break test on rendered clips of many seeds with everything that makes a film hard to read, on damaged clips,
-//! and its speed. `cargo bench --bench inspect -- [CLIPS] [REDUCTION] [OBSERVED_S] [clips|damage|speed]`
+//! its speed and its memory. `cargo bench --bench inspect -- [clips] [damage] [speed] [memory] [seeds=1-64] [reduction=1]
+//! [observed_s=20] [kind=clean]`: no part named is all of them.
 //! `INSPECT` holds more lines for the recipe's table, `PICTURES` a folder for what was found.
 
 #[path = "inspect/clips.rs"]
@@ -8,23 +9,29 @@ mod clips;
 mod damage;
 #[path = "inspect/speed.rs"]
 mod speed;
+#[path = "inspect/tally.rs"]
+mod tally;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| argument != "--bench").collect();
-    let mut numbers = arguments.iter().filter_map(|argument| argument.parse::<f64>().ok());
-    let clips = numbers.next().unwrap_or(64.0) as u64;
-    let reduction = numbers.next().unwrap_or(1.0) as usize;
-    let observed_s = numbers.next().unwrap_or(20.0);
-    let all = !arguments.iter().any(|argument| ["clips", "damage", "speed"].contains(&argument.as_str()));
-    let asked = |part: &str| all || arguments.iter().any(|argument| argument == part);
-    if asked("clips") {
-        clips::run(clips::Extent { clips, reduction, observed_s });
+    let value = |name: &str| arguments.iter().find_map(|argument| argument.strip_prefix(name)?.strip_prefix('='));
+    let number = |name: &str, usual: f64| value(name).map_or(usual, |text| text.parse().expect("a number"));
+    let (first, last) = value("seeds").unwrap_or("1-64").split_once('-').expect("the first seed and the last");
+    let [first, last] = [first, last].map(|seed| seed.parse::<u64>().expect("a seed"));
+    let (reduction, observed_s) = (number("reduction", 1.0) as usize, number("observed_s", 20.0));
+    let named = |part: &str| arguments.iter().any(|argument| argument == part);
+    let all = !["clips", "damage", "speed", "memory"].into_iter().any(named);
+    if all || named("clips") {
+        let kind = value("kind").map(str::to_owned);
+        clips::run(&clips::Extent { seeds: first..=last, reduction, observed_s, kind });
     }
-    if asked("damage") {
-        damage::run(if all { 4 } else { clips.min(4) }, reduction);
+    if all || named("damage") {
+        damage::run(last.min(4), reduction);
     }
-    if asked("speed") {
+    if all || named("speed") {
         speed::run(reduction);
+    }
+    if all || named("memory") {
         speed::memory(reduction);
     }
 }

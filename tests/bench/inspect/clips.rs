@@ -1,5 +1,6 @@
 //! Rendered clips with all that makes a film hard to read, and what the test says of them.
 
+use crate::tally::Tally;
 use panelprep::geometry::{Camera, ColorPicture, Mask, Panel, Rigid};
 use panelprep::inspect::{Demands, Inspection, Watch, score, score_within};
 use panelprep::panel::TaughtPanel;
@@ -11,11 +12,13 @@ use panelprep::verdict::Verdict;
 pub const FRAMES_PER_SECOND: f64 = 5.0;
 
 /// What a bench is run with.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Extent {
-    pub clips: u64,
+    pub seeds: std::ops::RangeInclusive<u64>,
     pub reduction: usize,
     pub observed_s: f64,
+    /// Clips of this kind alone.
+    pub kind: Option<String>,
 }
 
 /// A panel that was taught and stands displaced.
@@ -91,7 +94,7 @@ struct Kind {
     grease: Option<Grease>,
 }
 
-fn kind(seed: u64, extent: Extent) -> Kind {
+fn kind(seed: u64, extent: &Extent) -> Kind {
     const SHARES: [f64; 8] = [0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.8, 1.0];
     let mixed = |count| Grease::Mixed { count, until_s: WET_FROM_S + 0.85 * extent.observed_s };
     let spray = |share| Grease::Share { share, kind: SpotKind::UnderSpray };
@@ -101,42 +104,24 @@ fn kind(seed: u64, extent: Extent) -> Kind {
         0..4 => Kind { name: "mixed", spec: hard, grease: Some(mixed(2 + (seed / 8 % 5) as usize)) },
         4 => Kind { name: "usual", spec: FilmSpec::USUAL, grease: Some(mixed(4)) },
         5 => Kind { name: "spray", spec: hard, grease: Some(spray(SHARES[(seed / 8 % 8) as usize])) },
+        6 if seed % 16 == 6 => Kind { name: "clean", spec: FilmSpec::USUAL, grease: None },
         _ => Kind { name: "clean", spec: hard, grease: None },
     }
 }
 
-/// Numbers of all clips.
-#[derive(Debug, Default)]
-pub struct Tally {
-    iou: Vec<f64>,
-    iou_within: Vec<f64>,
-    thesis_iou: Vec<f64>,
-    spots: usize,
-    missed: Vec<f64>,
-    /// Area and whether it was found, of every spot.
-    by_size: Vec<(f64, bool)>,
-    time_errors_s: Vec<f64>,
-    false_pass: usize,
-    false_fail: usize,
-    clean_grids: usize,
-    broken_grids: usize,
-    spray_wrong: usize,
-    wrong_verdicts: usize,
-}
-
-pub fn run(extent: Extent) -> Tally {
+pub fn run(extent: &Extent) {
     let mut tally = Tally::default();
     println!(
         "clip seed kind   exposure drift shadow glints verdict  iou   within  prec  rec   TF FF FP TP  missed / time errors, s"
     );
-    for seed in 1..=extent.clips {
+    let asked = |seed: &u64| extent.kind.as_ref().is_none_or(|name| kind(*seed, extent).name == name);
+    for seed in extent.seeds.clone().filter(asked) {
         one(seed, extent, &mut tally);
     }
     tally.print();
-    tally
 }
 
-fn one(seed: u64, extent: Extent, tally: &mut Tally) {
+fn one(seed: u64, extent: &Extent, tally: &mut Tally) {
     let bench = Bench::new(seed, extent.reduction, &std::env::var("INSPECT").unwrap_or_default());
     let Kind { name, spec, grease } = kind(seed, extent);
     let spots: Vec<Spot> = grease.iter().flat_map(|grease| bench.cell.greased(grease, seed)).collect();
@@ -203,112 +188,6 @@ fn one(seed: u64, extent: Extent, tally: &mut Tally) {
     tally.clean_grids += confusion.true_pass + confusion.false_fail;
     tally.broken_grids += confusion.true_fail + confusion.false_pass;
     tally.spray_wrong += usize::from(name == "spray" && inspection.judgement.verdict != Verdict::Fail);
-}
-
-impl Tally {
-    /// Takes every spot of a clip: areas of those that were missed, and how late or early 10 mm² of each were broken.
-    fn spots_of(&mut self, inspection: &Inspection, film: &Film, truth: &Mask) -> (Vec<f64>, Vec<f64>) {
-        let (footprint, region) = (&inspection.footprint, inspection.footprint.region());
-        let true_s = film.break_times_s();
-        let (mut missed, mut errors) = (Vec::new(), Vec::new());
-        for piece in pieces(truth, &region) {
-            let mut mask = Mask::empty(truth.width, truth.height);
-            piece.iter().for_each(|&index| mask.inside[index] = true);
-            let area_mm2: f64 = footprint.broken_mm2(&mask).iter().sum();
-            let mut real: Vec<f64> = piece.iter().map(|&i| (f64::from(true_s[i]) - WET_FROM_S).max(0.0)).collect();
-            let mut found: Vec<f64> =
-                piece.iter().filter_map(|&i| inspection.break_time_s(i % truth.width, i / truth.width)).collect();
-            let is_found = found.len() * 2 >= piece.len();
-            self.spots += 1;
-            self.by_size.push((area_mm2, is_found));
-            if !is_found {
-                missed.push(area_mm2);
-            }
-            let tenth = (10.0 / area_mm2 * piece.len() as f64).ceil() as usize;
-            real.sort_by(f64::total_cmp);
-            found.sort_by(f64::total_cmp);
-            if let (Some(real_s), Some(found_s)) = (real.get(tenth), found.get(tenth)) {
-                errors.push(found_s - real_s);
-            }
-        }
-        self.missed.extend(missed.iter().filter(|area_mm2| **area_mm2 >= 25.0));
-        self.time_errors_s.extend(&errors);
-        (missed, errors)
-    }
-
-    fn print(&self) {
-        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let least = |values: &[f64]| values.iter().copied().fold(f64::INFINITY, f64::min);
-        println!("\nintersection over union on {} clips with breaks (mean, least):", self.iou.len());
-        println!(
-            "  without ±1 px of rim  {:.4}  {:.4}   (needed 0.95)",
-            mean(&self.iou_within),
-            least(&self.iou_within)
-        );
-        println!("  with the rim          {:.4}  {:.4}   (needed 0.90)", mean(&self.iou), least(&self.iou));
-        println!(
-            "  the thesis's pipeline, default thresholds, on {} of them: {:.4}  {:.4}",
-            self.thesis_iou.len(),
-            mean(&self.thesis_iou),
-            least(&self.thesis_iou)
-        );
-        println!(
-            "spots: {}; missed of those from 25 mm² on: {} {:.0?}",
-            self.spots,
-            self.missed.len(),
-            self.missed
-        );
-        for (low, high) in [(0.0, 5.0), (5.0, 25.0), (25.0, 50.0), (50.0, 200.0), (200.0, f64::INFINITY)] {
-            let of: Vec<bool> = self.by_size.iter().filter(|(a, _)| (low..high).contains(a)).map(|s| s.1).collect();
-            println!(
-                "  {low:4.0} to {high:4.0} mm²: {} of {} missed",
-                of.iter().filter(|found| !**found).count(),
-                of.len()
-            );
-        }
-        println!(
-            "grids: {} broken, {} of them passed (needed 0); {} clean, {} of them failed: {:.2} % (needed 0.5 %)",
-            self.broken_grids,
-            self.false_pass,
-            self.clean_grids,
-            self.false_fail,
-            100.0 * self.false_fail as f64 / self.clean_grids.max(1) as f64
-        );
-        let near = self.time_errors_s.iter().filter(|error| error.abs() <= 0.5).count();
-        println!(
-            "time to break, from 10 mm²: {:.1} % of {} within 0.5 s (needed 95 %)",
-            100.0 * near as f64 / self.time_errors_s.len().max(1) as f64,
-            self.time_errors_s.len()
-        );
-        println!("grease that breaks under the spray: {} clips not failed (needed 0)", self.spray_wrong);
-        println!("verdicts that are wrong: {}", self.wrong_verdicts);
-    }
-}
-
-/// Connected pieces of the true mask in the region.
-fn pieces(truth: &Mask, region: &Mask) -> Vec<Vec<usize>> {
-    let mut left: Vec<bool> = truth.inside.iter().zip(&region.inside).map(|(a, b)| *a && *b).collect();
-    let mut found = Vec::new();
-    for first in 0..left.len() {
-        if !std::mem::take(&mut left[first]) {
-            continue;
-        }
-        let mut piece = vec![first];
-        let mut at = 0;
-        while let Some(&index) = piece.get(at) {
-            at += 1;
-            for step in [1, truth.width, truth.width - 1, truth.width + 1] {
-                for next in [index.wrapping_sub(step), index + step] {
-                    if left.get(next).is_some_and(|left| *left) {
-                        left[next] = false;
-                        piece.push(next);
-                    }
-                }
-            }
-        }
-        found.push(piece);
-    }
-    found
 }
 
 /// The last picture with what was found and what is true: green both, orange found alone, blue true alone.

@@ -8,13 +8,16 @@
 //! Pixels between projected ones, which hold no surface, belong to the region too where the panel appears larger than
 //! at teaching; a gap of one pixel is closed, so the panel may appear up to twice as large.
 
+mod samples;
+
 use super::InspectError;
-use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Point, Rigid, polygon};
+use crate::geometry::{Camera, Mask, Panel, PinholeCamera, Pixel, Rigid};
 use crate::imaging::{ImagingError, named};
 use crate::panel::{GridId, TaughtPanel};
-use nalgebra::Point2;
+use crate::recipe;
 use opencv::core::{Mat, MatTraitConstManual};
 use opencv::imgproc;
+use samples::{Sample, mean_areas, region_samples};
 
 /// A grid of which less than this share of its surface is in the picture was not seen; the rest is rounding at edges.
 const SEEN_SHARE: f64 = 0.99;
@@ -25,9 +28,6 @@ const SURE_PX: f64 = 12.0;
 
 /// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
 const MIN_MARGIN_PX: usize = 2;
-
-/// Neighbours this far give a pixel's surface: far enough for the scanner's noise, near enough for the curvature.
-const AREA_REACH_PX: usize = 3;
 
 /// A rectangle of the picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -56,6 +56,8 @@ pub struct GridFootprint {
     pub seen_share: f64,
     /// The share of it that the recipe masks.
     pub masked_share: f64,
+    /// What of it lies in the picture and showed nothing, mm²: overexposed, or hidden by a reflection that stands still.
+    pub lost_mm2: f64,
     /// Its edge in the picture, px, closed: curves on a curved panel under a real lens.
     pub edge_px: Vec<Pixel>,
 }
@@ -84,14 +86,6 @@ pub struct Footprint {
     starts: Vec<u32>,
     patches: Vec<Patch>,
     grids: Vec<GridFootprint>,
-}
-
-/// A taught pixel of the region, before projection.
-struct Sample {
-    grid: usize,
-    point: Option<Point<Panel>>,
-    area_mm2: Option<f64>,
-    masked: bool,
 }
 
 impl Footprint {
@@ -133,6 +127,7 @@ impl Footprint {
             area_mm2: whole_mm2[index],
             seen_share: share(seen_mm2[index], index),
             masked_share: share(masked_mm2[index], index),
+            lost_mm2: 0.0,
             edge_px: grid.edge.iter().filter_map(|&point| camera.project(camera_from_panel * point)).collect(),
         });
         Ok(Footprint {
@@ -144,6 +139,18 @@ impl Footprint {
             starts,
             patches: held.into_iter().map(|(_, patch)| patch).collect(),
         })
+    }
+
+    /// The smallest break that is surely found, mm², where the taught panel stands at its nominal place.
+    ///
+    /// # Errors
+    /// Where the region is not in the picture.
+    pub fn taught_detection_limit_mm2(
+        taught: &TaughtPanel,
+        settings: &recipe::Inspect,
+    ) -> Result<f64, InspectError> {
+        let nominal = taught.panel_from_camera.inverse();
+        Ok(Footprint::new(taught, &taught.camera, nominal, (0, &settings.masked_px()))?.detection_limit_mm2())
     }
 
     /// The grids, row by row.
@@ -212,6 +219,7 @@ impl Footprint {
         }
         for (grid, lost_mm2) in self.grids.iter_mut().zip(lost_mm2).filter(|(grid, _)| grid.area_mm2 > 0.0) {
             grid.seen_share -= lost_mm2 / grid.area_mm2;
+            grid.lost_mm2 += lost_mm2;
         }
     }
 
@@ -258,45 +266,6 @@ impl Footprint {
 struct Place {
     row: usize,
     column: usize,
-}
-
-/// The region's taught pixels. One without a point of its own, a drop-out, takes the surface through its neighbours.
-fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]]) -> Vec<Sample> {
-    let masks: Vec<Vec<Pixel>> =
-        masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
-    let corners =
-        [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| taught.region.pixel(Point2::new(s, t)));
-    let columns = whole_range(corners.map(|corner| corner.u), taught.mask.width);
-    let rows = whole_range(corners.map(|corner| corner.v), taught.mask.height);
-    let sample = |(column, row): (usize, usize)| {
-        let pixel = Pixel::at(column as f64, row as f64);
-        let id = taught.region.grid_at(pixel)?;
-        let grid = (id.row - 1) * taught.region.columns + id.column - 1;
-        let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
-        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
-        let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
-        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked })
-    };
-    rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
-}
-
-/// The whole pixels from the least to the greatest of these, within a picture's length.
-fn whole_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
-    let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
-    let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
-    low..high.min(length)
-}
-
-/// The mean surface of a pixel of each grid, for pixels beside a missing point.
-fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0usize); grids];
-    for sample in samples {
-        if let Some(area_mm2) = sample.area_mm2 {
-            sums[sample.grid].0 += area_mm2;
-            sums[sample.grid].1 += 1;
-        }
-    }
-    sums.into_iter().map(|(sum, count)| sum / count.max(1) as f64).collect()
 }
 
 fn window_around(held: &[(Place, Patch)], camera: &PinholeCamera, margin_px: usize) -> Option<Window> {

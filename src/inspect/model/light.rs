@@ -9,6 +9,9 @@ use super::kernel::Sum;
 
 /// A tile's side, px.
 pub const TILE_PX: usize = 32;
+/// No light is brighter, 1/4096; a picture in which it were could not be judged by.
+const MOST_Q12: f64 = 16_383.0;
+
 /// The light is constant over a cell of this side, px.
 pub const CELL_PX: usize = 8;
 
@@ -93,9 +96,14 @@ impl Light {
                 let (a, b) = (self.tiles[row * self.columns + left], self.tiles[row * self.columns + right]);
                 a + across * (b - a)
             };
-            *gain = ((at(above) + down * (at(below) - at(above))) * 4096.0).clamp(0.0, 65_535.0) as u16;
+            *gain = q12(at(above) + down * (at(below) - at(above)));
         }
     }
+}
+
+/// A gain in 1/4096.
+pub fn q12(gain: f64) -> u16 {
+    (gain * 4096.0).clamp(0.0, MOST_Q12) as u16
 }
 
 fn weighted_median(sorted: &[(f64, u32)]) -> Option<f64> {

@@ -1,0 +1,83 @@
+//! Places that were wet already in the dry picture: of them the test says nothing.
+//!
+//! Water that was left from rinsing darkens a place in the dry picture as a film does. Later it is as bright as it was
+//! dry, like a place on which no water stays; but what water never wetted was as bright as its surroundings when dry, and
+//! this was darker: nearer to τ than to 1 of them.
+
+use super::connected::{AROUND, components, neighbours};
+use super::footprint::Window;
+
+/// Fewer connected pixels are noise.
+const MIN_PIECE_PX: usize = 4;
+/// A place's surroundings lie this far from it, pixels: beyond a drop's soft edge.
+const AWAY_PX: std::ops::RangeInclusive<usize> = 4..=9;
+/// Of a place this share must have been wet in no picture.
+const MIN_NEVER_WET: f64 = 0.5;
+
+/// What is known of the window's pixels.
+pub struct Dryness<'a> {
+    /// Whether it broke, or was wet in no picture.
+    pub is_suspect: &'a dyn Fn(usize) -> bool,
+    /// Whether it is looked at and was wet in no picture.
+    pub never_wet: &'a dyn Fn(usize) -> bool,
+    /// Whether it is looked at.
+    pub sees: &'a dyn Fn(usize) -> bool,
+    /// Its dry brightness.
+    pub dry: &'a dyn Fn(usize) -> f64,
+    /// What the film leaves of the dry brightness.
+    pub film: f64,
+}
+
+/// The pixels that were wet already when the panel should have been dry.
+pub fn wet_when_dry(window: &Window, known: &Dryness<'_>) -> Vec<usize> {
+    let was_wet = |piece: &Vec<usize>| {
+        let never_wet = piece.iter().filter(|i| (known.never_wet)(**i)).count() as f64;
+        piece.len() >= MIN_PIECE_PX
+            && never_wet >= MIN_NEVER_WET * piece.len() as f64
+            && mean(&surroundings(window, piece, known), known.dry)
+                .zip(mean(piece, known.dry))
+                .is_some_and(|(around, own)| own < around * (1.0 + known.film) / 2.0)
+    };
+    components(window, known.is_suspect, &AROUND).into_iter().filter(was_wet).flatten().collect()
+}
+
+fn mean(pixels: &[usize], of: impl Fn(usize) -> f64) -> Option<f64> {
+    (!pixels.is_empty()).then(|| pixels.iter().map(|&i| of(i)).sum::<f64>() / pixels.len() as f64)
+}
+
+fn surroundings(window: &Window, piece: &[usize], known: &Dryness<'_>) -> Vec<usize> {
+    let mut reached: std::collections::BTreeSet<usize> = piece.iter().copied().collect();
+    let (mut rim, mut found) = (piece.to_vec(), Vec::new());
+    for away_px in 1..=*AWAY_PX.end() {
+        let next: Vec<usize> = rim.iter().flat_map(|&i| neighbours(window, i, &AROUND)).collect();
+        rim = next.into_iter().filter(|&i| reached.insert(i)).collect();
+        if AWAY_PX.contains(&away_px) {
+            found.extend(rim.iter().copied().filter(|&i| (known.sees)(i) && !(known.is_suspect)(i)));
+        }
+    }
+    found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WINDOW: Window = Window { left: 0, top: 0, width: 40, height: 40 };
+
+    /// By hand, τ = 0.6: a place of 6 × 6 px is darker than its surroundings by more or less than (1 + 0.6)/2 = 0.8.
+    #[test]
+    fn a_dark_place_was_wet_and_a_bright_one_never_was() {
+        let place = |i: usize| (17..23).contains(&(i % 40)) && (17..23).contains(&(i / 40));
+        let found = |own: f64, never_wet: &dyn Fn(usize) -> bool| {
+            let dry = |i: usize| if place(i) { own } else { 100.0 };
+            let known = Dryness { is_suspect: &place, never_wet, sees: &|_| true, dry: &dry, film: 0.6 };
+            wet_when_dry(&WINDOW, &known).len()
+        };
+        assert_eq!([79.0, 81.0, 100.0].map(|own| found(own, &place)), [36, 0, 0]);
+        assert_eq!(
+            found(60.0, &|i| place(i) && i % 40 < 19),
+            0,
+            "most of it was wet later: it is a film that broke"
+        );
+    }
+}

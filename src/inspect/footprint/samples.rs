@@ -1,0 +1,55 @@
+//! The region's taught pixels: each with its grid, its place and its surface.
+
+use crate::geometry::{Panel, Pixel, Point, polygon};
+use crate::panel::TaughtPanel;
+use nalgebra::Point2;
+
+/// Neighbours this far give a pixel's surface: far enough for the scanner's noise, near enough for the curvature.
+const AREA_REACH_PX: usize = 3;
+
+/// A taught pixel of the region, before projection.
+pub struct Sample {
+    pub grid: usize,
+    pub point: Option<Point<Panel>>,
+    pub area_mm2: Option<f64>,
+    pub masked: bool,
+}
+
+/// The region's taught pixels. One without a point of its own, a drop-out, takes the surface through its neighbours.
+pub fn region_samples(taught: &TaughtPanel, masked_px: &[[[f64; 2]; 4]]) -> Vec<Sample> {
+    let masks: Vec<Vec<Pixel>> =
+        masked_px.iter().map(|corners| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect()).collect();
+    let corners =
+        [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| taught.region.pixel(Point2::new(s, t)));
+    let columns = whole_range(corners.map(|corner| corner.u), taught.mask.width);
+    let rows = whole_range(corners.map(|corner| corner.v), taught.mask.height);
+    let sample = |(column, row): (usize, usize)| {
+        let pixel = Pixel::at(column as f64, row as f64);
+        let id = taught.region.grid_at(pixel)?;
+        let grid = (id.row - 1) * taught.region.columns + id.column - 1;
+        let own = taught.scan.point(column, row).filter(|_| taught.mask.contains(column, row));
+        let area_mm2 = own.and_then(|_| taught.scan.pixel_area_over_mm2(column, row, AREA_REACH_PX));
+        let masked = masks.iter().any(|mask| polygon::contains(mask, pixel));
+        Some(Sample { grid, point: own.or_else(|| taught.surface_at(pixel)), area_mm2, masked })
+    };
+    rows.flat_map(|row| columns.clone().map(move |column| (column, row))).filter_map(sample).collect()
+}
+
+/// The whole pixels from the least to the greatest of these, within a picture's length.
+fn whole_range(ends: [f64; 4], length: usize) -> std::ops::Range<usize> {
+    let low = ends.into_iter().fold(f64::INFINITY, f64::min).max(0.0) as usize;
+    let high = ends.into_iter().fold(0.0, f64::max) as usize + 1;
+    low..high.min(length)
+}
+
+/// The mean surface of a pixel of each grid, for pixels beside a missing point.
+pub fn mean_areas(samples: &[Sample], grids: usize) -> Vec<f64> {
+    let mut sums = vec![(0.0, 0usize); grids];
+    for sample in samples {
+        if let Some(area_mm2) = sample.area_mm2 {
+            sums[sample.grid].0 += area_mm2;
+            sums[sample.grid].1 += 1;
+        }
+    }
+    sums.into_iter().map(|(sum, count)| sum / count.max(1) as f64).collect()
+}

@@ -1,0 +1,148 @@
+//! The default method.
+
+use super::*;
+
+/// By hand, the default method: all 20 × 15 px of 4 mm², from 2 s on, found in grid r1c2; the film keeps 55/105 of the
+/// dry brightness, and the smallest sure break is 12 px.
+#[test]
+fn the_model_finds_a_break_to_the_pixel() {
+    let inspection = run(watch(0.0, FILM), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
+    assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
+    assert_eq!((inspection.mask().count(), inspection.breaks.len()), (300, 1));
+    assert!((inspection.breaks[0].area_mm2 - 1200.0).abs() < 0.1 && inspection.breaks[0].closed_share == 0.0);
+    assert_eq!((inspection.grids[1].time_to_break_s, inspection.grids[0].time_to_break_s), (Some(2.0), None));
+    let observation = &inspection.observation;
+    assert!((observation.film_left.expect("told") - 55.0 / 105.0).abs() < 0.02, "{observation:?}");
+    assert!((observation.detection_limit_mm2 - 48.0).abs() < 0.1 && observation.never_wet_percent == 0.0);
+    assert_eq!((observation.quality.usable, observation.quality.moved_px), (6, None), "a wall has no outline");
+}
+
+/// It breaks at 1 s and closes after 3 s: a break that is noted as closed. What flashes for one picture is none.
+#[test]
+fn a_film_that_closes_again_has_broken() {
+    let inspection = run(watch(0.0, FILM), |second| match second {
+        1..=3 => vec![[70, 30, 90, 45]],
+        4 => vec![[100, 60, 120, 80]],
+        _ => vec![],
+    });
+    let [found] = inspection.breaks.as_slice() else { panic!("{:?}", inspection.breaks) };
+    assert_eq!((inspection.judgement.verdict, found.first_seen_s, found.closed_share), (Verdict::Fail, 1.0, 1.0));
+}
+
+/// A fifth more or less light over all is light; half of it, or two fifths more, is none that could be made up for.
+#[test]
+fn light_is_made_up_for_within_its_limit() {
+    let lit = |share: f64| {
+        let mut watch = watch(0.0, FILM);
+        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        for second in 0..6 {
+            let mut picture = picture(&[[70, 30, 90, 45]]);
+            let gain = if second == 0 { 1.0 } else { share };
+            picture.rgb.as_flattened_mut().iter_mut().for_each(|gray| *gray = (f64::from(*gray) * gain) as u8);
+            // The noise last: scaled, it would vanish, and the camera would seem to stand still.
+            watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
+        }
+        watch.finish().expect("wet pictures")
+    };
+    for share in [0.8, 1.2] {
+        let inspection = lit(share);
+        assert_eq!((inspection.judgement.verdict, inspection.mask().count()), (Verdict::Fail, 300), "{share}");
+    }
+    for share in [0.5, 1.4] {
+        assert_eq!(codes(&lit(share))[0], "light", "{share}");
+    }
+}
+
+#[test]
+fn a_camera_that_stands_still_or_no_dry_picture_is_no_test() {
+    let mut still = watch(0.0, FILM);
+    still.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    for second in 0..6 {
+        still.push(&picture(&[]), 10.0 + second as f64, Phase::Wet).expect("in order");
+    }
+    assert_eq!(codes(&still.finish().expect("wet pictures")), ["frozen"]);
+    for method in [FILM, SHARP] {
+        let inspection = watched(watch(0.0, method), |_| vec![]);
+        assert_eq!((inspection.judgement.verdict, codes(&inspection)), (Verdict::Invalid, vec!["no_dry_picture"]));
+    }
+}
+
+/// By hand: columns 20 to 50 of 120 are a quarter of the region.
+#[test]
+fn a_region_that_is_hardly_wet_is_no_test() {
+    let inspection = run(watch(0.0, FILM), |_| vec![[20, 20, 50, 100]]);
+    assert_eq!((inspection.judgement.verdict, codes(&inspection)[0]), (Verdict::Invalid, "never_wet"));
+    assert!((inspection.observation.never_wet_percent - 25.0).abs() < 0.1, "{:?}", inspection.observation);
+    let less = run(watch(0.0, FILM), |_| vec![[20, 20, 40, 100]]);
+    assert_eq!((less.judgement.verdict, less.grids[0].time_to_break_s), (Verdict::Fail, Some(0.0)));
+}
+
+/// Under the spray the place is wet in one picture, and dry before the film is watched: a break at 0 s, and no place
+/// that never wets.
+#[test]
+fn what_dries_under_the_spray_is_a_break_at_0_s() {
+    let mut watch = watch(0.0, FILM);
+    watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+    watch.push(&exposed(picture(&[]), 9), 2.0, Phase::Spray).expect("second");
+    let inspection = watched(watch, |_| vec![[20, 20, 140, 100]]);
+    assert_eq!(inspection.judgement.verdict, Verdict::Fail, "{:?}", inspection.judgement);
+    assert_eq!(inspection.observation.never_wet_percent, 0.0);
+    assert!(inspection.grids.iter().all(|grid| grid.time_to_break_s == Some(0.0)));
+}
+
+/// By hand: the mask covers columns 20 to 40, half of the first grids, which are 40 px wide.
+#[test]
+fn what_is_masked_does_not_pass_and_hides_nothing_else() {
+    let masked = format!("{FILM}\nmasked_px = [[[10, 10], [39.5, 10], [39.5, 110], [10, 110]]]");
+    let clean = run(watch(0.0, &masked), |_| vec![]);
+    assert_eq!((clean.judgement.verdict, codes(&clean)), (Verdict::Invalid, vec!["masked"]));
+    assert_eq!(clean.grids.iter().filter(|grid| !grid.seen).count(), 2);
+    assert!((clean.footprint.grids()[0].masked_share - 0.5).abs() < 0.01);
+    let broken = run(watch(0.0, &masked), |second| if second < 2 { vec![] } else { vec![[25, 30, 90, 45]] });
+    assert_eq!((broken.judgement.verdict, codes(&broken)), (Verdict::Fail, vec!["broken", "masked"]));
+    assert_eq!(broken.mask().count(), 50 * 15, "nothing is looked at behind the mask");
+}
+
+/// By hand: of the region 10 × 10 px were at 60 levels, as if wet, when the panel should have been dry; wet they are as
+/// bright: neither broken nor passed. The same place at its full brightness never wets: a break.
+#[test]
+fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
+    let block = [100, 30, 110, 40];
+    let inspection = |dry: ColorPicture, wet: &[[usize; 4]]| {
+        let mut watch = watch(0.0, FILM);
+        watch.push(&dry, 1.0, Phase::Dry).expect("first");
+        watched(watch, |_| wet.to_vec())
+    };
+    let mut dry = ColorPicture::filled(WIDTH, HEIGHT, DRY);
+    for row in block[1]..block[3] {
+        dry.rgb[row * WIDTH + block[0]..row * WIDTH + block[2]].fill(WET);
+    }
+    let drop = inspection(dry, &[]);
+    assert_eq!((drop.judgement.verdict, codes(&drop)), (Verdict::Invalid, vec!["wet_when_dry"]));
+    assert!(drop.judgement.reasons[0].message.contains("r1c3"), "{:?}", drop.judgement);
+    assert_eq!((drop.mask().count(), drop.grids.iter().filter(|grid| grid.seen).count()), (0, 5));
+    let never = inspection(ColorPicture::filled(WIDTH, HEIGHT, DRY), &[block]);
+    assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
+}
+
+/// By hand: 3 × 3 px of 4 mm² that shine in all wet pictures are more than the 5 mm² from which a grid fails; in two
+/// pictures of six they are a glint.
+#[test]
+fn a_reflection_that_stands_still_hides_its_grid() {
+    let shone = |pictures: usize| {
+        let mut watch = watch(0.0, FILM);
+        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        for second in 0..6 {
+            let mut picture = exposed(picture(&[]), second);
+            for row in (50..53).filter(|_| second < pictures) {
+                picture.rgb[row * WIDTH + 30..row * WIDTH + 33].fill([200; 3]);
+            }
+            watch.push(&picture, 10.0 + second as f64, Phase::Wet).expect("in order");
+        }
+        watch.finish().expect("wet pictures")
+    };
+    let hidden = shone(6);
+    assert_eq!((hidden.judgement.verdict, codes(&hidden)), (Verdict::Invalid, vec!["not_seen"]));
+    assert!((hidden.footprint.grids()[0].lost_mm2 - 36.0).abs() < 0.1, "{:?}", hidden.footprint.grids()[0]);
+    assert_eq!(shone(2).judgement.verdict, Verdict::Pass);
+}
