@@ -116,7 +116,7 @@ fn each_mistake_is_named() {
         ),
         (
             "[scanner]\nexposure_us = 100",
-            "2: scanner.exposure_us: unknown key; known here: kind, folder, serial",
+            "2: scanner.exposure_us: unknown key here; did you mean flange_camera.exposure_us?",
         ),
         ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
         (
