@@ -52,7 +52,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         return Ok(cycle::unhealthy(&health));
     }
     let calibrated = Calibrated::read(&files, &common)?;
-    let ran = cycle::one(&files, (&assignment, &calibrated), (simulation, Assignment::request), &progress)?;
+    let ran = cycle::one(&files, (&assignment, &calibrated), (simulation, Assignment::request, args.record.as_deref()), &progress)?;
 
     progress("writing the page");
     let panel = (&assignment.taught.panel, assignment.recipe.path().disc_diameter_mm());
