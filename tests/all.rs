@@ -5,6 +5,7 @@ mod calib;
 mod camera_model;
 mod commands;
 mod config_files;
+mod doctor;
 mod gauntlet;
 mod health;
 mod kuka_files;

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex};
 const PORTS: [u16; 2] = [54_614, 54_615];
 
 /// A stand-alone controller and what it has told; killed when the test ends.
-struct Mock {
+pub struct Mock {
     child: Child,
     told: Arc<Mutex<Vec<String>>>,
 }
@@ -23,7 +23,7 @@ impl Drop for Mock {
 }
 
 impl Mock {
-    fn start(folder: &Path) -> Self {
+    pub fn start(folder: &Path, ports: [u16; 2]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
             .args("mock-robot --config . --cell cell/cell.toml".split_whitespace())
             .current_dir(folder)
@@ -31,7 +31,7 @@ impl Mock {
             .spawn()
             .expect("the program starts");
         let mut lines = BufReader::new(child.stderr.take().expect("piped")).lines().map_while(Result::ok);
-        assert!(lines.next().is_some_and(|first| first.contains(&PORTS[0].to_string())), "it listens");
+        assert!(lines.next().is_some_and(|first| first.contains(&ports[0].to_string())), "it listens");
         let told = Arc::new(Mutex::new(Vec::new()));
         let keeps = told.clone();
         std::thread::spawn(move || lines.for_each(|line| keeps.lock().expect("whole").push(line)));
@@ -45,13 +45,13 @@ impl Mock {
 }
 
 /// A taught cell whose robot is at the other end of two sockets and whose cameras play a folder.
-fn over_sockets(folder: &Path) {
+pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     for (file, shipped) in [
         ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml")),
         ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml")),
     ] {
-        let text = shipped.replace("<PORT>54600<", &format!("<PORT>{}<", PORTS[0]));
-        std::fs::write(folder.join(file), text.replace("<PORT>54601<", &format!("<PORT>{}<", PORTS[1])))
+        let text = shipped.replace("<PORT>54600<", &format!("<PORT>{command}<"));
+        std::fs::write(folder.join(file), text.replace("<PORT>54601<", &format!("<PORT>{state}<")))
             .expect("written");
     }
     let cell = folder.join("cell");
@@ -62,7 +62,6 @@ fn over_sockets(folder: &Path) {
         std::fs::copy(cell.join(from), cell.join(to)).expect("copied");
     }
     let text = std::fs::read_to_string(cell.join("cell.toml")).expect("the cell");
-    let [command, state] = PORTS;
     let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\ncommand_port = {command}\nstate_port = {state}\n");
     let text = text
         .replace("kind = \"mock\"\n", &robot)
@@ -81,8 +80,8 @@ fn over_sockets(folder: &Path) {
 fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let folder = taught("clean");
     let folder = folder.path();
-    over_sockets(folder);
-    let mock = Mock::start(folder);
+    over_sockets(folder, PORTS);
+    let mock = Mock::start(folder, PORTS);
     let service = Service::start(folder);
     service.reset();
     service.done(START);
@@ -101,7 +100,7 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     let reasons = service.done("state")["reasons"].to_string();
     assert!(reasons.contains("controller"), "{reasons}");
 
-    let mock = Mock::start(folder);
+    let mock = Mock::start(folder, PORTS);
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
     service.reach("stopped");
     assert_eq!(mock.told("executed"), 0, "nothing moves because the link is back");

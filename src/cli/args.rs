@@ -82,6 +82,10 @@ pub enum Command {
         after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
     )]
     Check(Check),
+    /// Check the cell from the bottom up, and say what to do: libraries, disk, clock, store, calibrations, EthernetKRL
+    /// files, cameras, robot.
+    #[command(after_help = "Example:\n  panelprep doctor --cell config/cell.toml --kuka config/kuka")]
+    Doctor(Doctor),
     /// Calibrate lenses, camera mounts and tools, and say how good they are.
     Calibrate(super::calibrate::args::Calibrate),
     /// Learn a panel at its nominal place from a scan and corner pictures.
@@ -161,6 +165,14 @@ pub enum FilmName {
     Usual,
     /// Drift, flicker, a shadow, glints, drops, a dark or bright exposure, as the seed has it.
     Hard,
+}
+
+/// Options of `doctor`.
+#[derive(Debug, Clone, Args)]
+pub struct Doctor {
+    /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
+    #[arg(long, value_name = "FOLDER")]
+    pub kuka: Option<PathBuf>,
 }
 
 /// Options of `demo`.

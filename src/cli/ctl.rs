@@ -25,6 +25,11 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome(&reply))
 }
 
+/// How the service stands, where one answers.
+pub(super) fn state_of(socket: &Path) -> Option<String> {
+    ask(socket, &Wish::State {}).ok()?.state.map(|state| state.to_string())
+}
+
 fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
     Ok(match ask {
         CtlAsk::Start { recipe } => {

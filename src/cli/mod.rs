@@ -11,6 +11,7 @@ mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
+mod doctor;
 mod fault;
 mod health;
 mod inspect;
@@ -57,6 +58,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
         Command::Render(args) => render::run(args),
         Command::Check(args) => check::run(args),
+        Command::Doctor(args) => doctor::run(args, common),
         Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
         Command::AirRun(args) => cycle::air_run(args, common, &|line| eprintln!("{line}")),
         Command::Robot(args) => robot::run(args, common),

@@ -299,6 +299,23 @@ mod tests {
         assert!((largest - 1.0 / 500.0).abs() < 1e-9 && least.abs() < 1e-12, "{largest} {least}");
     }
 
+    /// By hand: a net that is linear in u and v makes z = 9 u v; with three spans along u and two along v,
+    /// S_u = (100, 0, 9 v), S_v = (0, 60, 9 u) and S_uv = (0, 0, 9) at every place.
+    #[test]
+    fn a_twisted_net_has_its_twist_whatever_the_spans() {
+        let knots = [3, 2].map(|spans| KnotVector::uniform(3, spans, 0.0..=1.0).expect("open"));
+        let (along_u, along_v) = (knots[0].greville(), knots[1].greville());
+        let control = |u: &f64, v: &f64| Point::at(100.0 * u, 60.0 * v, 9.0 * u * v);
+        let controls = along_u.iter().flat_map(|u| along_v.iter().map(move |v| control(u, v))).collect();
+        let surface = BSplineSurface::new(knots, controls, Point::at(0.0, 0.0, 500.0)).expect("a surface");
+        for (u, v) in [(0.1, 0.2), (0.5, 0.5), (0.9, 1.0)] {
+            let there = surface.derivatives(Parameter { u, v });
+            assert!((there.tangents.s_u.mm - Vector3::new(100.0, 0.0, 9.0 * v)).norm() < 1e-10);
+            assert!((there.tangents.s_v.mm - Vector3::new(0.0, 60.0, 9.0 * u)).norm() < 1e-10);
+            assert!((there.s_uv.mm - Vector3::new(0.0, 0.0, 9.0)).norm() < 1e-9);
+        }
+    }
+
     proptest! {
         /// The polynomials that are evaluated, against the functions one by one.
         #[test]

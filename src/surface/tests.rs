@@ -50,6 +50,15 @@ fn noise_and_flying_points_hardly_move_the_surface() {
 
 /// The neighbours of a flying point must not follow it: without weights, points that fly by up to 2 mm would raise
 /// the error fourteenfold. Removing the second fit makes this test fail.
+/// Of a noisy plane nothing is lost by smoothing, of an exact saddle nothing is won.
+#[test]
+fn noise_asks_for_smoothing_and_an_exact_scan_for_none() {
+    let noisy = fitted(Shape::Plane, Spoil { noise_mm: 0.1, ..Spoil::default() }, "").expect("a surface");
+    let exact = fitted(Shape::Saddle, Spoil::default(), "").expect("a surface");
+    let [noisy, exact] = [noisy, exact].map(|fit| fit.deviation.smoothing);
+    assert!(noisy >= 1.0 && exact <= 1e-6, "{noisy} {exact}");
+}
+
 #[test]
 fn a_cluster_of_flying_points_is_left_out() {
     let clean = fitted(Shape::Sphere, Spoil { noise_mm: 0.02, ..Spoil::default() }, "").expect("a fit");

@@ -63,3 +63,72 @@ fn every_obstacle_of_the_arm_has_its_name() {
     );
     assert!(found.is_err());
 }
+
+fn look(seconds: f64, change_s: Option<f64>) -> Look {
+    let base_from_flange = KukaPose { x_mm: 480.0, z_mm: 760.0, b_deg: 90.0, ..KukaPose::default() }.to_rigid();
+    let tip = Point::at(600.0, 0.0, 760.0);
+    Look { index: 0, base_from_flange, tip, seconds, change_s, is_end: true, ways: Vec::new() }
+}
+
+/// By hand: each axis may turn a hundredth of its speed in 10 ms, and its speed may change by a hundredth of its
+/// acceleration; a thousandth more of either is refused, at that axis.
+#[test]
+fn speed_and_acceleration_hold_up_to_their_limits() {
+    let arm = Gates::new().arm;
+    let axes = arm.arm().axes();
+    assert_eq!(axes.max_speed_deg_s, [360.0, 300.0, 360.0, 450.0, 450.0, 540.0]);
+    for axis in 0..6 {
+        let only = |value: f64| -> Angles { std::array::from_fn(|n| if n == axis { value } else { 0.0 }) };
+        for sign in [1.0, -1.0] {
+            let turned = |share: f64| only(sign * share * axes.max_speed_deg_s[axis] * 0.01);
+            let free = look(0.01, None);
+            assert!(too_fast(&arm, &free, &turned(0.999), &[0.0; 6]).is_ok());
+            let refused = too_fast(&arm, &free, &turned(1.001), &[0.0; 6]).expect_err("too fast");
+            assert!(matches!(refused, Obstacle::AxisSpeed { axis: found, .. } if found == axis + 1), "{refused:?}");
+            // From 10 °/s to a speed that differs by the acceleration times 10 ms.
+            let change = axes.max_acceleration_deg_s2[axis] * 0.01;
+            let to = |share: f64| only((10.0 + sign * share * change) * 0.01);
+            let held = look(0.01, Some(0.01));
+            assert!(too_fast(&arm, &held, &to(0.999), &only(10.0)).is_ok());
+            let refused = too_fast(&arm, &held, &to(1.001), &only(10.0)).expect_err("too quick");
+            assert!(matches!(refused, Obstacle::AxisAcceleration { axis: found, .. } if found == axis + 1));
+        }
+    }
+}
+
+/// By hand: ±170, −190…45, −120…156, ±185, ±120, ±350°, each less the margin of 3°.
+#[test]
+fn an_axis_keeps_the_margin_from_its_limits() {
+    let arm = Gates::new().arm;
+    let limits =
+        [[-170.0, 170.0], [-190.0, 45.0], [-120.0, 156.0], [-185.0, 185.0], [-120.0, 120.0], [-350.0, 350.0]];
+    for (axis, [low, high]) in limits.into_iter().enumerate() {
+        let at = |angle: f64| -> Angles { std::array::from_fn(|n| if n == axis { angle } else { 0.0 }) };
+        assert_eq!([beyond(&arm, &at(low + 3.01)), beyond(&arm, &at(high - 3.01))], [None, None]);
+        for angle_deg in [low + 2.99, high - 2.99, f64::NAN] {
+            let found = beyond(&arm, &at(angle_deg));
+            assert!(
+                matches!(found, Some(Obstacle::AxisLimit { axis: found, .. }) if found == axis + 1),
+                "{found:?}"
+            );
+        }
+    }
+}
+
+/// By hand: at home the forearm and the wrist lie in the plane y = 0 at z = 760, the flange at x = 480, the tip at
+/// x = 600. A box beside the wrist must be 80 mm away, one beside the tip alone 40.
+#[test]
+fn the_arm_and_the_tool_keep_their_distances_from_a_box() {
+    let distance = |x_mm: f64, y_mm: f64| {
+        let text =
+            format!("[[keep_out]]\nname = 'post'\nmin_mm = [{x_mm}, {y_mm}, 700]\nmax_mm = [900, 900, 800]\n");
+        let cell = Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+        keeps_out(&Kinematics::new(cell.arm()), look(0.0, None).tip, &[0.0, -90.0, 90.0, 0.0, 0.0, 0.0])
+    };
+    assert_eq!([distance(470.0, 80.1), distance(575.0, 40.1)], [Ok(()), Ok(())]);
+    for (x_mm, y_mm, near) in [(470.0, 79.9, "wrist"), (575.0, 39.9, "tool")] {
+        let found = distance(x_mm, y_mm).expect_err("too near");
+        let Obstacle::KeepOut { part, distance_mm, .. } = found else { panic!("{found:?}") };
+        assert!(part == near && (distance_mm - y_mm).abs() < 1e-9, "{part} {distance_mm}");
+    }
+}

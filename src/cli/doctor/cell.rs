@@ -1,0 +1,191 @@
+//! Facts of the cell's files: the store, the calibrations with their age, the controller's EthernetKRL files.
+
+use super::Check;
+use crate::calib::health::{Demands, health};
+use crate::cell::{Cell, RobotKind};
+use crate::check::check_files;
+use crate::cli::args::Common;
+use crate::cli::calibrate::now_unix_s;
+use crate::cli::fault::Fault;
+use crate::cli::load::CellFiles;
+use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
+use crate::store::{StoreError, calibration_hash};
+use std::fs;
+use std::path::Path;
+
+/// The cell's file, which was read.
+pub(super) fn file(common: &Common, files: &CellFiles) -> Check {
+    let name = common.cell.display().to_string();
+    match (files.cell.robot().kind(), files.cell.park(), files.cell.limits().workspace()) {
+        (RobotKind::Eki, None, _) => Check::wrong(
+            "cell file",
+            format!("{name} names no [poses] park"),
+            "every cycle begins there: teach it and write it down",
+        ),
+        (RobotKind::Eki, _, None) => Check::wrong(
+            "cell file",
+            format!("{name} states no box"),
+            "nothing moves in lines without [limits] box_min_mm and box_max_mm",
+        ),
+        _ => Check::right("cell file", name),
+    }
+}
+
+/// The store: can it be read, and does it wait for a person?
+pub(super) fn store(files: &CellFiles) -> Vec<Check> {
+    let folder = files.store_folder().display().to_string();
+    let store = match crate::store::Store::open(files.store_folder()) {
+        Ok(store) => store,
+        Err(StoreError::Missing { .. }) => {
+            let found = format!("none yet in {folder}");
+            return vec![Check::wrong("store", found, "it is made by `panelprep teach`: teach the panel")];
+        }
+        Err(error) => {
+            let advice = "nothing was changed; look at the folder, or bring back its last copy";
+            return vec![Check::wrong("store", error.to_string(), advice)];
+        }
+    };
+    let open = match store.has_open_motion() {
+        Ok(false) => Check::right("store", format!("{folder}, no motion open")),
+        Ok(true) => Check::wrong(
+            "store",
+            "a motion is open: a program ended while the robot moved",
+            "look at the cell, start `panelprep run`, then `panelprep ctl clear`",
+        ),
+        Err(error) => Check::wrong("store", error.to_string(), "bring back the store's last copy"),
+    };
+    vec![open]
+}
+
+/// Each calibration: is it there, and was it verified lately?
+pub(super) fn calibrations(files: &CellFiles) -> Vec<Check> {
+    let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
+        (Ok(lens), Ok(mount)) => verified(files, name, &calibration_hash(&[&lens, &mount])),
+        (Err(fault), _) | (_, Err(fault)) => unread(name, &fault),
+    };
+    let tool = match files.flange_from_tool() {
+        Ok(tool) => match files.last_touch(&tool.text) {
+            Some(touch) if touch.error_mm.is_nan() || touch.error_mm > files.cell.limits().verify_limit_mm() => {
+                Check::wrong(
+                    "calibration of the tool",
+                    format!("the last touch was {:.3} mm off", touch.error_mm),
+                    "run `panelprep calibrate tcp` again, then `panelprep calibrate verify` by touch",
+                )
+            }
+            Some(touch) => {
+                Check::right("calibration of the tool", format!("last touch {:.3} mm off", touch.error_mm))
+            }
+            None => Check::right("calibration of the tool", "never touched: the robot's own error is not measured"),
+        },
+        Err(fault) => unread("tool", &fault),
+    };
+    let text = |text: Result<String, Fault>| text;
+    vec![
+        camera("scanner", text(files.scanner().map(|c| c.text)), text(files.base_from_camera().map(|c| c.text))),
+        camera(
+            "flange_camera",
+            text(files.flange_camera().map(|c| c.text)),
+            text(files.flange_from_camera().map(|c| c.text)),
+        ),
+        tool,
+    ]
+}
+
+fn unread(name: &str, fault: &Fault) -> Check {
+    Check::wrong(
+        format!("calibration of the {name}"),
+        fault.to_string(),
+        "run `panelprep calibrate --help` for how it is made",
+    )
+}
+
+fn verified(files: &CellFiles, subject: &str, hash: &str) -> Check {
+    let name = format!("calibration of the {subject}");
+    let last = match files.store().and_then(|store| store.last_verification(subject).map_err(Fault::stage)) {
+        Ok(last) => last,
+        Err(_) => {
+            return Check::wrong(name, "not verified: there is no store that says so", "teach and verify first");
+        }
+    };
+    let (now, demands) = (now_unix_s(), Demands::of(files.cell.limits()));
+    let judgement = health(subject, last.as_ref(), hash, now, demands);
+    match (judgement.reasons.first(), &last) {
+        (Some(reason), _) => {
+            let (found, advice) = reason.message.rsplit_once("; ").unwrap_or((&reason.message, "verify it again"));
+            Check::wrong(name, found, advice)
+        }
+        (None, Some(last)) => {
+            let age_h = (now - last.at_unix_s) as f64 / 3600.0;
+            Check::right(name, format!("{:.3} mm off, verified {age_h:.1} h ago", last.error_mm))
+        }
+        (None, None) => Check::wrong(name, "never verified", "run `panelprep calibrate verify`"),
+    }
+}
+
+/// What the files for the controller say.
+pub(super) struct Programs {
+    pub checks: Vec<Check>,
+    /// Checksum of the KRL programs, as their data list states it.
+    pub sum: Option<i32>,
+}
+
+const KUKA: &str = "EthernetKRL files";
+
+/// The files for the controller: right, the same as this program speaks, on the ports of the cell's file.
+pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
+    let nothing = |check| Programs { checks: vec![check], sum: None };
+    let Some(folder) = folder else {
+        return nothing(match cell.robot().kind() {
+            RobotKind::Mock => Check::right(KUKA, "not needed: the mock robot has its own"),
+            RobotKind::Eki => Check::wrong(
+                KUKA,
+                "not looked at",
+                "copy the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat into a folder and name it by --kuka",
+            ),
+        });
+    };
+    let ports = [cell.robot().command_port(), cell.robot().state_port()];
+    let channels = [("CELLCMD.xml", CELLCMD, ports[0]), ("CELLSTAT.xml", CELLSTAT, ports[1])];
+    let checks = channels.map(|(name, ours, port)| channel(folder, (name, ours), port)).to_vec();
+    let data = fs::read_to_string(folder.join("cell_data.dat")).unwrap_or_default();
+    let stated = data.split("CELL_PROGRAM_SUM=").nth(1).map(|rest| rest.lines().next().unwrap_or_default().trim());
+    Programs { checks, sum: stated.and_then(|digits| digits.parse().ok()) }
+}
+
+fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
+    let (file, title) = (folder.join(name), format!("{KUKA}: {name}"));
+    let copy = format!("copy {name} of this program's config/kuka to the controller and make it read its I/O anew");
+    let text = match fs::read_to_string(&file) {
+        Ok(text) => text,
+        Err(error) => return Check::wrong(title, format!("{}: {error}", file.display()), copy),
+    };
+    let report = check_files(&[(name, &text)]).swap_remove(0);
+    if let [problem, ..] = report.problems.as_slice() {
+        return Check::wrong(title, format!("line {}: {}: {}", problem.line, problem.key, problem.message), copy);
+    }
+    let (theirs, ours) = match (ChannelFile::parse(&text), ChannelFile::parse(ours)) {
+        (Ok(theirs), Ok(ours)) => (theirs, ours),
+        (Err(error), _) | (_, Err(error)) => return Check::wrong(title, error.to_string(), copy),
+    };
+    if theirs.port != port {
+        let found = format!("listens on port {}, the cell's file says {port}", theirs.port);
+        return Check::wrong(
+            title,
+            found,
+            "make both the same: PORT in the file, command_port and state_port in [robot]",
+        );
+    }
+    // Address and port are the cell's own business.
+    let as_ours = ChannelFile { address: ours.address.clone(), port: ours.port, ..theirs };
+    if as_ours != ours {
+        let what = if as_ours.received != ours.received {
+            "what the controller receives"
+        } else if as_ours.sent != ours.sent {
+            "what the controller sends"
+        } else {
+            "the channel's settings"
+        };
+        return Check::wrong(title, format!("{what}: other than this program's own file says"), copy);
+    }
+    Check::right(title, format!("as this program speaks, on port {port}"))
+}

@@ -1,0 +1,124 @@
+//! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
+
+use super::{Check, machine};
+use crate::cell::{Camera, Cell, RobotKind};
+use crate::cli::fault::Fault;
+use crate::cli::load::{Calibrated, CellFiles};
+use crate::cli::{ctl, live};
+use crate::daemon::{Single, SingleError};
+use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
+use crate::eki::LinkLoss;
+use crate::geometry::PinholeCamera;
+
+/// Both cameras, and the sockets that a network camera needs.
+pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
+    let scanner = match files.cell.scanner() {
+        Camera::Simulated => simulated("scanner"),
+        Camera::Recorded { folder } => {
+            recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))
+        }
+        Camera::Device { serial } => absent("scanner", "Zivid", serial.as_deref()),
+    };
+    let flange_camera = match files.cell.flange_camera() {
+        Camera::Simulated => vec![simulated("flange camera")],
+        Camera::Recorded { folder } => {
+            let open = |lens| RecordedFlangeCamera::open(folder, lens).map(drop);
+            vec![recorded("flange camera", files.flange_camera(), open)]
+        }
+        Camera::Device { serial } => {
+            vec![machine::receive_buffer(), absent("flange camera", "GigE Vision", serial.as_deref())]
+        }
+    };
+    std::iter::once(scanner).chain(flange_camera).collect()
+}
+
+fn simulated(name: &str) -> Check {
+    Check::right(name, "simulated: its pictures are rendered")
+}
+
+fn recorded(
+    name: &str,
+    lens: Result<Calibrated<PinholeCamera>, Fault>,
+    open: impl Fn(PinholeCamera) -> Result<(), CameraError>,
+) -> Check {
+    match lens.map(|lens| open(lens.value)) {
+        Ok(Ok(())) => Check::right(name, "recorded shots are played"),
+        Ok(Err(error)) => {
+            Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file")
+        }
+        Err(_) => Check::wrong(
+            name,
+            "not looked at: a recording is held against the lens's calibration",
+            "calibrate first",
+        ),
+    }
+}
+
+fn absent(name: &str, kind: &str, serial: Option<&str>) -> Check {
+    let which = serial.map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
+    let found = format!("a {kind} camera, {which}: this program was built without its driver");
+    Check::wrong(name, found, "use a program that was built with it, or kind = \"recorded\"")
+}
+
+/// Whether the service runs, and whether the robot answers: where the service holds its ports, the service is asked.
+pub(super) fn robot_and_service(files: &CellFiles, sum: Option<i32>) -> Vec<Check> {
+    match ctl::state_of(&files.socket()) {
+        Some(state) => {
+            let robot = format!("held by the service, which is {state}");
+            vec![Check::right("service", format!("runs: {state}")), Check::right("robot", robot)]
+        }
+        None => vec![robot(&files.cell, sum), Check::right("service", "does not run")],
+    }
+}
+
+fn robot(cell: &Cell, sum: Option<i32>) -> Check {
+    if cell.robot().kind() == RobotKind::Mock {
+        return Check::right("robot", "a mock controller inside the program");
+    }
+    let (host, ports) = (cell.robot().host(), (cell.robot().command_port(), cell.robot().state_port()));
+    let place = format!("{host}, ports {} and {}", ports.0, ports.1);
+    let (mut link, _) = match live::robot_alone(cell) {
+        Ok(alone) => alone,
+        Err(fault) => return Check::wrong("robot", fault.to_string(), "mend [robot] in the cell's file"),
+    };
+    match Single::connect(&mut link) {
+        Ok(single) => {
+            let state = single.state();
+            match sum.filter(|sum| *sum != state.programs_checksum) {
+                Some(sum) => Check::wrong(
+                    "robot",
+                    format!(
+                        "{place}: speaks, but runs other programs: checksum {}, the files say {sum}",
+                        state.programs_checksum
+                    ),
+                    "copy the KRL programs of config/kuka to the controller and select the program anew",
+                ),
+                None => Check::right(
+                    "robot",
+                    format!("{place}: speaks, mode {:?}, programs {}", state.mode, state.programs_checksum),
+                ),
+            }
+        }
+        Err(error) => {
+            let advice = advice(&error);
+            Check::wrong("robot", format!("{place}: {error}"), advice)
+        }
+    }
+}
+
+fn advice(error: &SingleError) -> &'static str {
+    match error {
+        SingleError::NoController(LinkLoss::Refused { .. }) => {
+            "the controller is there and nothing listens: start cell_submit, select and start the cell's program, and \
+             see that the ports are those of the EthernetKRL files and within 54600 to 54615"
+        }
+        SingleError::NoController(LinkLoss::NoAnswer { .. }) => {
+            "no such address answers: controller on, cable of the KLI in, address and netmask of both right (`ping`)?"
+        }
+        SingleError::Silent => {
+            "it takes connections and says nothing: does cell_submit run (its state channel speaks), or does another \
+             program listen on these ports?"
+        }
+        _ => "what answers there is not this cell's controller program: compare its EthernetKRL files by --kuka",
+    }
+}

@@ -1,0 +1,66 @@
+//! Facts of the computer: this program, its disk, its clock, its sockets.
+
+use super::{Check, judge};
+use crate::cli::calibrate::now_unix_s;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::UNIX_EPOCH;
+
+/// This program and the libraries that it runs on.
+pub(super) fn program() -> Check {
+    let version = env!("CARGO_PKG_VERSION");
+    match opencv::core::get_version_string() {
+        Ok(opencv) => Check::right("program", format!("panelprep {version} with OpenCV {opencv}")),
+        Err(error) => Check::wrong(
+            "program",
+            format!("panelprep {version}, and OpenCV does not tell its version: {error}"),
+            "install Debian's libopencv-dev again",
+        ),
+    }
+}
+
+/// Whether a time server keeps the clock.
+pub(super) fn clock_is_kept() -> Check {
+    let asked = Command::new("timedatectl").args(["show", "--property=NTPSynchronized", "--value"]).output();
+    let said = asked.ok().filter(|output| output.status.success());
+    judge::clock_is_kept(said.and_then(|output| match output.stdout.trim_ascii() {
+        b"yes" => Some(true),
+        b"no" => Some(false),
+        _ => None,
+    }))
+}
+
+/// Nothing in the store may have been written in the future; nothing to say where there is no store.
+pub(super) fn clock_behind(store: &Path) -> Option<Check> {
+    let newest = fs::read_dir(store).ok()?.filter_map(|entry| {
+        let written = entry.ok()?.metadata().ok()?.modified().ok()?;
+        i64::try_from(written.duration_since(UNIX_EPOCH).ok()?.as_secs()).ok()
+    });
+    Some(judge::clock_behind(newest.max()?, now_unix_s()))
+}
+
+/// Free space where the store is, or will be.
+pub(super) fn disk(store: &Path) -> Check {
+    let whole = std::path::absolute(store).unwrap_or_else(|_| store.to_owned());
+    let there: Option<PathBuf> = whole.ancestors().find(|folder| folder.is_dir()).map(Path::to_owned);
+    let advice = "name a folder on a disk that this user may write as `store` in the cell's file";
+    let Some(folder) = there else {
+        return Check::wrong("disk", format!("no part of {} is there", whole.display()), advice);
+    };
+    if rustix::fs::access(&folder, rustix::fs::Access::WRITE_OK).is_err() {
+        return Check::wrong("disk", format!("{} must not be written by this user", folder.display()), advice);
+    }
+    match rustix::fs::statvfs(&folder) {
+        Ok(disk) => {
+            judge::disk(&folder.display().to_string(), disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+        }
+        Err(error) => Check::wrong("disk", format!("{}: {error}", folder.display()), advice),
+    }
+}
+
+/// The kernel's largest receive buffer.
+pub(super) fn receive_buffer() -> Check {
+    let text = fs::read_to_string("/proc/sys/net/core/rmem_max").ok();
+    judge::receive_buffer(text.and_then(|text| text.trim().parse().ok()))
+}

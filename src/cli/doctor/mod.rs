@@ -1,0 +1,100 @@
+//! `panelprep doctor`: the cell from the bottom up, one line a thing, and what to do where it is not right.
+//!
+//! It moves nothing and writes nothing. Where something above rests on something below that is not right, it is said to
+//! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
+//! `cell` those of the cell's files, and `devices` those of what is connected.
+
+mod cell;
+mod devices;
+mod judge;
+mod machine;
+
+use super::args::{Common, Doctor};
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::json;
+
+/// One thing that was looked at.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Check {
+    /// What it is.
+    pub name: String,
+    /// Nothing is wrong with it.
+    pub ok: bool,
+    /// What was found.
+    pub found: String,
+    /// What to do about it; empty where it is right.
+    pub advice: String,
+}
+
+impl Check {
+    fn right(name: impl Into<String>, found: impl Into<String>) -> Self {
+        Check { name: name.into(), ok: true, found: found.into(), advice: String::new() }
+    }
+
+    fn wrong(name: impl Into<String>, found: impl Into<String>, advice: impl Into<String>) -> Self {
+        Check { name: name.into(), ok: false, found: found.into(), advice: advice.into() }
+    }
+}
+
+/// Looks at everything and tells.
+///
+/// # Errors
+/// None: what cannot be read is a finding.
+pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
+    let mut checks = vec![machine::program(), machine::clock_is_kept()];
+    match CellFiles::read(common) {
+        Ok(files) => checks.extend(of_cell(args, common, &files)),
+        Err(fault) => {
+            checks.push(Check::wrong(
+                "cell file",
+                fault.to_string(),
+                "mend what is named; `panelprep check` with this file lists every problem",
+            ));
+            let rest = "not looked at: the cell's file says what there is";
+            checks.push(Check::wrong("everything else", rest, "mend the cell's file, then ask again"));
+        }
+    }
+    Ok(outcome(&checks))
+}
+
+fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
+    let mut checks = vec![cell::file(common, files), machine::disk(files.store_folder())];
+    checks.extend(cell::store(files));
+    checks.extend(machine::clock_behind(files.store_folder()));
+    checks.extend(cell::calibrations(files));
+    let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
+    checks.extend(programs.checks);
+    checks.extend(devices::cameras(files));
+    checks.extend(devices::robot_and_service(files, programs.sum));
+    checks
+}
+
+fn outcome(checks: &[Check]) -> Outcome {
+    let wrong: Vec<&Check> = checks.iter().filter(|check| !check.ok).collect();
+    let reason = |check: &&Check| Reason::new("not_right", format!("{}: {}", check.name, check.found));
+    let verdict = if wrong.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons: wrong.iter().map(reason).collect() });
+    let width = checks.iter().map(|check| check.name.chars().count()).max().unwrap_or(0);
+    outcome.words = Vec::new();
+    for check in checks {
+        let mark = if check.ok { "ok   " } else { "WRONG" };
+        outcome.say(format!("{mark}  {:width$}  {}", check.name, check.found));
+        if !check.advice.is_empty() {
+            outcome.say(format!("       {:width$}  → {}", "", check.advice));
+        }
+    }
+    let (all, right) = (checks.len(), checks.len() - wrong.len());
+    outcome.say(match wrong.len() {
+        0 => format!("all {all} are right"),
+        _ => format!("{right} of {all} are right; begin with the uppermost that is not"),
+    });
+    let of_check = |check: &Check| {
+        let advice = Some(&check.advice).filter(|advice| !advice.is_empty());
+        json!({"name": check.name, "ok": check.ok, "found": check.found, "advice": advice})
+    };
+    outcome.put("checks", json!(checks.iter().map(of_check).collect::<Vec<_>>()));
+    outcome
+}

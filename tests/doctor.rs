@@ -1,0 +1,171 @@
+//! `panelprep doctor` names what is wrong with a cell, and nothing else.
+
+use super::commands::{TEACH, VERIFY, json, rendered, taught_and_verified};
+use super::wall::{Mock, over_sockets};
+use panelprep::calib::health::Verification;
+use panelprep::store::Store;
+use serde_json::Value;
+use std::fs;
+use std::io::Write;
+use std::net::TcpListener;
+use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+const DOCTOR: &str = "doctor --cell cell/cell.toml";
+/// Of the sixteen that a controller's firewall leaves open; no other test has them.
+const PORTS: [u16; 2] = [54_612, 54_613];
+
+/// What is not right: name, what was found, advice.
+fn wrong(folder: &Path, arguments: &str) -> Vec<[String; 3]> {
+    let (exit, told) = json(folder, arguments);
+    let checks = told["checks"].as_array().expect("checks");
+    let text = |check: &Value, key: &str| check[key].as_str().unwrap_or_default().to_owned();
+    let is_wrong = |check: &&Value| check["ok"] == Value::Bool(false);
+    let wrong: Vec<[String; 3]> = checks
+        .iter()
+        .filter(is_wrong)
+        .map(|check| ["name", "found", "advice"].map(|key| text(check, key)))
+        .collect();
+    assert_eq!((exit, told["verdict"] == "pass"), (i32::from(!wrong.is_empty()), wrong.is_empty()), "{told}");
+    assert!(
+        checks.len() >= 2 && wrong.iter().all(|[_, found, advice]| !found.is_empty() && !advice.is_empty()),
+        "{told}"
+    );
+    wrong
+}
+
+/// One thing is wrong, and these words are in its name, what was found, and the advice.
+fn one_wrong(folder: &Path, arguments: &str, words: [&str; 3]) {
+    let wrong = wrong(folder, arguments);
+    let [only] = wrong.as_slice() else { panic!("{words:?}: {wrong:?}") };
+    assert!(only.iter().zip(words).all(|(text, word)| text.contains(word)), "{words:?}: {only:?}");
+}
+
+/// Plants a trouble in a file, looks, and takes it back.
+fn planted(folder: &Path, (file, from, to): (&str, &str, &str), words: [&str; 3]) {
+    let file = folder.join(file);
+    let text = fs::read_to_string(&file).expect("there");
+    assert!(text.contains(from), "{from}: {text}");
+    fs::write(&file, text.replacen(from, to, 1)).expect("written");
+    one_wrong(folder, DOCTOR, words);
+    fs::write(&file, text).expect("written");
+}
+
+#[test]
+fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    // Before anything was taught: the store is missing, and so is every word on the calibrations.
+    let names: Vec<String> = wrong(folder, DOCTOR).into_iter().map(|[name, ..]| name).collect();
+    assert_eq!(names, ["store", "calibration of the scanner", "calibration of the flange_camera"]);
+    taught_and_verified(folder);
+    assert_eq!(wrong(folder, DOCTOR), Vec::<[String; 3]>::new());
+
+    // The cell's file and the files that it names.
+    fs::rename(folder.join("cell/flange_from_camera.toml"), folder.join("away.toml")).expect("moved");
+    one_wrong(folder, DOCTOR, ["calibration of the flange_camera", "flange_from_camera.toml", "calibrate"]);
+    fs::rename(folder.join("away.toml"), folder.join("cell/flange_from_camera.toml")).expect("back");
+    planted(
+        folder,
+        ("cell/scanner.toml", "[camera]", "# calibrated again\n[camera]"),
+        ["calibration of the scanner", "other calibration files", "calibrate verify --camera scanner"],
+    );
+    planted(
+        folder,
+        ("cell/cell.toml", "[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"recorded\"\nfolder = \"none\""),
+        ["scanner", "none", "folder of a recording"],
+    );
+    let file = folder.join("cell/cell.toml");
+    let text = fs::read_to_string(&file).expect("there");
+    fs::write(&file, format!("colour = 3\n{text}")).expect("written");
+    let found = wrong(folder, DOCTOR);
+    assert!(
+        found.len() == 2 && found[0][1].contains("colour") && found[1][1].contains("not looked at"),
+        "{found:?}"
+    );
+    fs::write(&file, &text).expect("written");
+
+    // The store and the clock.
+    let store = folder.join("cell/store");
+    let database = fs::File::options().append(true).open(store.join("panelprep.sqlite")).expect("the database");
+    let written = database.metadata().expect("known").modified().expect("known");
+    database.set_modified(SystemTime::now() + Duration::from_secs(7_200)).expect("set");
+    one_wrong(folder, DOCTOR, ["clock", "2.0 h ahead", "timedatectl"]);
+    database.set_modified(written).expect("set back");
+    let last = Store::open(&store).expect("a store").last_verification("scanner").expect("read").expect("verified");
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).expect("after 1970").as_secs() as i64;
+    Store::keep_verification_in(&store, &Verification { at_unix_s: now - 48 * 3_600, ..last }).expect("kept");
+    one_wrong(folder, DOCTOR, ["calibration of the scanner", "48.0 h ago", "calibrate verify --camera scanner"]);
+    assert_eq!(json(folder, VERIFY[0]).0, 0);
+    fs::rename(store.join("panelprep.sqlite"), folder.join("away.db")).expect("moved");
+    fs::write(store.join("panelprep.sqlite"), vec![7; 5_000]).expect("spoilt");
+    assert!(wrong(folder, DOCTOR)[0][1].contains("cannot open the store"));
+}
+
+/// A controller behind two sockets: absent, silent, speaking of other things, and right; and its files.
+#[test]
+fn what_answers_in_place_of_a_controller_is_told_apart() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    VERIFY.iter().for_each(|command| assert_eq!(json(folder, command).0, 0));
+    over_sockets(folder, PORTS);
+    let with_files = format!("{DOCTOR} --kuka .");
+    let sum = "DECL GLOBAL CONST INT CELL_PROGRAM_SUM=870297\n";
+    one_wrong(folder, &with_files, ["robot", "refuses", "cell_submit"]);
+    let robot = |words: &str| {
+        let found = wrong(folder, &with_files);
+        assert!(found.len() == 1 && found[0][0] == "robot" && found[0][1].contains(words), "{words}: {found:?}");
+    };
+    {
+        let _silent = PORTS.map(|port| TcpListener::bind(("127.0.0.1", port)).expect("a free port"));
+        robot("silent");
+    }
+    {
+        let web = PORTS.map(|port| TcpListener::bind(("127.0.0.1", port)).expect("a free port"));
+        let [_, state] = web;
+        state.set_nonblocking(true).expect("set");
+        let done = std::sync::atomic::AtomicBool::new(false);
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !done.load(std::sync::atomic::Ordering::Relaxed) {
+                    if let Ok((mut stream, _)) = state.accept() {
+                        let _ = stream.write_all(b"<html>400 Bad Request</html>");
+                        std::thread::sleep(Duration::from_millis(200));
+                    }
+                    std::thread::sleep(Duration::from_millis(5));
+                }
+            });
+            let found = wrong(folder, &with_files);
+            done.store(true, std::sync::atomic::Ordering::Relaxed);
+            assert!(
+                found.len() == 1 && found[0][0] == "robot" && found[0][2].contains("not this cell's"),
+                "{found:?}"
+            );
+        });
+    }
+    let _mock = Mock::start(folder, PORTS);
+    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
+    one_wrong(folder, DOCTOR, ["EthernetKRL files", "not looked at", "--kuka"]);
+    let (_, told) = json(folder, &with_files);
+    let robot =
+        told["checks"].as_array().expect("checks").iter().find(|check| check["name"] == "robot").expect("one");
+    let runs = robot["found"].as_str().and_then(|found| found.rsplit(' ').next()).expect("its programs").to_owned();
+    fs::write(folder.join("cell_data.dat"), sum.replace("870297", &runs)).expect("written");
+    assert_eq!(wrong(folder, &with_files), Vec::<[String; 3]>::new());
+    fs::write(folder.join("cell_data.dat"), sum.replace("870297", "12")).expect("written");
+    one_wrong(folder, &with_files, ["robot", "other programs", "select the program anew"]);
+    fs::remove_file(folder.join("cell_data.dat")).expect("removed");
+    for (from, to, words) in [
+        ("<PORT>54613<", "<PORT>54610<", ["CELLSTAT.xml", "port 54610", "same"]),
+        ("Tag=\"St/@Done\"", "Tag=\"St/@Made\"", ["CELLSTAT.xml", "sends", "copy CELLSTAT.xml"]),
+        ("<PORT>", "<PORT>x", ["CELLSTAT.xml", "line", "copy CELLSTAT.xml"]),
+    ] {
+        let file = folder.join("CELLSTAT.xml");
+        let text = fs::read_to_string(&file).expect("there");
+        assert!(text.contains(from));
+        fs::write(&file, text.replacen(from, to, 1)).expect("written");
+        one_wrong(folder, &with_files, words);
+        fs::write(&file, text).expect("written");
+    }
+}
