@@ -350,12 +350,12 @@ fn has_shot(entry: &Entry) -> bool {
 
 /// What a camera's answer says of its picture.
 #[derive(Deserialize)]
-struct Sized {
+struct Answer {
     size_px: [usize; 2],
 }
 
 fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
-    let answer: Result<Sized, Value> = Result::deserialize(heard).map_err(|error| error.to_string())?;
+    let answer: Result<Answer, Value> = Result::deserialize(heard).map_err(|error| error.to_string())?;
     let size_px = answer.map_err(|_| "a picture without an answer".to_owned())?.size_px;
     let shot = if topic == Topic::Points {
         let cloud = PointCloud::decode(data).map_err(|error| error.to_string())?;

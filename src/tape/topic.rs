@@ -81,7 +81,7 @@ impl Topic {
 
     /// Whether its messages are [`Entry`](super::Entry)s, without which nothing can be run again.
     pub fn is_entry(self) -> bool {
-        self.schema().encoding == JSON
+        !self.is_shot() && !matches!(self, Topic::Transform | Topic::Log)
     }
 
     /// Whether its messages belong to the camera entry before them.

@@ -139,7 +139,11 @@ impl<'a> Player<'a> {
 impl Deck<'_> {
     /// The next entry for the loop, or for the cameras.
     fn peek(&mut self, cameras: bool) -> Option<&Entry> {
-        while !self.parted && if cameras { self.seen.is_empty() } else { self.ahead.is_empty() } {
+        while !self.parted {
+            let is_there = if cameras { !self.seen.is_empty() } else { !self.ahead.is_empty() };
+            if is_there {
+                break;
+            }
             match self.source.next() {
                 Some(Ok(entry)) if entry.topic == Topic::Camera => self.seen.push_back(entry),
                 Some(Ok(entry)) => self.ahead.push_back(entry),

@@ -67,7 +67,10 @@ fn line(topic: Topic, said: Value, heard: Value) -> Entry {
 fn put_pictures(recorder: &Recorder, count: u64) {
     for index in 0..count {
         recorder.clock((1 + index) * 100_000_000);
-        let picture = Arc::new(ColorPicture::filled(100, 100, [index as u8; 3]));
+        // No two bytes alike: what is packed is as large as what is not.
+        let noise = |pixel: u64| (pixel + 10_000 * index).wrapping_mul(0x9E37_79B9_7F4A_7C15).to_be_bytes();
+        let rgb = (0..10_000).map(|pixel| [noise(pixel)[2], noise(pixel)[3], noise(pixel)[4]]).collect();
+        let picture = Arc::new(ColorPicture { width: 100, height: 100, rgb });
         let heard = json!({ "Ok": { "size_px": [100, 100] } });
         let shot = Some(Shot::Scanner(picture));
         recorder.put(Entry { shot, ..line(Topic::Camera, json!("picture"), heard) });
