@@ -3,13 +3,14 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: zivid zivid-stub help setup demo test bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate bench-worker bench-cameras
+.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate bench-worker bench-cameras bench-recording
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras'
+	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
+	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
 
 setup:
@@ -62,7 +63,7 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras
+bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
@@ -132,3 +133,36 @@ bench-locate-peers: setup
 	  rm -rf $(MATCHERS); echo 'The Python peers cannot be set up; the bench runs without them.' >&2; }
 	if test -x $(MATCHERS)/bin/python; then export PANELPREP_PEERS=$(CURDIR)/$(MATCHERS)/bin/python; fi; \
 	  cargo bench --locked --bench locate -- peers
+
+# Recordings read with the public mcap package in a Python of its own under target/.
+READERS := target/bench-recording
+bench-recording:
+	@test -x $(READERS)/bin/python || { \
+	  python3 -m venv $(READERS) && $(READERS)/bin/pip install --quiet 'mcap>=1.2' 'mcap-protobuf-support>=0.5'; } || { \
+	  rm -rf $(READERS); echo 'The Python package mcap cannot be set up.' >&2; exit 1; }
+	$(READERS)/bin/python tests/bench/recording_peers.py fixtures/*.mcap
+
+# The cycles in fixtures/, recorded anew: a quarter of the pixels, a picture of the film every two seconds.
+RECORDED := target/fixtures
+fixtures: setup
+	cargo build --locked
+	rm -rf $(RECORDED)
+	$(call record,good,cycle)
+	$(call record,wrong-panel,rejected)
+
+define record
+	target/debug/panelprep render --scene $(1) --reduction 4 --seconds 40 --out $(RECORDED)/$(2)
+	sed -i 's/^frames_per_second = .*/frames_per_second = 0.5/' $(RECORDED)/$(2)/recipe.toml
+	target/debug/panelprep teach --cell $(RECORDED)/$(2)/cell.toml --recipe $(RECORDED)/$(2)/recipe.toml \
+	  --scan $(RECORDED)/$(2)/taught_scan.pcd --corner $(RECORDED)/$(2)/taught_corner.png \
+	  --flange $(RECORDED)/$(2)/taught_flange.json
+	target/debug/panelprep calibrate verify --cell $(RECORDED)/$(2)/cell.toml --camera scanner --board 5x4 \
+	  --square-mm 40 --target $(RECORDED)/$(2)/target/scanner.toml --image $(RECORDED)/$(2)/target/scanner.png
+	target/debug/panelprep calibrate verify --cell $(RECORDED)/$(2)/cell.toml --camera flange-camera --board 5x4 \
+	  --square-mm 40 --target $(RECORDED)/$(2)/target/flange_camera.toml \
+	  --image $(RECORDED)/$(2)/target/flange_camera.png --flange $(RECORDED)/$(2)/target/flange.json
+	rm -f fixtures/$(2).mcap
+	target/debug/panelprep cycle --cell $(RECORDED)/$(2)/cell.toml --recipe $(RECORDED)/$(2)/recipe.toml \
+	  --scene $(1) --record fixtures/$(2).mcap || test $$? = 1
+	target/debug/panelprep replay fixtures/$(2).mcap
+endef

@@ -34,6 +34,7 @@ pub mod files;
 pub mod record;
 
 pub mod report;
+pub mod tape;
 
 pub mod store;
 

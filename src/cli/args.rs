@@ -130,6 +130,18 @@ pub enum Command {
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
+    /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
+    #[command(after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
+        panelprep replay target/demo4.mcap\n\
+        The recording is an MCAP file: Foxglove and Lichtblick open it.")]
+    Replay(Replay),
+}
+
+/// Options of `replay`.
+#[derive(Debug, Clone, Args)]
+pub struct Replay {
+    /// What `--record` wrote.
+    pub recording: PathBuf,
 }
 
 /// What the simulated cell shows.
@@ -181,6 +193,9 @@ pub struct Demo {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size its films take gigabytes.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
 }
 
 /// Options of `render`.
@@ -222,6 +237,9 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size its films take gigabytes.
+    #[arg(long, value_name = "FILE")]
+    pub record: Option<PathBuf>,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,

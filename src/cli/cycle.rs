@@ -7,13 +7,19 @@ use super::health;
 use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use super::recording;
 use super::report::{self, Kept};
 use crate::cell::Cell;
-use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
-use crate::daemon::{Ask, Calibrations, CycleOutcome, Ports, Requests, StoreRecord, run_cycle};
+use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
+use crate::daemon::{
+    Ask, Calibrations, CycleOutcome, Ports, Recording, Requests, Robot as _, StoreRecord, Taped, Written,
+    run_cycle_from,
+};
 use crate::geometry::KukaPose;
+use crate::tape::TapeError;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
+use std::path::Path;
 
 /// A cycle that ran.
 pub struct Ran {
@@ -27,10 +33,24 @@ pub struct Ran {
     pub simulated: Option<Simulated>,
     /// How pictures of the flange camera came, where it is to be told.
     pub flange_link: Option<FlangeLink>,
+    /// What came of the recording, where one was asked for.
+    pub recorded: Option<Result<Written, TapeError>>,
 }
 
 /// Starts the cell's devices.
 pub type Start = fn(&Cell, &Calibrations, Simulation) -> Result<Live, Fault>;
+
+/// How a cycle is run.
+pub struct Run<'r> {
+    /// Starts the devices.
+    pub start: Start,
+    /// What simulated devices show.
+    pub simulation: Simulation,
+    /// What is asked of the loop.
+    pub request: fn(&Assignment) -> Request,
+    /// Where it is recorded.
+    pub record: Option<&'r Path>,
+}
 
 /// Runs the cycle and tells how it ended.
 ///
@@ -64,7 +84,8 @@ fn once(
     if args.new_disc {
         files.settled_store()?.mount_disc().map_err(Fault::stage)?;
     }
-    let ran = one(&files, (&assignment, &calibrated), (Live::start, args.simulation, request), progress)?;
+    let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
+    let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(&page, vec![])?;
     let mut outcome = ran.outcome(ran.judgement());
@@ -89,7 +110,7 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 pub fn one(
     files: &CellFiles,
     (assignment, calibrated): (&Assignment, &Calibrated),
-    (start, simulation, request): (Start, Simulation, fn(&Assignment) -> Request),
+    Run { start, simulation, request, record }: Run<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
     let job = assignment.job(files, calibrated)?;
@@ -105,13 +126,29 @@ pub fn one(
     }
     let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
-    let ports = Ports {
-        robot: &mut live.robot,
-        eyes: &mut live.eyes,
-        record: &mut StoreRecord::new(&mut store, cycle),
-        requests: &mut once,
+    let state = fold(journal);
+    let recording = match record {
+        Some(file) => Some(recording::begin(file, files, (assignment, calibrated), (state, live.robot.is_lock_step()))?),
+        None => None,
     };
-    let ended = run_cycle(&job, ports, journal).map_err(Fault::stage)?;
+    let (robot, eyes) = (&mut live.robot, &mut live.eyes);
+    let (record, requests) = (&mut StoreRecord::new(&mut store, cycle), &mut once);
+    let ended = match &recording {
+        None => run_cycle_from(state, &job, Ports { robot, eyes, record, requests }),
+        Some(recording) => {
+            let taped = || recording.recorder();
+            let ports = Ports {
+                robot: &mut Taped::new(robot, taped()),
+                eyes: &mut Taped::new(eyes, taped()),
+                record: &mut Taped::new(record, taped()),
+                requests: &mut Taped::new(requests, taped()),
+            };
+            run_cycle_from(state, &job, ports)
+        }
+    };
+    // What a cycle came to before it failed is worth most.
+    let recorded = recording.map(Recording::finish);
+    let ended = ended.map_err(Fault::stage)?;
     let refused = once.refused;
     Ok(Ran {
         ended,
@@ -119,6 +156,7 @@ pub fn one(
         refused,
         simulated: live.simulated,
         flange_link: live.flange_link,
+        recorded,
     })
 }
 
@@ -141,6 +179,9 @@ impl Ran {
         let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
+        if let Some(recorded) = &self.recorded {
+            outcome.say(recording::words(recorded));
+        }
         let budget = self.kept.record.budget.unwrap_or_default();
         outcome.put("cycle_id", json!(cycle.0));
         outcome.put("state", json!(ended.state.at.word()));

@@ -53,12 +53,13 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         return Ok(cycle::unhealthy(&health));
     }
     let calibrated = Calibrated::read(&files, &common)?;
-    let ran = cycle::one(
-        &files,
-        (&assignment, &calibrated),
-        (Live::start_demo, simulation, Assignment::request),
-        &progress,
-    )?;
+    let how = cycle::Run {
+        start: Live::start_demo,
+        simulation,
+        request: Assignment::request,
+        record: args.record.as_deref(),
+    };
+    let ran = cycle::one(&files, (&assignment, &calibrated), how, &progress)?;
 
     progress("writing the page");
     let panel = (&assignment.taught.panel, assignment.recipe.path().disc_diameter_mm());

@@ -25,9 +25,11 @@ mod outcome;
 mod person;
 mod pictures;
 mod plan;
+mod recording;
 mod refine;
 mod render;
 mod render_boards;
+mod replay;
 mod report;
 mod robot;
 mod run;
@@ -48,7 +50,7 @@ use tracing::level_filters::LevelFilter;
 pub fn run(arguments: &Arguments) -> ExitCode {
     // Commands that tell their progress log only what is wrong.
     let usual = match &arguments.command {
-        Command::Demo(_) | Command::Cycle(_) => LevelFilter::WARN,
+        Command::Demo(_) | Command::Cycle(_) | Command::Replay(_) => LevelFilter::WARN,
         _ => LevelFilter::INFO,
     };
     log::start(usual);
@@ -72,6 +74,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
         Command::Plan(args) => plan::run(args, common),
+        Command::Replay(args) => replay::run(args),
     };
     match outcome {
         Ok(outcome) => outcome.print(common.json),

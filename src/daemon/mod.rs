@@ -16,7 +16,8 @@
 //! stands while something is computed.
 //!
 //! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `desk` (requests, signals
-//! and systemd, seen from the loop) · `words` (states and refusals for people).
+//! and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
+//! loop and ports, and runs a cycle again on it.
 
 mod abrasion;
 mod acts;
@@ -32,6 +33,7 @@ mod ports;
 mod protocol;
 mod reaching;
 mod recording;
+mod replay;
 mod routes;
 mod run;
 mod sight;
@@ -53,7 +55,8 @@ pub use ports::{
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
 pub use reaching::stand;
 pub use recording::{StoreRecord, keeper};
-pub use run::{CycleOutcome, Ports, Service, run_cycle, serve};
+pub use replay::{Difference, Played, Player, Recorder, Recording, Taped, Written};
+pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};
 pub use wiring::Wiring;

@@ -74,9 +74,17 @@ pub fn run_cycle(
     ports: Ports<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<CycleOutcome, DaemonError> {
+    run_cycle_from(fold(journal), job, ports)
+}
+
+/// The same from the state that the journal leads to.
+///
+/// # Errors
+/// As [`run_cycle`].
+pub fn run_cycle_from(state: State, job: &Job<'_>, ports: Ports<'_>) -> Result<CycleOutcome, DaemonError> {
     let Ports { robot, eyes, record, requests } = ports;
     let outside = Outside { robot, record, requests };
-    let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, fold(journal));
+    let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, state);
     running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();

@@ -2,6 +2,7 @@
 
 use super::schema::{Field, int};
 use super::wire::{CommandId, Epoch};
+use serde::{Deserialize, Serialize};
 
 /// An acknowledgement. Counts are of its epoch.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -19,7 +20,8 @@ pub struct Ack {
 }
 
 /// Why the controller refused a command.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum Refusal {
     /// `Err` 1.
     #[error("an id is missing before it")]

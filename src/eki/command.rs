@@ -4,10 +4,13 @@
 //! can do; the cell's own limits are the gate's business. Nothing is clamped.
 
 use super::wire::Epoch;
+use super::word::{Word, word};
 use crate::geometry::{Joints, KukaPose};
+use serde::{Deserialize, Serialize};
 
 /// One function of thesis Table 3.1.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Command {
     /// `move_lin(pose)`: a straight line of the tool's tip.
     MoveLin(MoveLin),
@@ -36,7 +39,7 @@ pub enum Command {
 }
 
 /// A straight line to a pose.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveLin {
     /// Where the tip goes, in the active base.
     pub pose: KukaPose,
@@ -49,7 +52,7 @@ pub struct MoveLin {
 }
 
 /// All axes to their angles.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct MoveJ {
     /// Where the axes go.
     pub joints: Joints,
@@ -58,7 +61,7 @@ pub struct MoveJ {
 }
 
 /// The tool's frame, and whether a retract is along it.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetTcp {
     /// The tip in the flange.
     pub flange_from_tool: KukaPose,
@@ -67,7 +70,8 @@ pub struct SetTcp {
 }
 
 /// What a tool frame belongs to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
 pub enum TcpKind {
     /// The flange camera, or any tool that never touches.
     Other,
@@ -76,7 +80,7 @@ pub enum TcpKind {
 }
 
 /// Speeds and accelerations of what follows.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct SetAccSpeed {
     /// Speed of the tip, m/s.
     pub speed_m_s: f64,
@@ -89,7 +93,7 @@ pub struct SetAccSpeed {
 }
 
 /// A digital signal and its value.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Signal {
     /// Its number on the controller, from 1.
     pub number: u16,
@@ -144,15 +148,18 @@ pub enum Request {
 }
 
 /// Why a command cannot be sent. Names what was given and what is allowed.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum CommandError {
     /// Not a number, too small or too large.
     #[error("{function}: {field} is {found}, allowed is {low} to {high}")]
     OutOfRange {
         /// The function of Table 3.1.
-        function: &'static str,
+        #[serde(deserialize_with = "word")]
+        function: Word,
         /// The value, with its unit.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
         /// What was given.
         found: f64,
         /// Smallest allowed.

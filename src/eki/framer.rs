@@ -12,6 +12,7 @@
 #[cfg(test)]
 mod tests;
 
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 
 /// Longest document with its prolog.
@@ -20,7 +21,8 @@ pub const MAX_DOCUMENT_BYTES: usize = 8 * 1024;
 const MAX_DEPTH: usize = 8;
 
 /// Why a stream cannot be cut into documents. `at` counts the stream's bytes from 0.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum FrameError {
     /// Text or rubbish between documents.
     #[error("byte {at}: {byte:#04x} stands between documents, where only < may")]

@@ -21,6 +21,7 @@ mod session;
 mod state;
 mod time;
 mod wire;
+mod word;
 
 #[cfg(test)]
 mod fixture;

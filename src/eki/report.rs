@@ -5,11 +5,14 @@ use super::framer::FrameError;
 use super::schema::DecodeError;
 use super::state::State;
 use super::wire::{CommandId, Epoch};
+use super::word::{Word, word};
 use crate::geometry::KukaPose;
+use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
 /// One of the two connections.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Channel {
     /// Commands and acknowledgements.
     Command,
@@ -27,7 +30,8 @@ impl std::fmt::Display for Channel {
 }
 
 /// What a session tells. Ids and `done` are of the epoch at hand.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Report {
     /// The controller has answered for the first time on this connection. Nothing moves by it.
     Connected {
@@ -109,7 +113,8 @@ pub enum Report {
 }
 
 /// Why a robot cannot go on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum StopCause {
     /// An emergency stop is pressed.
     #[error("emergency stop")]
@@ -129,13 +134,15 @@ pub enum StopCause {
 }
 
 /// Base or tool that did not arrive as set.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum EchoMismatch {
     /// The controller does not know that it was set.
     #[error("the {frame} set by command {id} was executed, but the controller says that none is set in this epoch")]
     NotSet {
         /// Base or tool.
-        frame: &'static str,
+        #[serde(deserialize_with = "word")]
+        frame: Word,
         /// The command.
         id: CommandId,
     },
@@ -146,7 +153,8 @@ pub enum EchoMismatch {
     )]
     Differs {
         /// Base or tool.
-        frame: &'static str,
+        #[serde(deserialize_with = "word")]
+        frame: Word,
         /// The command.
         id: CommandId,
         /// What was set.
@@ -161,7 +169,8 @@ pub enum EchoMismatch {
 }
 
 /// Numbers of the controller that cannot be.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum SequenceError {
     /// A state is missing, repeated or out of order.
     #[error("state {found} came after state {last}")]
@@ -185,7 +194,8 @@ pub enum SequenceError {
     #[error("the controller says that command {found} was {what}; {first} to {last} may be")]
     Command {
         /// Received or executed.
-        what: &'static str,
+        #[serde(deserialize_with = "word")]
+        what: Word,
         /// What it says.
         found: CommandId,
         /// The least that it may say.
@@ -204,7 +214,8 @@ pub enum SequenceError {
 }
 
 /// Why there is no connection.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum LinkLoss {
     /// Nothing listens.
     #[error(

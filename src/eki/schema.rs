@@ -5,8 +5,10 @@
 //! never zero.
 
 use super::channel::{Element, Kind};
+use super::word::{Word, word};
 use quick_xml::Reader;
 use quick_xml::events::{BytesStart, Event};
+use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 
 /// A field that the program knows: its tag, whether it is whole, and its range.
@@ -68,7 +70,8 @@ pub enum SchemaError {
 }
 
 /// Why a document is not what its schema says. `field` is a tag of the EthernetKRL file.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum DecodeError {
     /// Not well-formed.
     #[error("not XML: {problem}")]
@@ -80,7 +83,8 @@ pub enum DecodeError {
     #[error("{what} inside <{element}>, where only elements may stand")]
     Foreign {
         /// What it is.
-        what: &'static str,
+        #[serde(deserialize_with = "word")]
+        what: Word,
         /// The element around it; empty outside of all.
         element: String,
     },
@@ -120,35 +124,41 @@ pub enum DecodeError {
     #[error("{field} stands twice")]
     Repeated {
         /// Its path.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
     },
     /// An attribute that is not there.
     #[error("{field} is missing")]
     Missing {
         /// Its path.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
     },
     /// An attribute that was never set on the controller.
     #[error("{field} is empty: it was not set on the controller")]
     Empty {
         /// Its path.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
     },
     /// Not a number as EthernetKRL writes them.
     #[error("{field} is \"{found}\", which is no {needed}")]
     NotANumber {
         /// Its path.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
         /// What stands there.
         found: String,
         /// What it must be.
-        needed: &'static str,
+        #[serde(deserialize_with = "word")]
+        needed: Word,
     },
     /// A number that no controller can mean.
     #[error("{field} is {found}, allowed is {low} to {high}")]
     OutOfRange {
         /// Its path.
-        field: &'static str,
+        #[serde(deserialize_with = "word")]
+        field: Word,
         /// What stands there.
         found: f64,
         /// Smallest allowed.

@@ -4,9 +4,11 @@ use super::command::{FARTHEST_MM, LARGEST_DEG};
 use super::schema::{Field, int, real};
 use super::wire::{CommandId, Epoch};
 use crate::geometry::{Joints, KukaPose};
+use serde::{Deserialize, Serialize};
 
 /// The operating mode.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Mode {
     /// T1: by hand, at most 250 mm/s.
     T1,
@@ -31,7 +33,7 @@ impl Mode {
 }
 
 /// The controller's state at one moment.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Since the controller's start, ms.
     pub time_ms: u32,

@@ -21,7 +21,9 @@ use super::framer::Framer;
 use super::report::{Channel, LinkLoss, Report, StopCause};
 use super::time::Time;
 use super::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
+use super::word::{Word, word};
 use flow::Flow;
+use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
 
@@ -65,7 +67,8 @@ pub enum Pace {
 }
 
 /// Why a command was not queued. Nothing of it was sent.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, thiserror::Error)]
+#[serde(rename_all = "snake_case")]
 pub enum QueueError {
     /// No controller.
     #[error("there is no connection to the controller")]
@@ -86,7 +89,8 @@ pub enum QueueError {
     #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
     FramesNotSet {
         /// What is missing.
-        missing: &'static str,
+        #[serde(deserialize_with = "word")]
+        missing: Word,
     },
     /// A path without points.
     #[error("the path has no points")]

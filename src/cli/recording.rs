@@ -1,0 +1,191 @@
+//! A recording's beginning, from the files that a cycle works by, and the same files read back from it.
+
+use super::assignment::{Assignment, Calibrated};
+use super::fault::Fault;
+use super::load::{self, CellFiles, Taught};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cycle::State;
+use crate::daemon::{Calibrations, Recording, Written};
+use crate::files::{read_flange, write_pose};
+use crate::geometry::{KukaPose, PinholeCamera, Rigid};
+use crate::recipe::Recipe;
+use crate::store::{TaughtCorner, Teaching};
+use crate::tape::{Checked, Mounted, Start, TapeError, Writer};
+use std::fs::OpenOptions;
+use std::io::BufWriter;
+use std::path::Path;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Begins a recording in a new file.
+///
+/// # Errors
+/// Where there is such a file already, the disk refuses, or what was taught cannot be read.
+pub fn begin(
+    file: &Path,
+    files: &CellFiles,
+    (assignment, calibrated): (&Assignment, &Calibrated),
+    (state, lock_step): (State, bool),
+) -> Result<Recording, Fault> {
+    let named = |error: std::io::Error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => Fault::file(file, "is there already; remove it, or record in another file"),
+        _ => Fault::file(file, error),
+    };
+    let teaching = files.store()?.taught(assignment.recipe.panel(), Some(&assignment.taught.version));
+    let mut parts = texts(assignment, calibrated);
+    parts.extend(taught_parts(&teaching.map_err(Fault::stage)?.teaching));
+    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Fault::stage)?;
+    let values = &calibrated.values;
+    let start = Start {
+        program: env!("CARGO_PKG_VERSION").to_owned(),
+        unix_ns: u64::try_from(now.as_nanos()).unwrap_or_default(),
+        state,
+        lock_step,
+        hand_eye_mm: values.hand_eye_mm,
+        robot_mm: values.robot_mm,
+    };
+    let out = OpenOptions::new().write(true).create_new(true).open(file).map_err(named)?;
+    let writer = Writer::begin(BufWriter::new(out), &start, &parts, &mounted(values));
+    let writer = writer.map_err(|error| Fault::file(file, error))?;
+    Recording::start(writer, &start).map_err(named)
+}
+
+/// What is told of a recording when its cycle is over.
+pub fn words(recorded: &Result<Written, TapeError>) -> String {
+    match recorded {
+        Ok(Written { entries, lost }) if lost.is_empty() => format!("recorded: {entries} entries"),
+        Ok(Written { lost, .. }) => {
+            let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
+            let lost: Vec<_> = lost.collect();
+            format!("the recording has a gap and cannot be replayed: not kept were {}", lost.join(", "))
+        }
+        Err(error) => format!("the recording is not whole: {error}"),
+    }
+}
+
+/// Where cameras and tool are, for who looks at the recording.
+fn mounted(values: &Calibrations) -> [Mounted; 3] {
+    [
+        Mounted { parent: "base", child: "scanner", pose: KukaPose::from_rigid(&values.base_from_camera) },
+        Mounted { parent: "flange", child: "flange_camera", pose: KukaPose::from_rigid(&values.flange_from_camera) },
+        Mounted { parent: "flange", child: "tool", pose: KukaPose::from_rigid(&values.flange_from_tool) },
+    ]
+}
+
+const RECIPE: &str = "recipe.toml";
+const VERSION: &str = "taught/version.txt";
+const SCAN: &str = "taught/scan.pcd";
+const TAUGHT: [&str; 5] = [
+    "taught/recipe.toml",
+    "taught/scanner.toml",
+    "taught/base_from_camera.toml",
+    "taught/flange_camera.toml",
+    "taught/flange_from_camera.toml",
+];
+
+fn corner(index: usize) -> [String; 2] {
+    ["png", "json"].map(|kind| format!("taught/corner{}.{kind}", index + 1))
+}
+
+fn texts(assignment: &Assignment, calibrated: &Calibrated) -> Vec<(String, Vec<u8>)> {
+    let start = assignment.start(calibrated);
+    let files = start.file_texts.into_iter().map(|(name, text)| (format!("{name}.toml"), text.into_bytes()));
+    let more = [(RECIPE, start.recipe_text), (VERSION, start.taught_version)];
+    files.chain(more.map(|(name, text)| (name.to_owned(), text.into_bytes()))).collect()
+}
+
+fn taught_parts(teaching: &Teaching) -> Vec<(String, Vec<u8>)> {
+    let Teaching { recipe_text, scanner_calibration_text, base_from_camera_text, .. } = teaching;
+    let Teaching { flange_camera_text, flange_from_camera_text, .. } = teaching;
+    let texts =
+        [recipe_text, scanner_calibration_text, base_from_camera_text, flange_camera_text, flange_from_camera_text];
+    let texts = TAUGHT.into_iter().zip(texts).map(|(name, text)| (name.to_owned(), text.clone().into_bytes()));
+    let corners = teaching.corners.iter().enumerate().flat_map(|(index, taught)| {
+        let [picture, pose] = corner(index);
+        [(picture, taught.picture.clone()), (pose, write_pose(&taught.base_from_flange).into_bytes())]
+    });
+    texts.chain([(SCAN.to_owned(), teaching.scan.clone())]).chain(corners).collect()
+}
+
+/// What a recorded cycle worked by.
+pub struct Recorded {
+    /// The cell.
+    pub cell: Cell,
+    /// The recipe.
+    pub recipe: Recipe,
+    /// What was taught.
+    pub taught: Taught,
+    /// The calibrations.
+    pub calibrations: Calibrations,
+}
+
+impl Recorded {
+    /// Reads and checks the files in a recording.
+    ///
+    /// # Errors
+    /// Where one is missing or is not what it must be.
+    pub fn read(file: &Path, checked: &Checked) -> Result<Self, Fault> {
+        let parts = Parts { file, checked };
+        let recipe = Recipe::check(RECIPE, parts.text(RECIPE)?)?;
+        let calibrations = Calibrations {
+            scanner: parts.camera("scanner.toml")?,
+            base_from_camera: parts.mount::<ScannerMount>("base_from_camera.toml")?,
+            flange_camera: parts.camera("flange_camera.toml")?,
+            flange_from_camera: parts.mount::<FlangeCameraMount>("flange_from_camera.toml")?,
+            flange_from_tool: parts.mount::<ToolMount>("flange_from_tool.toml")?,
+            hand_eye_mm: checked.start.hand_eye_mm,
+            robot_mm: checked.start.robot_mm,
+        };
+        let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
+        Ok(Recorded { cell, taught: parts.taught(&recipe)?, recipe, calibrations })
+    }
+}
+
+/// The files in a recording.
+struct Parts<'a> {
+    file: &'a Path,
+    checked: &'a Checked,
+}
+
+impl Parts<'_> {
+    fn bytes(&self, name: &str) -> Result<&[u8], Fault> {
+        let missing = || Fault::file(self.file, format!("the recording has no attachment {name:?}"));
+        self.checked.files.get(name).map(Vec::as_slice).ok_or_else(missing)
+    }
+
+    fn text(&self, name: &str) -> Result<&str, Fault> {
+        let named = |error| Fault::file(self.file, format!("attachment {name:?}: {error}"));
+        std::str::from_utf8(self.bytes(name)?).map_err(named)
+    }
+
+    fn camera(&self, name: &str) -> Result<PinholeCamera, Fault> {
+        Ok(Intrinsics::check(name, self.text(name)?)?.camera)
+    }
+
+    fn mount<M: Mount>(&self, name: &str) -> Result<Rigid<M::To, M::From>, Fault> {
+        Ok(MountedPose::<M>::check(name, self.text(name)?)?.rigid())
+    }
+
+    fn taught(&self, recipe: &Recipe) -> Result<Taught, Fault> {
+        let named = |name: &str, error: &dyn std::error::Error| {
+            Fault::file(self.file, format!("attachment {name:?}: {error}"))
+        };
+        let mut corners = Vec::new();
+        for [picture, pose] in (0..).map(corner).take_while(|[picture, _]| self.checked.files.contains_key(picture)) {
+            let base_from_flange = read_flange(self.bytes(&pose)?).map_err(|error| named(&pose, &error))?;
+            corners.push(TaughtCorner { picture: self.bytes(&picture)?.to_vec(), base_from_flange });
+        }
+        let text = |index: usize| self.text(TAUGHT[index]).map(str::to_owned);
+        let teaching = Teaching {
+            name: recipe.panel().to_owned(),
+            scan: self.bytes(SCAN)?.to_vec(),
+            recipe_text: text(0)?,
+            scanner_calibration_text: text(1)?,
+            base_from_camera_text: text(2)?,
+            corners,
+            flange_camera_text: text(3)?,
+            flange_from_camera_text: text(4)?,
+        };
+        let taught_recipe = Recipe::check(TAUGHT[0], &teaching.recipe_text)?;
+        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned())
+    }
+}

@@ -1,0 +1,85 @@
+//! `panelprep replay`: a recorded cycle again, without devices, and where it differs.
+
+use super::args::Replay;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use super::recording::Recorded;
+use crate::daemon::{Job, Played, Player, Ports, run_cycle_from};
+use crate::tape::{self, Checked, Entries};
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::json;
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+/// Differences that are told to a person; the JSON has them all.
+const MOST_TOLD: usize = 20;
+
+/// Runs the recorded cycle again and tells where it differs.
+///
+/// # Errors
+/// Where the recording cannot be used: it is none, has a gap, another format, or was not finished.
+pub fn run(args: &Replay) -> Result<Outcome, Fault> {
+    let file = args.recording.as_path();
+    let refused = |error| Fault::file(file, error);
+    let checked = tape::check(open(file)?).map_err(refused)?;
+    let recorded = Recorded::read(file, &checked)?;
+    let taught = (&recorded.taught.panel, recorded.taught.corners.as_slice());
+    let job =
+        Job::new(&recorded.cell, &recorded.recipe, taught, recorded.calibrations).map_err(Fault::stage)?;
+
+    let start = &checked.start;
+    let player = Player::new(Entries::new(open(file)?, start.unix_ns), start.lock_step);
+    let ports = Ports {
+        robot: &mut player.clone(),
+        eyes: &mut player.clone(),
+        record: &mut player.clone(),
+        requests: &mut player.clone(),
+    };
+    let ended = run_cycle_from(start.state, &job, ports);
+    let played = player.played();
+    if let Some(error) = played.error {
+        return Err(refused(error));
+    }
+    if played.to_the_end && played.differences.is_empty() {
+        ended.as_ref().map_err(|error| Fault::file(file, error.to_string()))?;
+    }
+    let verdict = ended.ok().and_then(|ended| ended.verdict);
+    Ok(outcome(&checked, &played, verdict))
+}
+
+fn open(file: &Path) -> Result<BufReader<File>, Fault> {
+    File::open(file).map(BufReader::new).map_err(|error| Fault::file(file, error))
+}
+
+fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outcome {
+    let same = played.to_the_end && played.differences.is_empty();
+    let (entries, length_s, by) = (played.entries, checked.length_s, &checked.start.program);
+    let reasons = match same {
+        true => vec![],
+        false => vec![Reason::new("differs", format!("the cycle differs in {} places", played.differences.len()))],
+    };
+    let judgement = Judgement { verdict: if same { Verdict::Pass } else { Verdict::Fail }, reasons };
+    let mut outcome = Outcome::of(&judgement);
+    outcome.put("same", json!(same));
+    outcome.put("differences", json!(played.differences));
+    outcome.put("to_the_end", json!(played.to_the_end));
+    outcome.put("entries", json!(entries));
+    outcome.put("recorded_s", json!(length_s));
+    outcome.put("recorded_by", json!(by));
+    outcome.put("cycle_verdict", json!(verdict));
+    outcome.say(format!("{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}", checked.entries));
+    if let Some(verdict) = verdict {
+        outcome.say(format!("the cycle's verdict: {}", verdict.word()));
+    }
+    for difference in played.differences.iter().take(MOST_TOLD) {
+        outcome.say(format!("  {difference}"));
+    }
+    if let Some(more @ 1..) = played.differences.len().checked_sub(MOST_TOLD) {
+        outcome.say(format!("  and {more} more; --json tells them all"));
+    }
+    if !played.to_the_end {
+        outcome.say("the replay ended where the two parted");
+    }
+    outcome
+}

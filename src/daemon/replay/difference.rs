@@ -1,0 +1,68 @@
+//! Where a replayed cycle does something else than the recorded one.
+
+use serde::Serialize;
+use serde_json::Value;
+
+/// One difference.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// When, s since the recording began.
+    pub at_s: f64,
+    /// What differs: the topic, and within it the value.
+    pub what: String,
+    /// What was recorded.
+    pub recorded: String,
+    /// What is now.
+    pub now: String,
+}
+
+impl std::fmt::Display for Difference {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Difference { at_s, what, recorded, now } = self;
+        write!(f, "{at_s:.3} s, {what}: recorded {recorded}, now {now}")
+    }
+}
+
+/// Each value in which two differ, by its place, such as `send.move_lin.pose.x_mm`. Numbers are the same where all their
+/// digits are.
+pub(super) fn differences(recorded: &Value, now: &Value) -> Vec<(String, String, String)> {
+    let mut found = Vec::new();
+    compare(String::new(), recorded, now, &mut found);
+    found
+}
+
+fn compare(place: String, recorded: &Value, now: &Value, found: &mut Vec<(String, String, String)>) {
+    let below = |key: &str| if place.is_empty() { key.to_owned() } else { format!("{place}.{key}") };
+    match (recorded, now) {
+        (Value::Object(before), Value::Object(after)) if before.keys().eq(after.keys()) => {
+            for (key, value) in before {
+                compare(below(key), value, &after[key], found);
+            }
+        }
+        (Value::Array(before), Value::Array(after)) if before.len() == after.len() => {
+            for (index, (value, other)) in before.iter().zip(after).enumerate() {
+                compare(below(&name(index, value)), value, other, found);
+            }
+        }
+        (before, after) if before == after => {}
+        (before, after) => found.push((place, short(before), short(after))),
+    }
+}
+
+/// How a list's entry is called: by its own name, where it has one.
+fn name(index: usize, value: &Value) -> String {
+    value.get("name").and_then(Value::as_str).map_or_else(|| index.to_string(), str::to_owned)
+}
+
+/// Longest text of one side.
+const LONGEST: usize = 200;
+
+/// A value as text, cut where it is long.
+pub(super) fn short(value: &Value) -> String {
+    let text = value.to_string();
+    if text.chars().count() <= LONGEST {
+        return text;
+    }
+    let cut: String = text.chars().take(LONGEST).collect();
+    format!("{cut}…")
+}

@@ -1,0 +1,27 @@
+//! Fixed words of messages, read back from a recording.
+
+use serde::{Deserialize, Deserializer, de::Error};
+use std::collections::BTreeSet;
+use std::sync::{Mutex, PoisonError};
+
+/// A word out of this program's own text.
+pub(super) type Word = &'static str;
+
+/// The longest word that there is.
+const LONGEST: usize = 100;
+
+/// Reads a word back. Each one is kept once, until the program ends: there are some tens.
+pub(super) fn word<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Word, D::Error> {
+    static KNOWN: Mutex<BTreeSet<Word>> = Mutex::new(BTreeSet::new());
+    let text = String::deserialize(deserializer)?;
+    if text.len() > LONGEST {
+        return Err(D::Error::custom(format!("a word of {} letters; the longest has {LONGEST}", text.len())));
+    }
+    let mut known = KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(word) = known.get(text.as_str()) {
+        return Ok(word);
+    }
+    let word: Word = text.leak();
+    known.insert(word);
+    Ok(word)
+}

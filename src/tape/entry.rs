@@ -1,0 +1,95 @@
+//! What a recording holds.
+
+use super::Topic;
+use crate::cycle::State;
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use std::sync::Arc;
+
+/// One exchange of the loop with what is outside.
+#[derive(Debug, Clone)]
+pub struct Entry {
+    /// Where it belongs.
+    pub topic: Topic,
+    /// When, ns since the recording began, on the loop's clock.
+    pub at_ns: u64,
+    /// What the loop did; null where it only listened.
+    pub said: Value,
+    /// What came; null where nothing was to come.
+    pub heard: Value,
+    /// What a camera gave.
+    pub shot: Option<Shot>,
+}
+
+/// What a camera gave.
+#[derive(Debug, Clone)]
+pub enum Shot {
+    /// The 3D camera's points and colours.
+    Points(Arc<OrganizedCloud<Camera>>),
+    /// A picture of its colour sensor.
+    Scanner(Arc<ColorPicture>),
+    /// A picture of the flange camera.
+    Flange(Arc<ColorPicture>),
+}
+
+impl Shot {
+    /// The topic of its message.
+    pub fn topic(&self) -> Topic {
+        match self {
+            Shot::Points(_) => Topic::Points,
+            Shot::Scanner(_) => Topic::ScannerPicture,
+            Shot::Flange(_) => Topic::FlangePicture,
+        }
+    }
+
+    /// Columns and rows.
+    pub fn size_px(&self) -> [usize; 2] {
+        match self {
+            Shot::Points(cloud) => [cloud.width(), cloud.height()],
+            Shot::Scanner(picture) | Shot::Flange(picture) => [picture.width, picture.height],
+        }
+    }
+
+    /// Memory that it takes, bytes.
+    pub fn bytes(&self) -> usize {
+        let [width, height] = self.size_px();
+        width * height * if matches!(self, Shot::Points(_)) { 15 } else { 3 }
+    }
+}
+
+/// How the loop began, beside the files that it worked by.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Start {
+    /// The program's version.
+    pub program: String,
+    /// When, by the wall clock, ns since 1970.
+    pub unix_ns: u64,
+    /// The table's state.
+    pub state: State,
+    /// Whether time passes only while the robot is listened to.
+    pub lock_step: bool,
+    /// Error of the camera mounts at the panel, mm, 95 %, as it was known.
+    pub hand_eye_mm: Option<f64>,
+    /// Error of robot and tool, mm, 95 %, as it was known.
+    pub robot_mm: Option<f64>,
+}
+
+/// Entries of one topic that could not be kept.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Lost {
+    /// The topic.
+    pub topic: Topic,
+    /// The first of them, ns since the recording began.
+    pub from_ns: u64,
+    /// How many.
+    pub count: u64,
+}
+
+/// What the end of a recording says.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Ending {
+    /// What was not kept: an entry of the recording that is no whole one.
+    pub lost: Vec<Lost>,
+}

@@ -1,0 +1,107 @@
+//! Why a recording cannot be used, or not be written.
+
+use super::FORMAT;
+
+/// What is wrong with a recording. Times are seconds since it began.
+#[derive(Debug, thiserror::Error)]
+pub enum TapeError {
+    /// Some other file.
+    #[error("this is no MCAP file: {problem}")]
+    NotMcap {
+        /// What its beginning says.
+        problem: String,
+    },
+    /// Somebody else's.
+    #[error("this MCAP file is no recording of panelprep: {problem}")]
+    Foreign {
+        /// What is not there, or should not be.
+        problem: String,
+    },
+    /// Another version of this program's recordings.
+    #[error(
+        "the recording has format {found} (written by panelprep {program}), this program reads format {FORMAT}; replay it \
+         with a program of its own time"
+    )]
+    Version {
+        /// Its format.
+        found: String,
+        /// The program that wrote it.
+        program: String,
+    },
+    /// It ends too soon.
+    #[error(
+        "the recording was not finished: it ends {until_s:.3} s after its beginning with {entries} whole entries; the program \
+         that wrote it ended before, or the file was cut"
+    )]
+    Unfinished {
+        /// Entries read.
+        entries: u64,
+        /// Time of the last one, s.
+        until_s: f64,
+    },
+    /// It says itself that something is missing.
+    #[error(
+        "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could not be kept \
+         while it was written"
+    )]
+    Lost {
+        /// The topic.
+        topic: &'static str,
+        /// When, s.
+        from_s: f64,
+        /// How many entries.
+        count: u64,
+    },
+    /// Something is missing.
+    #[error(
+        "the recording has a gap: {topic} goes on with entry {found} after {from_s:.3} s, entry {expected} was due; it was \
+         changed after it was written"
+    )]
+    Gap {
+        /// The topic.
+        topic: &'static str,
+        /// When, s.
+        from_s: f64,
+        /// The entry that was due.
+        expected: u64,
+        /// The one that came; as many as there must be, where the end is missing.
+        found: u64,
+    },
+    /// Times that do not rise.
+    #[error("the recording is not in order: {topic} goes back in time {from_s:.3} s after its beginning")]
+    Order {
+        /// The topic.
+        topic: &'static str,
+        /// When, s.
+        from_s: f64,
+    },
+    /// Bytes that are not what was written.
+    #[error("the recording is damaged {from_s:.3} s after its beginning: {problem}")]
+    Damaged {
+        /// When, s.
+        from_s: f64,
+        /// What was met.
+        problem: String,
+    },
+    /// A message that does not read.
+    #[error("the recording's {topic} does not read {from_s:.3} s after its beginning: {problem}")]
+    Message {
+        /// The topic.
+        topic: &'static str,
+        /// When, s.
+        from_s: f64,
+        /// What is wrong.
+        problem: String,
+    },
+    /// The disk refuses.
+    #[error("the recording cannot be {doing}: {source}")]
+    Disk {
+        /// Read or written.
+        doing: &'static str,
+        /// What it says.
+        source: mcap::McapError,
+    },
+    /// A picture that cannot be packed.
+    #[error("a picture cannot be recorded: {0}")]
+    Picture(#[from] crate::files::PictureError),
+}

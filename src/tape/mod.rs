@@ -1,0 +1,41 @@
+//! A recording: all that passed between the loop and what is outside of it, in order, as one MCAP file.
+//!
+//! The loop is a function of what comes to it: reports, requests, pictures, readings of the clock and of the store. Each
+//! exchange is an [`Entry`]: what the loop `said` (a command, an event, a finding) and what it `heard`. So the loop can be
+//! run again on what it heard, and what it says then compared with what it said.
+//!
+//! MCAP (<https://mcap.dev/spec>) holds them by topic. Pictures, points, transforms and words are messages of schemas that
+//! Foxglove and Lichtblick show as they are; all else is JSON. Colours and points are kept without loss. Files that the
+//! cycle worked by are attachments. A message's time rises from each to the next, so that order is kept whoever
+//! rewrites the file; its sequence counts within its topic, so that what is missing is found. The last record says how
+//! much there must be.
+//!
+//! Bytes in and out: opens no file and reads no clock. Read in this order: `topic` · `entry` · `well_known` (messages
+//! of others) · `write` · `read`.
+
+mod entry;
+mod error;
+mod read;
+mod shown;
+mod topic;
+mod well_known;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+
+pub use entry::{Ending, Entry, Lost, Shot, Start};
+pub use error::TapeError;
+pub use read::{Checked, Entries, check};
+pub use topic::Topic;
+pub use shown::Mounted;
+pub use write::Writer;
+
+/// What a recording's records mean. Another number is another meaning, and is not read.
+pub const FORMAT: u32 = 1;
+
+/// Names of the metadata records, of the attachment that says how the loop began, and of the files beside it.
+const METADATA: &str = "panelprep";
+const END: &str = "panelprep.end";
+const START: &str = "start.json";

@@ -1,0 +1,66 @@
+//! What of an entry is for people: where things stand, and what was found, in words. Nothing of it is read back.
+
+use super::entry::Entry;
+use super::topic::Topic;
+use super::well_known::Level;
+use crate::eki::{Report, State};
+use crate::geometry::{Base, Flange, KukaPose, Rigid, Tool};
+use crate::record::Finding;
+use crate::verdict::Verdict;
+use serde::Deserialize;
+
+/// A frame in another, mm and degrees.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mounted {
+    /// The frame that it is told in: `base`, `flange`.
+    pub parent: &'static str,
+    /// The frame.
+    pub child: &'static str,
+    /// Parent from child.
+    pub pose: KukaPose,
+}
+
+/// What is shown.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Shown {
+    Stands(Mounted),
+    Says { level: Level, message: String },
+}
+
+pub(super) fn shown(entry: &Entry) -> Vec<Shown> {
+    match entry.topic {
+        Topic::Report => Report::deserialize(&entry.heard).map_or_else(|_| Vec::new(), |report| of_robot(&report)),
+        Topic::Finding => Finding::deserialize(&entry.said).map_or_else(|_| Vec::new(), |finding| found(&finding)),
+        _ => Vec::new(),
+    }
+}
+
+fn of_robot(report: &Report) -> Vec<Shown> {
+    match report {
+        Report::Connected { state } | Report::State(state) | Report::Rebooted { state } => vec![flange(state)],
+        Report::LinkLost { why } => vec![Shown::Says { level: Level::Warning, message: why.to_string() }],
+        _ => Vec::new(),
+    }
+}
+
+fn flange(state: &State) -> Shown {
+    let base: Rigid<Base, Base> = state.active_base.to_rigid();
+    let tip: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
+    let tool: Rigid<Flange, Tool> = state.flange_from_tool.to_rigid();
+    let pose = KukaPose::from_rigid(&(base * tip * tool.inverse()));
+    Shown::Stands(Mounted { parent: "base", child: "flange", pose })
+}
+
+fn found(finding: &Finding) -> Vec<Shown> {
+    let judgement = &finding.judgement;
+    let level = match judgement.verdict {
+        Verdict::Accept | Verdict::Pass => Level::Info,
+        _ => Level::Warning,
+    };
+    let reasons = judgement.reasons.iter().map(|reason| format!("; {}", reason.message));
+    let message =
+        format!("{}: {}{}", finding.kind.word(), judgement.verdict.word(), reasons.collect::<String>());
+    let place = finding.details.get("base_from_panel").and_then(|pose| KukaPose::deserialize(pose).ok());
+    let stands = place.map(|pose| Shown::Stands(Mounted { parent: "base", child: "panel", pose }));
+    std::iter::once(Shown::Says { level, message }).chain(stands).collect()
+}

@@ -1,0 +1,202 @@
+//! Recordings written, read, cut, changed and replaced.
+
+use super::*;
+use crate::cycle::State;
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use proptest::prelude::*;
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+const BEGAN_NS: u64 = 1_790_000_000_000_000_000;
+
+fn start() -> Start {
+    let (hand_eye_mm, robot_mm) = (Some(0.1), None);
+    Start { program: "0.0.0".to_owned(), unix_ns: BEGAN_NS, state: State::NEW, lock_step: true, hand_eye_mm, robot_mm }
+}
+
+fn files() -> Vec<(String, Vec<u8>)> {
+    vec![("cell.toml".to_owned(), b"[limits]\n".to_vec()), ("taught/scan.pcd".to_owned(), vec![0, 255, 7])]
+}
+
+fn entry(topic: Topic, at_ms: u64, said: Value, heard: Value) -> Entry {
+    Entry { topic, at_ns: at_ms * 1_000_000, said, heard, shot: None }
+}
+
+fn seen(shot: Shot, at_ms: u64) -> Entry {
+    let heard = json!({ "Ok": { "size_px": shot.size_px() } });
+    Entry { shot: Some(shot), ..entry(Topic::Camera, at_ms, json!("look"), heard) }
+}
+
+fn picture(width: usize, height: usize) -> Arc<ColorPicture> {
+    let pixel = |index: usize| [index as u8, (index / 256) as u8, 200];
+    Arc::new(ColorPicture { width, height, rgb: (0..width * height).map(pixel).collect() })
+}
+
+fn cloud(points_mm: Vec<[f32; 3]>) -> Arc<OrganizedCloud<Camera>> {
+    let colors = (0..points_mm.len()).map(|index| [index as u8, 1, 2]).collect();
+    Arc::new(OrganizedCloud::new(3, 2, points_mm, colors).expect("organised"))
+}
+
+/// Something on each kind of topic.
+fn entries() -> Vec<Entry> {
+    let point = [0.1_f32, -2.5e-7, 812.345_6];
+    vec![
+        entry(Topic::Clock, 0, Value::Null, json!({ "secs": 0, "nanos": 0 })),
+        entry(Topic::Request, 0, Value::Null, json!({ "for": "reset" })),
+        entry(Topic::Event, 0, json!({ "asked": "reset" }), json!({ "Ok": null })),
+        seen(Shot::Points(cloud(vec![point, [f32::NAN; 3], point, point, [0.0; 3], point])), 20),
+        entry(Topic::Computed, 20, Value::Null, json!(7)),
+        seen(Shot::Scanner(picture(7, 5)), 100),
+        entry(Topic::Camera, 100, json!("look"), json!({ "Err": { "camera": "the scanner", "why": "dark" } })),
+        seen(Shot::Flange(picture(5, 7)), 300),
+        entry(Topic::Store, 300, json!({ "wear_disc_mm2": 0.1 + 0.2 }), json!({ "Ok": null })),
+    ]
+}
+
+fn written(entries: &[Entry], ending: &Ending) -> Vec<u8> {
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    entries.iter().for_each(|entry| writer.write(entry).expect("written"));
+    writer.finish(ending).expect("finished")
+}
+
+fn whole() -> Vec<u8> {
+    written(&entries(), &Ending::default())
+}
+
+/// All that is in an entry, to the bit.
+fn bits(entry: &Entry) -> (Topic, String, Vec<u32>, Vec<u8>) {
+    let line = json!([entry.said, entry.heard]).to_string();
+    let (points, colors) = match &entry.shot {
+        None => (vec![], vec![]),
+        Some(Shot::Points(cloud)) => (
+            cloud.raw_points_mm().as_flattened().iter().map(|mm| mm.to_bits()).collect(),
+            cloud.picture().rgb.as_flattened().to_vec(),
+        ),
+        Some(Shot::Scanner(picture) | Shot::Flange(picture)) => (vec![], picture.rgb.as_flattened().to_vec()),
+    };
+    (entry.topic, line, points, colors)
+}
+
+#[test]
+fn what_is_written_reads_back_to_the_bit() {
+    let bytes = whole();
+    let checked = check(&bytes[..]).expect("whole");
+    assert_eq!(checked.start, start());
+    assert_eq!(checked.files.into_iter().collect::<Vec<_>>(), files());
+    assert_eq!((checked.entries, checked.length_s > 0.299 && checked.length_s < 0.301), (9, true));
+    let back: Vec<Entry> = Entries::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
+    let (back, put): (Vec<_>, Vec<_>) = (back.iter().map(bits).collect(), entries().iter().map(bits).collect());
+    assert_eq!(back, put);
+}
+
+/// A cut file is one that a crash left: refused as unfinished, and read up to its last whole chunk.
+#[test]
+fn a_cut_recording_is_unfinished_wherever_it_is_cut() {
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    for entry in entries() {
+        writer.write(&entry).expect("written");
+        writer.flush().expect("flushed");
+    }
+    let bytes = writer.finish(&Ending::default()).expect("finished");
+    let mut most = 0;
+    for length in 0..bytes.len() {
+        match check(&bytes[..length]) {
+            Err(TapeError::Unfinished { entries, .. }) => {
+                assert!(entries >= most, "at {length}: {entries} after {most}");
+                most = entries;
+            }
+            Err(TapeError::NotMcap { .. }) => assert!(length < 64, "{length}"),
+            other => panic!("cut at {length} of {}: {other:?}", bytes.len()),
+        }
+    }
+    assert_eq!(most, 9, "all chunks are whole before the end is written");
+}
+
+#[test]
+fn a_changed_byte_is_found() {
+    let bytes = whole();
+    for at in (0..bytes.len()).step_by(7) {
+        let mut changed = bytes.clone();
+        changed[at] ^= 0x10;
+        assert!(check(&changed[..]).is_err(), "byte {at} of {}", bytes.len());
+    }
+}
+
+#[test]
+fn a_gap_is_named_with_its_topic_and_time() {
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    let clock = |at_ms| entry(Topic::Clock, at_ms, Value::Null, json!(at_ms));
+    writer.write(&clock(100)).expect("written");
+    writer.skip(Topic::Clock);
+    writer.write(&clock(300)).expect("written");
+    let bytes = writer.finish(&Ending::default()).expect("finished");
+    let error = check(&bytes[..]).expect_err("a gap");
+    assert!(
+        matches!(error, TapeError::Gap { topic: "/clock", expected: 1, found: 2, from_s } if from_s > 0.09 && from_s < 0.11),
+        "{error}"
+    );
+
+    let lost = |topic, from_ms: u64| Lost { topic, from_ns: from_ms * 1_000_000, count: 3 };
+    let ending = Ending { lost: vec![lost(Topic::Report, 900), lost(Topic::Camera, 250)] };
+    let error = check(&written(&entries(), &ending)[..]).expect_err("it says so itself");
+    assert!(matches!(error, TapeError::Lost { topic: "/camera", count: 3, .. }), "{error}");
+    assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
+}
+
+/// A file of another program, or of another time of this one.
+fn foreign(names: &[(&str, &str)]) -> Vec<u8> {
+    let mut file = std::io::Cursor::new(Vec::new());
+    let mut writer = mcap::Writer::new(&mut file).expect("begun");
+    if !names.is_empty() {
+        let metadata = names.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
+        writer.write_metadata(&mcap::records::Metadata { name: METADATA.to_owned(), metadata }).expect("written");
+    }
+    let channel = writer.add_channel(0, "/chatter", "json", &Default::default()).expect("added");
+    let header = mcap::records::MessageHeader { channel_id: channel, sequence: 0, log_time: 5, publish_time: 5 };
+    writer.write_to_known_channel(&header, b"{}").expect("written");
+    writer.finish().expect("finished");
+    drop(writer);
+    file.into_inner()
+}
+
+#[test]
+fn other_files_are_refused_with_the_reason() {
+    let refused = |bytes: &[u8]| check(bytes).expect_err("refused").to_string();
+    let version = refused(&foreign(&[("format", "99"), ("program", "9.1.0")]));
+    assert!(version.contains("format 99 (written by panelprep 9.1.0)") && version.contains("format 1"), "{version}");
+    assert!(refused(&foreign(&[])).contains("no recording of panelprep"));
+    assert!(refused(&foreign(&[("format", "1")])).contains("/chatter"));
+    for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {
+        assert!(matches!(check(bytes), Err(TapeError::NotMcap { .. })), "{bytes:?}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Points of any bits, numbers of any size, words with anything in them.
+    #[test]
+    fn any_shot_and_any_number_reads_back(
+        points in prop::collection::vec(any::<[u32; 3]>(), 6),
+        number in any::<f64>().prop_filter("JSON has no others", |number| number.is_finite()),
+        words in any::<String>(),
+        whole in any::<u64>(),
+    ) {
+        let points = points.into_iter().map(|bits| bits.map(f32::from_bits)).collect();
+        let said = json!({ "number": number, "words": words, "whole": whole });
+        let put = [seen(Shot::Points(cloud(points)), 0), entry(Topic::Store, 1, said, Value::Null)];
+        let bytes = written(&put, &Ending::default());
+        prop_assert!(check(&bytes[..]).is_ok());
+        let back: Vec<Entry> = Entries::new(&bytes[..], BEGAN_NS).collect::<Result<_, _>>().expect("read");
+        prop_assert_eq!(back.iter().map(bits).collect::<Vec<_>>(), put.iter().map(bits).collect::<Vec<_>>());
+    }
+
+    /// Whatever comes behind a good beginning, it is read or refused.
+    #[test]
+    fn any_bytes_are_refused_in_words(tail in prop::collection::vec(any::<u8>(), 0..300), keep in 0_usize..1_000) {
+        let mut bytes = whole();
+        bytes.truncate(keep);
+        bytes.extend(tail);
+        prop_assert!(check(&bytes[..]).is_err());
+    }
+}

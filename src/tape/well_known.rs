@@ -1,0 +1,254 @@
+//! Messages of Foxglove's well-known schemas, and the descriptors by which others read them.
+//!
+//! Field numbers and names are those of <https://github.com/foxglove/foxglove-sdk> (`schemas/proto`); only what is
+//! written here is described. All lengths are mm.
+
+use prost::Message;
+use prost_types::field_descriptor_proto::{Label, Type};
+use prost_types::{
+    DescriptorProto, EnumDescriptorProto, EnumValueDescriptorProto, FieldDescriptorProto, FileDescriptorProto,
+    FileDescriptorSet, Timestamp,
+};
+
+/// A compressed picture.
+#[derive(Clone, PartialEq, Message)]
+pub struct CompressedImage {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(bytes = "vec", tag = "2")]
+    pub data: Vec<u8>,
+    #[prost(string, tag = "3")]
+    pub format: String,
+    #[prost(string, tag = "4")]
+    pub frame_id: String,
+}
+
+/// Points, packed as the fields say.
+#[derive(Clone, PartialEq, Message)]
+pub struct PointCloud {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    pub frame_id: String,
+    #[prost(message, optional, tag = "3")]
+    pub pose: Option<Pose>,
+    #[prost(fixed32, tag = "4")]
+    pub point_stride: u32,
+    #[prost(message, repeated, tag = "5")]
+    pub fields: Vec<PackedElementField>,
+    #[prost(bytes = "vec", tag = "6")]
+    pub data: Vec<u8>,
+}
+
+/// One number of each point.
+#[derive(Clone, PartialEq, Message)]
+pub struct PackedElementField {
+    #[prost(string, tag = "1")]
+    pub name: String,
+    #[prost(fixed32, tag = "2")]
+    pub offset: u32,
+    #[prost(enumeration = "NumericType", tag = "3")]
+    pub r#type: i32,
+}
+
+/// How a number is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
+pub enum NumericType {
+    Unknown = 0,
+    Uint8 = 1,
+    Float32 = 7,
+}
+
+/// Where something stands.
+#[derive(Clone, PartialEq, Message)]
+pub struct Pose {
+    #[prost(message, optional, tag = "1")]
+    pub position: Option<Vector3>,
+    #[prost(message, optional, tag = "2")]
+    pub orientation: Option<Quaternion>,
+}
+
+/// A frame in another.
+#[derive(Clone, PartialEq, Message)]
+pub struct FrameTransform {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(string, tag = "2")]
+    pub parent_frame_id: String,
+    #[prost(string, tag = "3")]
+    pub child_frame_id: String,
+    #[prost(message, optional, tag = "4")]
+    pub translation: Option<Vector3>,
+    #[prost(message, optional, tag = "5")]
+    pub rotation: Option<Quaternion>,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub struct Vector3 {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+}
+
+#[derive(Clone, PartialEq, Message)]
+pub struct Quaternion {
+    #[prost(double, tag = "1")]
+    pub x: f64,
+    #[prost(double, tag = "2")]
+    pub y: f64,
+    #[prost(double, tag = "3")]
+    pub z: f64,
+    #[prost(double, tag = "4")]
+    pub w: f64,
+}
+
+/// Words.
+#[derive(Clone, PartialEq, Message)]
+pub struct Log {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(enumeration = "Level", tag = "2")]
+    pub level: i32,
+    #[prost(string, tag = "3")]
+    pub message: String,
+    #[prost(string, tag = "4")]
+    pub name: String,
+}
+
+/// How much words matter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, prost::Enumeration)]
+pub enum Level {
+    Unknown = 0,
+    Info = 2,
+    Warning = 3,
+}
+
+/// A moment, from ns since 1970.
+pub fn timestamp(unix_ns: u64) -> Timestamp {
+    Timestamp { seconds: (unix_ns / NS) as i64, nanos: (unix_ns % NS) as i32 }
+}
+
+const NS: u64 = 1_000_000_000;
+
+/// What a field holds.
+enum Holds {
+    Plain(Type),
+    Message(&'static str),
+    Messages(&'static str),
+    Enum(&'static str),
+}
+
+const TIMESTAMP: &str = ".google.protobuf.Timestamp";
+const VECTOR: Holds = Holds::Message(".foxglove.Vector3");
+const QUATERNION: Holds = Holds::Message(".foxglove.Quaternion");
+
+/// The descriptors of all messages here, as a serialized `FileDescriptorSet`.
+pub fn descriptors() -> Vec<u8> {
+    use Holds::{Enum, Message as One, Messages, Plain};
+    let double = || Plain(Type::Double);
+    let text = || Plain(Type::String);
+    let when = || ("timestamp", 1, One(TIMESTAMP));
+    let numbers = [("UNKNOWN", 0), ("UINT8", 1), ("FLOAT32", 7)];
+    let levels = [("UNKNOWN", 0), ("INFO", 2), ("WARNING", 3)];
+    let packed = message(
+        "PackedElementField",
+        [("name", 1, text()), ("offset", 2, Plain(Type::Fixed32)), ("type", 3, Enum(".foxglove.PackedElementField.NumericType"))],
+    );
+    let log = message(
+        "Log",
+        [when(), ("level", 2, Enum(".foxglove.Log.Level")), ("message", 3, text()), ("name", 4, text())],
+    );
+    let foxglove = vec![
+        message(
+            "CompressedImage",
+            [when(), ("data", 2, Plain(Type::Bytes)), ("format", 3, text()), ("frame_id", 4, text())],
+        ),
+        message(
+            "PointCloud",
+            [
+                when(),
+                ("frame_id", 2, text()),
+                ("pose", 3, One(".foxglove.Pose")),
+                ("point_stride", 4, Plain(Type::Fixed32)),
+                ("fields", 5, Messages(".foxglove.PackedElementField")),
+                ("data", 6, Plain(Type::Bytes)),
+            ],
+        ),
+        with_enum(packed, "NumericType", &numbers),
+        message("Pose", [("position", 1, VECTOR), ("orientation", 2, QUATERNION)]),
+        message(
+            "FrameTransform",
+            [
+                when(),
+                ("parent_frame_id", 2, text()),
+                ("child_frame_id", 3, text()),
+                ("translation", 4, VECTOR),
+                ("rotation", 5, QUATERNION),
+            ],
+        ),
+        message("Vector3", [("x", 1, double()), ("y", 2, double()), ("z", 3, double())]),
+        message("Quaternion", [("x", 1, double()), ("y", 2, double()), ("z", 3, double()), ("w", 4, double())]),
+        with_enum(log, "Level", &levels),
+    ];
+    let time =
+        vec![message("Timestamp", [("seconds", 1, Plain(Type::Int64)), ("nanos", 2, Plain(Type::Int32))])];
+    let imports = vec![TIMESTAMP_FILE.to_owned()];
+    let file = vec![
+        file(TIMESTAMP_FILE, "google.protobuf", vec![], time),
+        file("foxglove.proto", "foxglove", imports, foxglove),
+    ];
+    FileDescriptorSet { file }.encode_to_vec()
+}
+
+const TIMESTAMP_FILE: &str = "google/protobuf/timestamp.proto";
+
+fn file(
+    name: &str,
+    package: &str,
+    dependency: Vec<String>,
+    message_type: Vec<DescriptorProto>,
+) -> FileDescriptorProto {
+    FileDescriptorProto {
+        name: Some(name.to_owned()),
+        package: Some(package.to_owned()),
+        dependency,
+        message_type,
+        syntax: Some("proto3".to_owned()),
+        ..FileDescriptorProto::default()
+    }
+}
+
+fn message<const N: usize>(name: &str, fields: [(&str, i32, Holds); N]) -> DescriptorProto {
+    let field = |(name, number, holds): (&str, i32, Holds)| {
+        let (kind, type_name) = match holds {
+            Holds::Plain(kind) => (kind, None),
+            Holds::Message(of) | Holds::Messages(of) => (Type::Message, Some(of.to_owned())),
+            Holds::Enum(of) => (Type::Enum, Some(of.to_owned())),
+        };
+        let label = if matches!(holds, Holds::Messages(_)) { Label::Repeated } else { Label::Optional };
+        FieldDescriptorProto {
+            name: Some(name.to_owned()),
+            number: Some(number),
+            label: Some(label.into()),
+            r#type: Some(kind.into()),
+            type_name,
+            ..FieldDescriptorProto::default()
+        }
+    };
+    let field = fields.into_iter().map(field).collect();
+    DescriptorProto { name: Some(name.to_owned()), field, ..DescriptorProto::default() }
+}
+
+fn with_enum(message: DescriptorProto, name: &str, values: &[(&str, i32)]) -> DescriptorProto {
+    let value = |&(name, number): &(&str, i32)| EnumValueDescriptorProto {
+        name: Some(name.to_owned()),
+        number: Some(number),
+        ..EnumValueDescriptorProto::default()
+    };
+    let value = values.iter().map(value).collect();
+    let named = EnumDescriptorProto { name: Some(name.to_owned()), value, ..EnumDescriptorProto::default() };
+    DescriptorProto { enum_type: vec![named], ..message }
+}

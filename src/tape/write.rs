@@ -1,0 +1,241 @@
+//! Entries to bytes. The bytes are only ever appended, chunk by chunk, so that what a crash leaves is a recording up to
+//! its last whole chunk.
+
+use super::entry::{Ending, Entry, Lost, Shot, Start};
+use super::error::TapeError;
+use super::shown::{Mounted, Shown, shown};
+use super::topic::Topic;
+use super::well_known::{
+    CompressedImage, FrameTransform, Log, NumericType, PackedElementField, PointCloud, Pose, Quaternion, Vector3,
+    timestamp,
+};
+use super::{END, FORMAT, METADATA, START};
+use crate::files::write_color_png;
+use crate::geometry::{Camera, ColorPicture, KukaPose, OrganizedCloud, Rigid, Base, Flange};
+use mcap::records::{MessageHeader, Metadata};
+use mcap::write::NoSeek;
+use mcap::{Attachment, Compression, McapError, WriteOptions};
+use prost::Message;
+use serde_json::json;
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::io::Write;
+
+/// Bytes of one point: three numbers and three colours.
+pub(super) const STRIDE: usize = 15;
+
+/// Where a topic stands.
+#[derive(Debug, Clone, Copy)]
+struct Channel {
+    id: u16,
+    written: u64,
+}
+
+/// Writes one recording.
+pub struct Writer<W: Write> {
+    mcap: mcap::Writer<NoSeek<W>>,
+    channels: BTreeMap<Topic, Channel>,
+    began_ns: u64,
+    last_ns: u64,
+}
+
+impl<W: Write> Writer<W> {
+    /// Begins with how the loop began, the files it works by, and where cameras and tool are mounted.
+    ///
+    /// # Errors
+    /// Where the disk refuses; likewise for the others.
+    pub fn begin(
+        out: W,
+        start: &Start,
+        files: &[(String, Vec<u8>)],
+        mounted: &[Mounted],
+    ) -> Result<Self, TapeError> {
+        let options = WriteOptions::new()
+            .library(format!("panelprep {}", start.program))
+            .compression(Some(Compression::Zstd))
+            .compression_level(1)
+            .compression_threads(0)
+            .disable_seeking(true);
+        let mut mcap = options.create(NoSeek::new(out)).map_err(failed)?;
+        let version = [("format", FORMAT.to_string()), ("program", start.program.clone())];
+        mcap.write_metadata(&metadata(METADATA, version)).map_err(failed)?;
+        let start_json = serde_json::to_vec_pretty(start).unwrap_or_default();
+        let start_file = (START.to_owned(), start_json);
+        for (name, bytes) in std::iter::once(&start_file).chain(files) {
+            mcap.attach(&Attachment {
+                log_time: start.unix_ns,
+                create_time: start.unix_ns,
+                name: name.clone(),
+                media_type: media_type(name).to_owned(),
+                data: Cow::Borrowed(bytes),
+            })
+            .map_err(failed)?;
+        }
+        let mut channels = BTreeMap::new();
+        for topic in Topic::ALL {
+            let schema = topic.schema();
+            let encoding = schema.message_encoding();
+            let id = mcap.add_schema(schema.name, schema.encoding, &schema.text).map_err(failed)?;
+            let lengths = BTreeMap::from([("lengths".to_owned(), "mm".to_owned())]);
+            let id = mcap.add_channel(id, topic.name(), encoding, &lengths).map_err(failed)?;
+            channels.insert(topic, Channel { id, written: 0 });
+        }
+        let mut writer = Writer { mcap, channels, began_ns: start.unix_ns, last_ns: start.unix_ns };
+        mounted.iter().try_for_each(|mounted| writer.show(0, &Shown::Stands(*mounted)))?;
+        Ok(writer)
+    }
+
+    /// Writes an entry, and what of it people want to see.
+    ///
+    /// # Errors
+    /// As [`Writer::begin`].
+    pub fn write(&mut self, entry: &Entry) -> Result<(), TapeError> {
+        let body = json!({ "said": entry.said, "heard": entry.heard });
+        self.message(entry.topic, entry.at_ns, body.to_string().as_bytes())?;
+        if let Some(shot) = &entry.shot {
+            let bytes = self.packed(shot, entry.at_ns)?;
+            self.message(shot.topic(), entry.at_ns, &bytes)?;
+        }
+        shown(entry).iter().try_for_each(|shown| self.show(entry.at_ns, shown))
+    }
+
+    /// Ends the chunk at hand: what was written until now is whole, whatever happens.
+    ///
+    /// # Errors
+    /// As [`Writer::begin`].
+    pub fn flush(&mut self) -> Result<(), TapeError> {
+        self.mcap.flush().map_err(failed)
+    }
+
+    /// Ends the recording and says what there must be.
+    ///
+    /// # Errors
+    /// As [`Writer::begin`].
+    pub fn finish(mut self, ending: &Ending) -> Result<W, TapeError> {
+        let counts: BTreeMap<&str, u64> =
+            self.channels.iter().map(|(topic, channel)| (topic.name(), channel.written)).collect();
+        let lost = |lost: &Lost| json!([lost.topic.name(), lost.from_ns, lost.count]);
+        let lost: Vec<_> = ending.lost.iter().map(lost).collect();
+        let ended = [("entries", json!(counts).to_string()), ("lost", json!(lost).to_string())];
+        self.mcap.write_metadata(&metadata(END, ended)).map_err(failed)?;
+        self.mcap.finish().map_err(failed)?;
+        Ok(self.mcap.into_inner().into_inner())
+    }
+
+    /// Leaves out a message, as somebody else may have.
+    #[cfg(test)]
+    pub(super) fn skip(&mut self, topic: Topic) {
+        self.channels.entry(topic).and_modify(|channel| channel.written += 1);
+    }
+
+    fn message(&mut self, topic: Topic, at_ns: u64, data: &[u8]) -> Result<(), TapeError> {
+        let log_time = (self.began_ns + at_ns).max(self.last_ns + 1);
+        self.last_ns = log_time;
+        let Some(channel) = self.channels.get_mut(&topic) else { return Ok(()) };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            // It counts on from 0 after 2³² messages; so does whoever reads it.
+            sequence: channel.written as u32,
+            log_time,
+            publish_time: self.began_ns + at_ns,
+        };
+        channel.written += 1;
+        self.mcap.write_to_known_channel(&header, data).map_err(failed)
+    }
+
+    fn show(&mut self, at_ns: u64, shown: &Shown) -> Result<(), TapeError> {
+        let when = Some(timestamp(self.began_ns + at_ns));
+        match shown {
+            Shown::Stands(Mounted { parent, child, pose }) => {
+                let Pose { position, orientation } = pose_of(pose);
+                let stands = FrameTransform {
+                    timestamp: when,
+                    parent_frame_id: (*parent).to_owned(),
+                    child_frame_id: (*child).to_owned(),
+                    translation: position,
+                    rotation: orientation,
+                };
+                self.message(Topic::Transform, at_ns, &stands.encode_to_vec())
+            }
+            Shown::Says { level, message } => {
+                let says = Log {
+                    timestamp: when,
+                    level: (*level).into(),
+                    message: message.clone(),
+                    name: "panelprep".to_owned(),
+                };
+                self.message(Topic::Log, at_ns, &says.encode_to_vec())
+            }
+        }
+    }
+
+    fn packed(&self, shot: &Shot, at_ns: u64) -> Result<Vec<u8>, TapeError> {
+        let unix_ns = self.began_ns + at_ns;
+        match shot {
+            Shot::Points(cloud) => Ok(points(cloud, unix_ns).encode_to_vec()),
+            Shot::Scanner(picture) => image(picture, "scanner", unix_ns),
+            Shot::Flange(picture) => image(picture, "flange_camera", unix_ns),
+        }
+    }
+}
+
+fn failed(source: McapError) -> TapeError {
+    TapeError::Disk { doing: "written", source }
+}
+
+fn metadata<const N: usize>(name: &str, pairs: [(&str, String); N]) -> Metadata {
+    let metadata = pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
+    Metadata { name: name.to_owned(), metadata }
+}
+
+fn media_type(name: &str) -> &'static str {
+    match name.rsplit('.').next() {
+        Some("json") => "application/json",
+        Some("toml") => "application/toml",
+        Some("png") => "image/png",
+        _ => "application/octet-stream",
+    }
+}
+
+fn image(picture: &ColorPicture, frame: &str, unix_ns: u64) -> Result<Vec<u8>, TapeError> {
+    let image = CompressedImage {
+        timestamp: Some(timestamp(unix_ns)),
+        data: write_color_png(picture)?,
+        format: "png".to_owned(),
+        frame_id: frame.to_owned(),
+    };
+    Ok(image.encode_to_vec())
+}
+
+fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
+    let mut data = Vec::with_capacity(STRIDE * cloud.raw_points_mm().len());
+    for (index, point) in cloud.raw_points_mm().iter().enumerate() {
+        point.iter().for_each(|mm| data.extend(mm.to_le_bytes()));
+        data.extend(cloud.color_at(index));
+    }
+    let field = |(name, offset, kind): (&str, u32, NumericType)| PackedElementField {
+        name: name.to_owned(),
+        offset,
+        r#type: kind.into(),
+    };
+    let coordinates = [("x", 0, NumericType::Float32), ("y", 4, NumericType::Float32), ("z", 8, NumericType::Float32)];
+    let colors = [("red", 12, NumericType::Uint8), ("green", 13, NumericType::Uint8), ("blue", 14, NumericType::Uint8)];
+    PointCloud {
+        timestamp: Some(timestamp(unix_ns)),
+        frame_id: "scanner".to_owned(),
+        pose: Some(pose_of(&KukaPose::default())),
+        point_stride: STRIDE as u32,
+        fields: coordinates.into_iter().chain(colors).map(field).collect(),
+        data,
+    }
+}
+
+fn pose_of(pose: &KukaPose) -> Pose {
+    let rigid: Rigid<Base, Flange> = pose.to_rigid();
+    let (at, turn) = (rigid.isometry().translation.vector, rigid.isometry().rotation);
+    Pose {
+        position: Some(Vector3 { x: at.x, y: at.y, z: at.z }),
+        orientation: Some(Quaternion { x: turn.i, y: turn.j, z: turn.k, w: turn.w }),
+    }
+}
+

@@ -1,0 +1,125 @@
+//! Recorded cycles, run again: `fixtures/` holds what `--record` wrote.
+
+use panelprep::tape::{Ending, Entries, Entry, Shot, Topic, Writer, check};
+use serde_json::Value;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::Arc;
+
+/// A whole cycle, in which grease is found, abraded and tested again; and one of another panel, which is rejected.
+const WHOLE: &str = "cycle.mcap";
+const REJECTED: &str = "rejected.mcap";
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures").join(name)
+}
+
+fn replay(file: &Path) -> (i32, Value) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    let output = command.args(["replay", "--json"]).arg(file).stderr(Stdio::null()).output().expect("it starts");
+    let told = serde_json::from_slice(&output.stdout).expect("one JSON object");
+    (output.status.code().expect("an exit code"), told)
+}
+
+/// A recording with its entries changed, in a folder of its own.
+fn changed(name: &str, mut change: impl FnMut(&mut Entry)) -> (tempfile::TempDir, PathBuf) {
+    let bytes = fs::read(fixture(name)).expect("the fixture");
+    let checked = check(&bytes[..]).expect("whole");
+    let files: Vec<_> = checked.files.into_iter().collect();
+    let mut writer = Writer::begin(Vec::new(), &checked.start, &files, &[]).expect("begun");
+    for entry in Entries::new(&bytes[..], checked.start.unix_ns) {
+        let mut entry = entry.expect("read");
+        change(&mut entry);
+        writer.write(&entry).expect("written");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("changed.mcap");
+    fs::write(&file, writer.finish(&Ending::default()).expect("finished")).expect("written");
+    (folder, file)
+}
+
+fn differences(told: &Value) -> Vec<&str> {
+    let differences = told["differences"].as_array().expect("a list").iter();
+    differences.map(|difference| difference["what"].as_str().expect("words")).collect()
+}
+
+#[test]
+fn a_recorded_cycle_replays_twice_without_a_difference() {
+    for _ in 0..2 {
+        let (exit, told) = replay(&fixture(WHOLE));
+        assert_eq!((exit, &told["same"], &told["verdict"]), (0, &true.into(), &"pass".into()), "{told}");
+        assert_eq!((&told["cycle_verdict"], &told["to_the_end"]), (&"pass".into(), &true.into()), "{told}");
+        assert!(told["entries"].as_u64().is_some_and(|entries| entries > 100), "{told}");
+    }
+}
+
+#[test]
+fn a_recording_written_again_is_the_same_cycle() {
+    let (_folder, file) = changed(REJECTED, |_| {});
+    let (exit, told) = replay(&file);
+    assert_eq!((exit, &told["same"], &told["cycle_verdict"]), (0, &true.into(), &"reject".into()), "{told}");
+}
+
+/// Each point of the scan a millimetre farther: what is found of it is something else, and so said.
+#[test]
+fn another_scan_is_seen_in_what_is_found() {
+    let (_folder, file) = changed(REJECTED, |entry| {
+        if let Some(Shot::Points(cloud)) = &mut entry.shot {
+            let farther = cloud.raw_points_mm().iter().map(|&[x, y, z]| [x, y, z + 1.0]).collect();
+            let (width, height, colors) = (cloud.width(), cloud.height(), cloud.picture().rgb);
+            let moved = panelprep::geometry::OrganizedCloud::new(width, height, farther, colors);
+            *cloud = Arc::new(moved.expect("organised"));
+        }
+    });
+    let (exit, told) = replay(&file);
+    assert_eq!((exit, &told["same"], &told["verdict"]), (1, &false.into(), &"fail".into()), "{told}");
+    assert!(differences(&told).iter().all(|what| what.starts_with("/cycle/finding")), "{told}");
+    assert!(!differences(&told).is_empty(), "{told}");
+}
+
+/// The robot told to stand elsewhere when it was recorded: exactly that number differs.
+#[test]
+fn another_command_is_named_with_both_numbers() {
+    let mut done = false;
+    let (_folder, file) = changed(REJECTED, |entry| {
+        if let Some(angle) = entry.said.pointer_mut("/send/move_j/joints/a2_deg").filter(|_| !done) {
+            (*angle, done) = (12.5.into(), true);
+        }
+    });
+    assert!(done, "the arm parks");
+    let (exit, told) = replay(&file);
+    assert_eq!((exit, differences(&told)), (1, vec!["/robot/command send.move_j.joints.a2_deg"]), "{told}");
+    assert_eq!(told["differences"][0]["recorded"], "12.5");
+    assert_eq!(told["to_the_end"], true);
+}
+
+/// A person asks for something else: the two go different ways, and the replay says where they part.
+#[test]
+fn another_request_parts_them() {
+    let (_folder, file) = changed(REJECTED, |entry| {
+        if entry.topic == Topic::Request && entry.heard.pointer("/for/start").is_some() {
+            entry.heard = serde_json::json!({ "for": "abort" });
+        }
+    });
+    let (exit, told) = replay(&file);
+    assert_eq!((exit, &told["same"], &told["to_the_end"]), (1, &false.into(), &false.into()), "{told}");
+    assert!(told["differences"][0]["what"].as_str().is_some_and(|what| what.starts_with("/cycle/event")), "{told}");
+}
+
+#[test]
+fn what_cannot_be_replayed_is_refused_in_words() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("bad.mcap");
+    let bytes = fs::read(fixture(REJECTED)).expect("the fixture");
+    let cut = bytes.len() * 3 / 4;
+    let scan = fs::read(fixture("pcl/shot_ascii.pcd")).expect("the fixture");
+    for (bytes, words) in [(&bytes[..cut], "was not finished"), (&scan[..], "no MCAP file"), (&bytes[..0], "no MCAP")] {
+        fs::write(&file, bytes).expect("written");
+        let (exit, told) = replay(&file);
+        assert_eq!((exit, &told["verdict"]), (2, &Value::Null), "{told}");
+        let reason = told["reasons"][0]["message"].as_str().expect("words");
+        assert!(reason.contains(words) && reason.contains("bad.mcap"), "{reason}");
+    }
+    assert_eq!(replay(&folder.path().join("none.mcap")).0, 2);
+}
