@@ -3,9 +3,10 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
 use panelprep::locate::refine::{self, CornerView, Refined};
-use panelprep::locate::{self, Fit, LocateError, View, corner, gate};
+use panelprep::locate::{self, Fit, LocateError, View, corner, explain, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
+use panelprep::report;
 use panelprep::sim::{Cell, Place, PlacementError, SEARCH_BOX_MM, Scene, TRIAL_BOX_MM, Trial, Wrong};
 use panelprep::verdict::{Judgement, Verdict};
 
@@ -184,8 +185,33 @@ fn one_and_two_threads_give_the_same_bits() {
     assert_eq!(with(1), with(2));
 }
 
+/// How many reasons have a picture that is not the bare one.
+fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
+    let (taught, recipe) = learnt(trial);
+    let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
+    let view = View { scan: &scan, camera, base_from_camera };
+    let explained = explain::explain(&taught, &view, recipe.locate(), fit).expect("a panel was taught");
+    let picture = scan.picture();
+    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
+    let view = report::View { picture: &picture, camera, camera_from_panel: base_from_camera.inverse() * place };
+    let drawn = judgement.reasons.iter().filter_map(|reason| {
+        let (drawn, _) = view.reason(&taught, (&explained, fit), reason).expect("drawn")?;
+        (drawn != picture).then_some(())
+    });
+    drawn.count()
+}
+
 /// A panel of any shape, taught and located in a scene that may have something wrong.
 fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
+    let (taught, recipe) = learnt(trial);
+    let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
+    match locate::locate(&taught, &View { scan: &trial.scan(), camera, base_from_camera }, recipe.locate()) {
+        Ok(fit) => (gate::judge(&fit, recipe.locate()), Some(fit)),
+        Err(error) => (gate::refusal(&error), None),
+    }
+}
+
+fn learnt(trial: &Trial) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
@@ -197,10 +223,7 @@ fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     let taught = TaughtPanel::learn(&trial.taught_scan(), *camera, base_from_camera, &recipe)
         .unwrap_or_else(|error| panic!("{error}"));
-    match locate::locate(&taught, &View { scan: &trial.scan(), camera, base_from_camera }, recipe.locate()) {
-        Ok(fit) => (gate::judge(&fit, recipe.locate()), Some(fit)),
-        Err(error) => (gate::refusal(&error), None),
-    }
+    (taught, recipe)
 }
 
 /// Anywhere in the box, at any turn, tilted by up to 30°, among things: twenty shapes at half size.
@@ -217,11 +240,14 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
     assert!(accepted.count() >= 19);
 }
 
-/// One scene of each kind that must not be accepted, at a quarter of the size.
+/// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
 #[test]
 fn bad_scenes_are_never_accepted() {
     for wrong in Wrong::ALL {
-        let (judgement, fit) = tried(&Trial::bad(1, wrong, 4));
+        let trial = Trial::bad(1, wrong, 4);
+        let (judgement, fit) = tried(&trial);
+        let pictures = pictures(&trial, &judgement, fit.as_ref());
+        assert_eq!(pictures, judgement.reasons.len(), "{wrong:?}: {judgement:?}");
         let found = fit.map(|fit| fit.base_from_panel);
         assert_ne!(judgement.verdict, Verdict::Accept, "{wrong:?}: {found:?}");
         assert!(!judgement.reasons.is_empty(), "{wrong:?}");

@@ -93,6 +93,7 @@ fn say_how_it_is_held(
                 "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
                 fit.uncertainty_mm, fit.weakest_mm
             ));
+            say_how_the_camera_is_watched(&fit, outcome, &mut warnings);
             outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
             outcome.put("weakest_mm", json!(fit.weakest_mm));
             outcome.put("weakest", json!(weakest));
@@ -114,6 +115,26 @@ fn say_how_it_is_held(
     let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::normal_seen).collect();
     outcome.put("normal_seen", json!(seen));
     warnings
+}
+
+/// A camera that moved is found by the fixture, if that shows enough.
+const WATCHED_MM: f64 = 0.5;
+
+fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome, warnings: &mut Vec<String>) {
+    let noticed_mm = fit.camera.map(|camera| gate::MAX_CAMERA_MOVED_MM + camera.uncertainty_mm);
+    if let Some(mm) = noticed_mm {
+        outcome.say(format!(
+            "a camera that moves is noticed by the fixture where it puts the panel {mm:.2} mm off or more"
+        ));
+    }
+    outcome.put("camera_noticed_mm", json!(noticed_mm));
+    if noticed_mm.is_none_or(|mm| mm > WATCHED_MM) {
+        warnings.push(
+            "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
+             stand still outside of the search box, with clear edges in two directions"
+                .to_owned(),
+        );
+    }
 }
 
 /// What was learnt, drawn.

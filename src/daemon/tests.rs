@@ -109,6 +109,34 @@ fn a_journal_that_cannot_be_written_stops_the_robot() {
     assert!(matches!(error, DaemonError::Record(_)), "{error}");
 }
 
+/// By hand: a panel that turns by 0.2° about its first corner moves that by nothing, and one 250 mm away by 0.9 mm. The
+/// first corner alone would let the pad come down.
+#[test]
+fn a_panel_that_turned_meanwhile_is_found_at_its_second_corner() {
+    let story = Fake::new(Scene::Good).whose_panel_turns_when_wet(0.2).run(Asks::one_cycle());
+    assert!(matches!(story.outcome.state.at, At::Held(hold) if hold.why == Why::NotVerified), "{story}");
+    let verified: Vec<Verdict> = story
+        .findings
+        .iter()
+        .filter(|finding| finding.kind == Kind::Verify)
+        .map(|finding| finding.judgement.verdict)
+        .collect();
+    assert_eq!(verified, [Verdict::Accept, Verdict::Reject], "{story}");
+    assert!(story.motions(Path::Contact).is_empty() && story.motions(Path::Approach).is_empty(), "{story}");
+}
+
+/// A post before the second corner: the first is looked at again in its stead, and verified alone.
+#[test]
+fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
+    let mut fake = Fake::new(Scene::Clean);
+    fake.more_cell = "[[keep_out]]\nname = \"post\"\nmin_mm = [300, -220, 150]\nmax_mm = [360, -120, 300]\n";
+    let story = fake.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
+    let refined = story.findings.iter().filter(|finding| finding.kind == Kind::Refine);
+    let seen: Vec<Option<f64>> = refined.map(|finding| finding.number("corners seen")).collect();
+    assert!(seen.len() == 2 && seen.iter().all(|count| *count == Some(1.0)), "{seen:?} {story}");
+}
+
 /// The plan's disc leaves the panel by more than the recipe allows: a person must look, and nobody does.
 #[test]
 fn a_doubtful_plan_is_held_for_review_without_contact() {

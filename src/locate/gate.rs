@@ -32,7 +32,7 @@ pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// So many times more must speak for a placement than for any other.
 pub const MIN_MARGIN: f64 = 2.0;
 /// A camera that has moved the panel by this much is another camera, mm.
-const MAX_CAMERA_MOVED_MM: f64 = 0.25;
+pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
 /// Fixture that still lies where it lay: things come and go, the fixture stays.
 const MIN_FIXTURE_SAME: f64 = 0.4;
 /// The stated error of a pose that is fit for use, mm.

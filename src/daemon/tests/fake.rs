@@ -5,13 +5,14 @@ use crate::cell;
 use crate::cycle::{At, Event, Motion, Outcome, Path, Refusal, Request, State};
 use crate::devices::mock::Arm;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, SetTcp, Time};
-use crate::geometry::{ColorPicture, KukaPose, OrganizedCloud, Panel};
+use crate::geometry::{Base, ColorPicture, KukaPose, OrganizedCloud, Panel};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::phase::Phase;
 use crate::record::{Budget, CycleId, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth, WET_FROM_S};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
+use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -35,6 +36,8 @@ struct World {
     water_off_ms: u64,
     rubbed: usize,
     healed: bool,
+    /// The panel turns about its first corner once it is wet, by so much.
+    turns_when_wet_deg: f64,
     waypoints: usize,
     reports: VecDeque<Report>,
     lines: usize,
@@ -148,6 +151,7 @@ impl Cell {
             water_off_ms: 0,
             rubbed: 0,
             healed: false,
+            turns_when_wet_deg: 0.0,
             waypoints: 0,
             reports: VecDeque::new(),
             lines: 0,
@@ -175,6 +179,11 @@ impl Cell {
     /// Ten commands in 100 ms.
     pub fn slow(self) -> Self {
         self.world.borrow_mut().pace = 10;
+        self
+    }
+
+    pub fn whose_panel_turns_when_wet(self, degrees: f64) -> Self {
+        self.world.borrow_mut().turns_when_wet_deg = degrees;
         self
     }
 
@@ -495,7 +504,13 @@ impl Eyes for FakeEyes {
 
     fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
         let world = self.0.borrow();
-        Ok(world.sim.flange_picture(&world.base_from_flange, Place::Displaced))
+        let stands = world.sim.truth().base_from_panel;
+        let turn_deg = if world.water_off_ms > 0 { world.turns_when_wet_deg } else { 0.0 };
+        let about = (stands * world.sim.corner_views()[0].corner).mm;
+        let turn = UnitQuaternion::from_scaled_axis(Vector3::x() * turn_deg.to_radians());
+        let turned: Rigid<Base, Base> =
+            Rigid::claim(Isometry3::from_parts((about.coords - turn * about.coords).into(), turn));
+        Ok(world.sim.flange_picture_at(&world.base_from_flange, &(turned * stands)))
     }
 
     fn check(&mut self) -> Vec<SightError> {

@@ -75,7 +75,8 @@ def main():
         import kiss_matcher
 
         def kiss():
-            params = kiss_matcher.KISSMatcherConfig(5.0)
+            # Its noise bounds are clamped at 1, which is a metre for its maps and a millimetre here.
+            params = kiss_matcher.KISSMatcherConfig(voxel_size=5.0, enable_noise_bound_clamping=False)
             result = kiss_matcher.KISSMatcher(params).estimate(source, target)
             pose = np.eye(4)
             pose[:3, :3], pose[:3, 3] = np.array(result.rotation), np.array(result.translation).ravel()
