@@ -35,7 +35,14 @@ pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup
         scan_yaml: SCAN.to_owned(),
         picture_yaml: PICTURE.to_owned(),
         restarts: Restarts::default(),
-        patience: Patience { search: Duration::from_millis(20), ..Patience::default() },
+        patience: Patience {
+            search: Duration::from_millis(20),
+            // A machine that builds beside may be very slow; what stalls is tested with a time of its own.
+            scan: Duration::from_secs(100),
+            picture: Duration::from_secs(100),
+            words: Duration::from_secs(100),
+            ..Patience::default()
+        },
     };
     let arguments = ["zivid-worker".into(), "--library".into(), library().into()];
     (setup, launcher(PathBuf::from(env!("CARGO_BIN_EXE_panelprep")), arguments.into()))
