@@ -114,10 +114,7 @@ fn each_mistake_is_named() {
             "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001",
             "3: flange_camera.packet_bytes: found 9001, allowed is a whole number from 576 to 9000",
         ),
-        (
-            "[scanner]\nexposure_us = 100",
-            "2: scanner.exposure_us: unknown key; known here: kind, folder, serial",
-        ),
+        ("[scanner]\nexposure_us = 100", "2: scanner.exposure_us: unknown key; known here: kind, folder, serial"),
         ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
         (
             "[robot]\nhost = '172.31.1.147'",

@@ -110,8 +110,12 @@ fn a_wrong_camera_is_refused_in_words() {
     // Another program has it: here the same one, twice.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     first.check().unwrap_or_else(|error| panic!("{error}"));
-    let second = says(settings(SIZE, FORMAT));
-    assert!(second.contains("another program"), "{second}");
+    let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    wait_for("a refusal", || matches!(second.standing(), Standing::Away(_)));
+    eprintln!("{:?}", second.standing());
+    assert!(matches!(second.standing(), Standing::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
+    // The first keeps it.
+    exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
 
 /// A camera whose size is changed while it delivers.
