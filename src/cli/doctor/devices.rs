@@ -6,9 +6,9 @@ use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::{ctl, live};
 use crate::daemon::{Single, SingleError};
+use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 #[cfg(feature = "gige")]
 use crate::devices::cameras::{FlangeCamera, GigeFlangeCamera};
-use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
 use crate::devices::zivid::Patience;
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
@@ -43,7 +43,11 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
         return Check::right(name, format!("held by the service, which is {state}"));
     }
     let Ok(lens) = files.flange_camera() else {
-        return Check::wrong(name, "not looked at: its size is held against the lens's calibration", "calibrate first");
+        return Check::wrong(
+            name,
+            "not looked at: its size is held against the lens's calibration",
+            "calibrate first",
+        );
     };
     let opened = GigeFlangeCamera::open(gige, &lens.value);
     let whole = opened.and_then(|mut camera| camera.check());

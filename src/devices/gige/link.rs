@@ -53,6 +53,8 @@ pub struct GigeCamera {
     asks: Option<Sender<Ask>>,
     shared: Arc<Mutex<Shared>>,
     opened: Instant,
+    /// Which camera, in words.
+    which: String,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -74,8 +76,9 @@ impl GigeCamera {
             next_search: Instant::now(),
             pause: FIRST_PAUSE,
         };
+        let which = link.settings.which.to_string();
         let thread = std::thread::Builder::new().name("gige".to_owned()).spawn(move || link.serve(&asked))?;
-        Ok(GigeCamera { asks: Some(asks), shared, opened: Instant::now(), thread: Some(thread) })
+        Ok(GigeCamera { asks: Some(asks), shared, opened: Instant::now(), which, thread: Some(thread) })
     }
 
     /// A still; of a free running camera the next picture.
@@ -114,7 +117,8 @@ impl GigeCamera {
                 Standing::Connected => return Ok(()),
                 Standing::Away(why) => return Err(why),
                 Standing::Searching if self.opened.elapsed() > SEARCH => {
-                    return Err(GigeError::Timeout { waited_ms: SEARCH.as_millis() as u64 });
+                    let found = format!("it has been searched for {} s", SEARCH.as_secs());
+                    return Err(GigeError::NotFound { wanted: self.which.clone(), found });
                 }
                 Standing::Searching => std::thread::sleep(Duration::from_millis(5)),
             }

@@ -108,10 +108,13 @@ fn a_wrong_camera_is_refused_in_words() {
     let exposure = says(Settings { exposure_us: Some(1e9), ..settings(SIZE, FORMAT) });
     assert!(exposure.contains("does not take ExposureTimeAbs = 1000000000: it allows"), "{exposure}");
     // Another program has it: here the same one, twice.
-    let first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.standing() == Standing::Connected);
-    let second = says(settings(SIZE, FORMAT));
-    assert!(second.contains("another program"), "{second}");
+    let second = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    wait_for("a refusal", || matches!(second.standing(), Standing::Away(_)));
+    assert!(matches!(second.standing(), Standing::Away(GigeError::Controlled { .. })), "{:?}", second.standing());
+    // The first keeps it.
+    exposure_of(&first.picture().unwrap_or_else(|error| panic!("{error}")), &picture());
 }
 
 /// A camera whose size is changed while it delivers.
