@@ -240,6 +240,16 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
     assert!(accepted.count() >= 19);
 }
 
+/// At a quarter of the size the fixture's edges, plate and posts, hold the camera's place to a fraction of a millimetre.
+#[test]
+fn a_camera_that_moved_is_found_by_the_fixture() {
+    let camera = |trial: &Trial| tried(trial).1.and_then(|fit| fit.camera).expect("a fixture");
+    let still = camera(&Trial::good(2, 4));
+    assert!(still.uncertainty_mm < 0.4 && still.moved_mm < still.uncertainty_mm && still.same > 0.9, "{still:?}");
+    let moved = camera(&Trial::bad(2, Wrong::CameraMoved, 4));
+    assert!(moved.same < 0.4 || moved.moved_mm - moved.uncertainty_mm > 0.25, "{moved:?}");
+}
+
 /// One scene of each kind that must not be accepted, at a quarter of the size; each of its reasons has a picture.
 #[test]
 fn bad_scenes_are_never_accepted() {
