@@ -37,7 +37,7 @@ impl<'a, P> Taped<'a, P> {
     }
 
     /// What came of keeping something; a failure is written down in words.
-    fn kept<T: Serialize>(&self, topic: Topic, said: Value, came: &Result<T, RecordError>) {
+    fn noted<T: Serialize>(&self, topic: Topic, said: Value, came: &Result<T, RecordError>) {
         let heard = match came {
             Ok(value) => json!({ "Ok": told(value) }),
             Err(error) => json!({ "Err": error.0.to_string() }),
@@ -136,31 +136,31 @@ impl<P: Eyes> Eyes for Taped<'_, P> {
 impl<P: Record> Record for Taped<'_, P> {
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
         let kept = self.port.finding(finding);
-        self.kept(Topic::Finding, told(finding), &kept);
+        self.noted(Topic::Finding, told(finding), &kept);
         kept
     }
 
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         let kept = self.port.picture(name, picture);
-        self.kept(Topic::Store, super::said_picture(name), &kept);
+        self.noted(Topic::Store, super::said_picture(name), &kept);
         kept
     }
 
     fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         let kept = self.port.frame(picture, time_s, phase);
-        self.kept(Topic::Store, super::said_frame(time_s, phase), &kept);
+        self.noted(Topic::Store, super::said_frame(time_s, phase), &kept);
         kept
     }
 
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
         let kept = self.port.figure(figure);
-        self.kept(Topic::Store, super::said_figure(&figure.name, &figure.caption), &kept);
+        self.noted(Topic::Store, super::said_figure(&figure.name, &figure.caption), &kept);
         kept
     }
 
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
         let kept = self.port.budget(measured);
-        self.kept(Topic::Store, json!({ "budget": measured }), &kept);
+        self.noted(Topic::Store, json!({ "budget": measured }), &kept);
         kept
     }
 }
@@ -169,37 +169,37 @@ impl<P: Journal> Journal for Taped<'_, P> {
     fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
         let said = super::said_kept(&kept);
         let came = self.port.kept(kept);
-        self.kept(Topic::Store, said, &came);
+        self.noted(Topic::Store, said, &came);
         came
     }
 
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         let kept = self.port.event(event);
-        self.kept(Topic::Event, told(event), &kept);
+        self.noted(Topic::Event, told(event), &kept);
         kept
     }
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
         let kept = self.port.open_intent(motion);
-        self.kept(Topic::Store, json!({ "open_intent": motion }), &kept);
+        self.noted(Topic::Store, json!({ "open_intent": motion }), &kept);
         kept
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
         let kept = self.port.close_intent(motion, outcome, done);
-        self.kept(Topic::Store, super::said_closed(motion, outcome, done), &kept);
+        self.noted(Topic::Store, super::said_closed(motion, outcome, done), &kept);
         kept
     }
 
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
         let kept = self.port.conclude(verdict);
-        self.kept(Topic::Store, json!({ "conclude": verdict }), &kept);
+        self.noted(Topic::Store, json!({ "conclude": verdict }), &kept);
         kept
     }
 
     fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError> {
         let begun = self.port.begin(start);
-        self.kept(Topic::Store, json!("begin"), &begun);
+        self.noted(Topic::Store, json!("begin"), &begun);
         begun
     }
 
@@ -210,19 +210,19 @@ impl<P: Journal> Journal for Taped<'_, P> {
 
     fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
         let worn = self.port.disc_worn_mm2();
-        self.kept(Topic::Store, json!("disc_worn_mm2"), &worn);
+        self.noted(Topic::Store, json!("disc_worn_mm2"), &worn);
         worn
     }
 
     fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
         let kept = self.port.wear_disc(swept_mm2);
-        self.kept(Topic::Store, json!({ "wear_disc_mm2": swept_mm2 }), &kept);
+        self.noted(Topic::Store, json!({ "wear_disc_mm2": swept_mm2 }), &kept);
         kept
     }
 
     fn mount_disc(&mut self) -> Result<(), RecordError> {
         let kept = self.port.mount_disc();
-        self.kept(Topic::Store, json!("mount_disc"), &kept);
+        self.noted(Topic::Store, json!("mount_disc"), &kept);
         kept
     }
 
