@@ -155,7 +155,10 @@ impl Connected {
                     self.statistics.accepted += 1;
                     return Ok(Frame { facts, pixels });
                 }
-                Err(_) => self.statistics.refused += 1,
+                Err(refused) => {
+                    tracing::debug!("{refused}");
+                    self.statistics.refused += 1;
+                }
             }
         }
         self.statistics.timeouts += 1;
