@@ -30,7 +30,9 @@ pub fn bars(title: &str, bars: &[Bar]) -> Result<ColorPicture, ImagingError> {
         canvas.label(Pixel::at(14.0, middle + 5.0), &bar.label, 13.0, Ink::WHITE)?;
         let length = LONGEST_PX * bar.share.clamp(0.0, 1.0);
         let line = [Pixel::at(FROM_PX, middle), Pixel::at(FROM_PX + length.max(1.0), middle)];
-        canvas.polyline(&line, false, Pen { ink: Ink::ORANGE, width_px: 14 })?;
+        if bar.share > 0.0 {
+            canvas.polyline(&line, false, Pen { ink: Ink::ORANGE, width_px: 14 })?;
+        }
         let words = format!("{:.1} %", 100.0 * bar.share);
         canvas.label(Pixel::at(FROM_PX + length + 14.0, middle + 5.0), &words, 13.0, Ink::WHITE)?;
     }

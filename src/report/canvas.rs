@@ -132,6 +132,9 @@ impl Canvas {
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn label(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
+        // OpenCV's own letters are ASCII's; any other would be question marks.
+        let text =
+            &text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-");
         let scale = height_px / FONT_HEIGHT_PX;
         let weight = (scale * 1.6).round().max(1.0) as i32;
         let origin = Point2i::new(at.u.round() as i32, at.v.round() as i32);

@@ -73,13 +73,13 @@ impl View<'_> {
         // Failed ones last, so that their rim is not painted over.
         for (only_failed, pen) in [(false, thin), (true, thick)] {
             for grid in grids.iter().filter(|grid| failed(grid) == only_failed) {
-                let edge = self.pixels(&grid.edge);
-                canvas.polyline(&edge, true, pen)?;
-                // In the grid's first corner, so that what lies in its middle stays to be seen.
-                let height_px = (self.picture.height as f64 / 80.0).max(8.0);
-                let Some(first) = edge.first() else {
-                    continue;
-                };
+                canvas.polyline(&self.pixels(&grid.edge), true, pen)?;
+            }
+        }
+        // Names after all edges, each in its grid's first corner, so that what lies in the middle stays to be seen.
+        let height_px = (self.picture.height as f64 / 80.0).max(8.0);
+        for grid in grids {
+            if let Some(first) = self.pixels(&grid.edge).first() {
                 let corner = Pixel::at(first.u + height_px * 0.5, first.v + height_px * 1.6);
                 canvas.label(corner, &grid.id.to_string(), height_px, Ink::WHITE)?;
             }
