@@ -114,7 +114,9 @@ fn what_cannot_be_replayed_is_refused_in_words() {
     let bytes = fs::read(fixture(REJECTED)).expect("the fixture");
     let cut = bytes.len() * 3 / 4;
     let scan = fs::read(fixture("pcl/shot_ascii.pcd")).expect("the fixture");
-    for (bytes, words) in [(&bytes[..cut], "was not finished"), (&scan[..], "no MCAP file"), (&bytes[..0], "no MCAP")] {
+    for (bytes, words) in
+        [(&bytes[..cut], "was not finished"), (&scan[..], "no MCAP file"), (&bytes[..0], "no MCAP")]
+    {
         fs::write(&file, bytes).expect("written");
         let (exit, told) = replay(&file);
         assert_eq!((exit, &told["verdict"]), (2, &Value::Null), "{told}");

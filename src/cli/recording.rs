@@ -27,7 +27,9 @@ pub fn begin(
     (state, lock_step): (State, bool),
 ) -> Result<Recording, Fault> {
     let named = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => Fault::file(file, "is there already; remove it, or record in another file"),
+        std::io::ErrorKind::AlreadyExists => {
+            Fault::file(file, "is there already; remove it, or record in another file")
+        }
         _ => Fault::file(file, error),
     };
     let teaching = files.store()?.taught(assignment.recipe.panel(), Some(&assignment.taught.version));
@@ -66,7 +68,11 @@ pub fn words(recorded: &Result<Written, TapeError>) -> String {
 fn mounted(values: &Calibrations) -> [Mounted; 3] {
     [
         Mounted { parent: "base", child: "scanner", pose: KukaPose::from_rigid(&values.base_from_camera) },
-        Mounted { parent: "flange", child: "flange_camera", pose: KukaPose::from_rigid(&values.flange_from_camera) },
+        Mounted {
+            parent: "flange",
+            child: "flange_camera",
+            pose: KukaPose::from_rigid(&values.flange_from_camera),
+        },
         Mounted { parent: "flange", child: "tool", pose: KukaPose::from_rigid(&values.flange_from_tool) },
     ]
 }
@@ -170,7 +176,8 @@ impl Parts<'_> {
             Fault::file(self.file, format!("attachment {name:?}: {error}"))
         };
         let mut corners = Vec::new();
-        for [picture, pose] in (0..).map(corner).take_while(|[picture, _]| self.checked.files.contains_key(picture)) {
+        for [picture, pose] in (0..).map(corner).take_while(|[picture, _]| self.checked.files.contains_key(picture))
+        {
             let base_from_flange = read_flange(self.bytes(&pose)?).map_err(|error| named(&pose, &error))?;
             corners.push(TaughtCorner { picture: self.bytes(&picture)?.to_vec(), base_from_flange });
         }

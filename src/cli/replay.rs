@@ -25,8 +25,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let checked = tape::check(open(file)?).map_err(refused)?;
     let recorded = Recorded::read(file, &checked)?;
     let taught = (&recorded.taught.panel, recorded.taught.corners.as_slice());
-    let job =
-        Job::new(&recorded.cell, &recorded.recipe, taught, recorded.calibrations).map_err(Fault::stage)?;
+    let job = Job::new(&recorded.cell, &recorded.recipe, taught, recorded.calibrations).map_err(Fault::stage)?;
 
     let start = &checked.start;
     let player = Player::new(Entries::new(open(file)?, start.unix_ns), start.lock_step);
@@ -68,7 +67,8 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     outcome.put("recorded_s", json!(length_s));
     outcome.put("recorded_by", json!(by));
     outcome.put("cycle_verdict", json!(verdict));
-    outcome.say(format!("{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}", checked.entries));
+    outcome
+        .say(format!("{entries} of {} entries over {length_s:.1} s, recorded by panelprep {by}", checked.entries));
     if let Some(verdict) = verdict {
         outcome.say(format!("the cycle's verdict: {}", verdict.word()));
     }

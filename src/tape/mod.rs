@@ -24,12 +24,11 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-
 pub use entry::{Ending, Entry, Lost, Shot, Start};
 pub use error::TapeError;
 pub use read::{Checked, Entries, check};
-pub use topic::Topic;
 pub use shown::Mounted;
+pub use topic::Topic;
 pub use write::Writer;
 
 /// What a recording's records mean. Another number is another meaning, and is not read.

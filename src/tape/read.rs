@@ -12,7 +12,7 @@ use crate::files::read_color;
 use crate::geometry::{Camera, OrganizedCloud};
 use mcap::McapError;
 use mcap::records::{Metadata, Record, op};
-use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use prost::Message;
 use serde::Deserialize;
 use serde_json::Value;
@@ -54,10 +54,7 @@ impl<R: Read> Records<R> {
     }
 
     /// Hands the next record over; `None` behind the last one.
-    fn next<T>(
-        &mut self,
-        take: impl FnOnce(Record<'_>) -> Result<T, TapeError>,
-    ) -> Result<Option<T>, Wrong> {
+    fn next<T>(&mut self, take: impl FnOnce(Record<'_>) -> Result<T, TapeError>) -> Result<Option<T>, Wrong> {
         loop {
             match self.reader.next_event() {
                 None => return Ok(None),
@@ -145,7 +142,9 @@ impl Seen {
             Record::Message { header, .. } => {
                 let began_ns = self.began_ns()?;
                 let Some(&topic) = self.topics.get(&header.channel_id) else {
-                    return Err(TapeError::Foreign { problem: format!("channel {} is not there", header.channel_id) });
+                    return Err(TapeError::Foreign {
+                        problem: format!("channel {} is not there", header.channel_id),
+                    });
                 };
                 let from_s = seconds(header.log_time.saturating_sub(began_ns));
                 let topic_name = topic.name();

@@ -58,8 +58,7 @@ fn found(finding: &Finding) -> Vec<Shown> {
         _ => Level::Warning,
     };
     let reasons = judgement.reasons.iter().map(|reason| format!("; {}", reason.message));
-    let message =
-        format!("{}: {}{}", finding.kind.word(), judgement.verdict.word(), reasons.collect::<String>());
+    let message = format!("{}: {}{}", finding.kind.word(), judgement.verdict.word(), reasons.collect::<String>());
     let place = finding.details.get("base_from_panel").and_then(|pose| KukaPose::deserialize(pose).ok());
     let stands = place.map(|pose| Shown::Stands(Mounted { parent: "base", child: "panel", pose }));
     std::iter::once(Shown::Says { level, message }).chain(stands).collect()

@@ -11,7 +11,14 @@ const BEGAN_NS: u64 = 1_790_000_000_000_000_000;
 
 fn start() -> Start {
     let (hand_eye_mm, robot_mm) = (Some(0.1), None);
-    Start { program: "0.0.0".to_owned(), unix_ns: BEGAN_NS, state: State::NEW, lock_step: true, hand_eye_mm, robot_mm }
+    Start {
+        program: "0.0.0".to_owned(),
+        unix_ns: BEGAN_NS,
+        state: State::NEW,
+        lock_step: true,
+        hand_eye_mm,
+        robot_mm,
+    }
 }
 
 fn files() -> Vec<(String, Vec<u8>)> {
@@ -45,7 +52,7 @@ fn entries() -> Vec<Entry> {
         entry(Topic::Request, 0, Value::Null, json!({ "for": "reset" })),
         entry(Topic::Event, 0, json!({ "asked": "reset" }), json!({ "Ok": null })),
         seen(Shot::Points(cloud(vec![point, [f32::NAN; 3], point, point, [0.0; 3], point])), 20),
-        entry(Topic::Computed, 20, Value::Null, json!(7)),
+        entry(Topic::Report, 20, Value::Null, json!({ "progress": { "done": 7 } })),
         seen(Shot::Scanner(picture(7, 5)), 100),
         entry(Topic::Camera, 100, json!("look"), json!({ "Err": { "camera": "the scanner", "why": "dark" } })),
         seen(Shot::Flange(picture(5, 7)), 300),
@@ -163,7 +170,10 @@ fn foreign(names: &[(&str, &str)]) -> Vec<u8> {
 fn other_files_are_refused_with_the_reason() {
     let refused = |bytes: &[u8]| check(bytes).expect_err("refused").to_string();
     let version = refused(&foreign(&[("format", "99"), ("program", "9.1.0")]));
-    assert!(version.contains("format 99 (written by panelprep 9.1.0)") && version.contains("format 1"), "{version}");
+    assert!(
+        version.contains("format 99 (written by panelprep 9.1.0)") && version.contains("format 1"),
+        "{version}"
+    );
     assert!(refused(&foreign(&[])).contains("no recording of panelprep"));
     assert!(refused(&foreign(&[("format", "1")])).contains("/chatter"));
     for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {

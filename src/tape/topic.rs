@@ -19,8 +19,6 @@ pub enum Topic {
     Finding,
     /// What else is kept, and what is read back from the store.
     Store,
-    /// What was computed comes to the loop.
-    Computed,
     /// What the cameras are asked, and what they say; a picture or points follow in a message of their own.
     Camera,
     /// The 3D camera's points.
@@ -37,7 +35,7 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Topic; 14] = [
+    pub const ALL: [Topic; 13] = [
         Topic::Report,
         Topic::Command,
         Topic::Clock,
@@ -45,7 +43,6 @@ impl Topic {
         Topic::Event,
         Topic::Finding,
         Topic::Store,
-        Topic::Computed,
         Topic::Camera,
         Topic::Points,
         Topic::ScannerPicture,
@@ -64,7 +61,6 @@ impl Topic {
             Topic::Event => "/cycle/event",
             Topic::Finding => "/cycle/finding",
             Topic::Store => "/cycle/store",
-            Topic::Computed => "/cycle/computed",
             Topic::Camera => "/camera",
             Topic::Points => "/scanner/points",
             Topic::ScannerPicture => "/scanner/picture",

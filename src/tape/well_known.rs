@@ -155,7 +155,11 @@ pub fn descriptors() -> Vec<u8> {
     let levels = [("UNKNOWN", 0), ("INFO", 2), ("WARNING", 3)];
     let packed = message(
         "PackedElementField",
-        [("name", 1, text()), ("offset", 2, Plain(Type::Fixed32)), ("type", 3, Enum(".foxglove.PackedElementField.NumericType"))],
+        [
+            ("name", 1, text()),
+            ("offset", 2, Plain(Type::Fixed32)),
+            ("type", 3, Enum(".foxglove.PackedElementField.NumericType")),
+        ],
     );
     let log = message(
         "Log",
@@ -193,8 +197,7 @@ pub fn descriptors() -> Vec<u8> {
         message("Quaternion", [("x", 1, double()), ("y", 2, double()), ("z", 3, double()), ("w", 4, double())]),
         with_enum(log, "Level", &levels),
     ];
-    let time =
-        vec![message("Timestamp", [("seconds", 1, Plain(Type::Int64)), ("nanos", 2, Plain(Type::Int32))])];
+    let time = vec![message("Timestamp", [("seconds", 1, Plain(Type::Int64)), ("nanos", 2, Plain(Type::Int32))])];
     let imports = vec![TIMESTAMP_FILE.to_owned()];
     let file = vec![
         file(TIMESTAMP_FILE, "google.protobuf", vec![], time),

@@ -11,7 +11,7 @@ use super::well_known::{
 };
 use super::{END, FORMAT, METADATA, START};
 use crate::files::write_color_png;
-use crate::geometry::{Camera, ColorPicture, KukaPose, OrganizedCloud, Rigid, Base, Flange};
+use crate::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, WriteOptions};
@@ -218,8 +218,10 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
         offset,
         r#type: kind.into(),
     };
-    let coordinates = [("x", 0, NumericType::Float32), ("y", 4, NumericType::Float32), ("z", 8, NumericType::Float32)];
-    let colors = [("red", 12, NumericType::Uint8), ("green", 13, NumericType::Uint8), ("blue", 14, NumericType::Uint8)];
+    let coordinates =
+        [("x", 0, NumericType::Float32), ("y", 4, NumericType::Float32), ("z", 8, NumericType::Float32)];
+    let colors =
+        [("red", 12, NumericType::Uint8), ("green", 13, NumericType::Uint8), ("blue", 14, NumericType::Uint8)];
     PointCloud {
         timestamp: Some(timestamp(unix_ns)),
         frame_id: "scanner".to_owned(),
@@ -238,4 +240,3 @@ fn pose_of(pose: &KukaPose) -> Pose {
         orientation: Some(Quaternion { x: turn.i, y: turn.j, z: turn.k, w: turn.w }),
     }
 }
-

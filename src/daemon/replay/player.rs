@@ -288,9 +288,7 @@ impl Eyes for Player<'_> {
 fn flat(shot: Shot) -> Result<ColorPicture, SightError> {
     match shot {
         Shot::Scanner(picture) | Shot::Flange(picture) => Ok(Arc::unwrap_or_clone(picture)),
-        Shot::Points(_) => {
-            Err(SightError { camera: "a camera", why: "the recording has points here".to_owned() })
-        }
+        Shot::Points(_) => Err(SightError { camera: "a camera", why: "the recording has points here".to_owned() }),
     }
 }
 

@@ -135,7 +135,8 @@ fn ended(said: &str) -> Command {
 #[test]
 fn the_same_words_are_no_difference_and_come_with_their_answer() {
     let sent = || line(Topic::Command, json!({ "send": ended("same") }), json!({ "Ok": 4 }));
-    let refused = line(Topic::Command, json!("abort"), told(&Err::<(), _>(QueueError::FramesNotSet { missing: "a recipe" })));
+    let refused =
+        line(Topic::Command, json!("abort"), told(&Err::<(), _>(QueueError::FramesNotSet { missing: "a recipe" })));
     let report = line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
     let mut player = player(vec![sent(), report, refused]);
     assert!(Robot::next(&mut player).is_none(), "a command comes first");
