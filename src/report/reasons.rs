@@ -39,9 +39,9 @@ impl View<'_> {
             "poor_fit" | "not_converged" => {
                 let picture = surface(&|mark| residual_ink(mark));
                 let legend = [
-                    (Ink::VERMILLION, "0.5 mm or more before the taught surface"),
-                    (Ink::WHITE, "on it"),
-                    (Ink::BLUE, "0.5 mm or more behind it"),
+                    (Ink::VERMILLION, "0.5 mm before it, or more"),
+                    (Ink::WHITE, "on the taught surface"),
+                    (Ink::BLUE, "0.5 mm behind it, or more"),
                 ];
                 (self.marked(picture, panel, explained, &legend)?, "How far the scan lies from the taught surface")
             }
@@ -140,13 +140,13 @@ impl View<'_> {
             OutlineMark::Elsewhere => Ink::VERMILLION,
             OutlineMark::Hidden => Ink::WHITE,
         };
-        for pair in explained.outline.windows(2) {
-            let [(from, mark), (to, _)] = pair else { continue };
-            // A window's outline begins elsewhere.
-            if from.distance_px(*to) < 12.0 * explained.block_px.max(1) as f64 {
-                let pen = Pen { ink: ink(*mark), width_px: self.line_px() + 1 };
-                canvas.polyline(&[*from, *to], false, pen)?;
-            }
+        // A run of one mark is one line; another one begins elsewhere, as a window's outline does.
+        let apart_px = 12.0 * explained.block_px.max(1) as f64;
+        let goes_on =
+            |a: &(Pixel, OutlineMark), b: &(Pixel, OutlineMark)| a.1 == b.1 && a.0.distance_px(b.0) < apart_px;
+        for run in explained.outline.chunk_by(goes_on) {
+            let pixels: Vec<Pixel> = run.iter().map(|(pixel, _)| *pixel).collect();
+            canvas.polyline(&pixels, false, Pen { ink: ink(run[0].1), width_px: self.line_px() + 1 })?;
         }
         self.framed(canvas, panel, legend)
     }
