@@ -131,9 +131,11 @@ pub enum Command {
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
-    #[command(after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
+    #[command(
+        after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
         panelprep replay target/demo4.mcap\n\
-        The recording is an MCAP file: Foxglove and Lichtblick open it.")]
+        The recording is an MCAP file: Foxglove and Lichtblick open it."
+    )]
     Replay(Replay),
 }
 

@@ -128,7 +128,9 @@ pub fn one(
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let state = fold(journal);
     let recording = match record {
-        Some(file) => Some(recording::begin(file, files, (assignment, calibrated), (state, live.robot.is_lock_step()))?),
+        Some(file) => {
+            Some(recording::begin(file, files, (assignment, calibrated), (state, live.robot.is_lock_step()))?)
+        }
         None => None,
     };
     let (robot, eyes) = (&mut live.robot, &mut live.eyes);

@@ -94,7 +94,7 @@ pub enum TapeError {
         problem: String,
     },
     /// The disk refuses.
-    #[error("the recording cannot be {doing}: {source}")]
+    #[error("the recording cannot be {doing}: {}", with_causes(source))]
     Disk {
         /// Read or written.
         doing: &'static str,
@@ -104,4 +104,15 @@ pub enum TapeError {
     /// A picture that cannot be packed.
     #[error("a picture cannot be recorded: {0}")]
     Picture(#[from] crate::files::PictureError),
+}
+
+/// The library's own words leave out what the system said.
+fn with_causes(error: &dyn std::error::Error) -> String {
+    let mut words = error.to_string();
+    let mut cause = error.source();
+    while let Some(deeper) = cause {
+        words = format!("{words}: {deeper}");
+        cause = deeper.source();
+    }
+    words
 }
