@@ -2,7 +2,8 @@
 //! interface.
 //!
 //! It answers control packets and sends stream packets as a camera does, at UDP port 3956 of one address of this machine, so
-//! that there is one of them at a time. Its pictures come from a function that is called for each exposure, in its thread.
+//! that there is one of them at a time. Aravis shares that port with whoever asks, and a client would then speak to either; so the
+//! TCP port of the same number, which GigE Vision does not use, is held as a lock between programs. Its pictures come from a function that is called for each exposure, in its thread.
 //! It offers neither user sets nor automatics, and does not send packets again.
 
 use super::format::PixelFormat;
@@ -10,11 +11,15 @@ use aravis::GvFakeCamera;
 use aravis::glib::translate::ToGlibPtr;
 use aravis_sys as ffi;
 use std::ffi::c_void;
+use std::net::{TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// The address that every machine has, and at which one loopback camera can be at a time.
 pub const ADDRESS: &str = "127.0.0.1";
+
+/// The port of GigE Vision's control packets.
+const PORT: u16 = 3956;
 
 /// Fills an exposure's pixels, given how many exposures there were before.
 pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
@@ -24,7 +29,7 @@ pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
 pub enum NoLoopback {
     /// The port is taken.
     #[error(
-        "no GigE Vision camera can be simulated at {ADDRESS}: UDP port 3956 is taken, by another simulation or a camera tool"
+        "no GigE Vision camera can be simulated at {ADDRESS}: UDP port {PORT} is taken, by another simulation or a camera tool"
     )]
     Taken,
     /// It does not take its size.
@@ -55,6 +60,8 @@ pub struct LoopbackCamera {
     // Dropped in this order: the camera's thread has ended before what it uses goes.
     fake: GvFakeCamera,
     exposures: Arc<Exposures>,
+    /// Held while it lives.
+    _lock: TcpListener,
 }
 
 impl LoopbackCamera {
@@ -67,6 +74,9 @@ impl LoopbackCamera {
         if size_px.iter().any(|px| !(1..=sensor_px).contains(px)) {
             return Err(NoLoopback::TooLarge { sensor_px, size_px });
         }
+        let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
+        // Another program's, that knows nothing of the lock.
+        UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
         let fake = GvFakeCamera::new(Some(ADDRESS), Some(serial));
         let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(NoLoopback::Taken)?;
         let [width, height] = size_px.map(|px| px as u32);
@@ -79,7 +89,7 @@ impl LoopbackCamera {
         }
         let exposures = Arc::new(Exposures { camera: Mutex::new(camera), fill, count: AtomicU64::new(0) });
         set_fill(&exposures);
-        Ok(LoopbackCamera { fake, exposures })
+        Ok(LoopbackCamera { fake, exposures, _lock: lock })
     }
 
     /// How often it exposed.

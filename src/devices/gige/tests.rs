@@ -25,7 +25,7 @@ fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
     let begun = Instant::now();
     loop {
         match LoopbackCamera::start("T1", size_px, format, Box::new(fill.clone())) {
-            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(120) => {
+            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(300) => {
                 std::thread::sleep(Duration::from_millis(200));
             }
             started => return started.unwrap_or_else(|error| panic!("{error}")),

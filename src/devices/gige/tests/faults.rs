@@ -96,6 +96,8 @@ fn a_wrong_camera_is_refused_in_words() {
     let absent = says(Settings { which: nowhere, ..settings(SIZE, FORMAT) });
     assert!(absent.starts_with("the GigE Vision camera at 127.0.0.77 is not found"), "{absent}");
     let _loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let beside = LoopbackCamera::start("T2", SIZE, FORMAT, Box::new(numbered(picture())));
+    assert_eq!(beside.err(), Some(NoLoopback::Taken), "one at a time, else a client speaks to either");
     let other = says(Settings { which: Which::Serial("T2".to_owned()), ..settings(SIZE, FORMAT) });
     assert!(
         other.contains("serial T2 is not found; there is") && other.contains("serial T1 at 127.0.0.1"),
