@@ -150,18 +150,17 @@ fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
 
 /// The mean of the channels between four pixels; `None` beyond the picture.
 fn gray(picture: &ColorPicture, at: Vector2<f32>) -> Option<f32> {
-    let (left, top) = (at.x.floor(), at.y.floor());
-    let fits = left >= 0.0 && top >= 0.0 && left + 1.0 < picture.width as f32 && top + 1.0 < picture.height as f32;
-    if !fits {
+    let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
+    if !within(at.x, picture.width) || !within(at.y, picture.height) {
         return None;
     }
-    let (across, down) = (at.x - left, at.y - top);
-    let value = |column: usize, row: usize| {
-        let [r, g, b] = picture.rgb[row * picture.width + column].map(f32::from);
-        (r + g + b) / 3.0
+    let (column, row) = (at.x as usize, at.y as usize);
+    let (across, down) = (at.x - column as f32, at.y - row as f32);
+    let value = |[r, g, b]: [u8; 3]| f32::from(u16::from(r) + u16::from(g) + u16::from(b)) / 3.0;
+    let mix = |row: usize| {
+        let pixels = &picture.rgb[row * picture.width + column..][..2];
+        value(pixels[0]) * (1.0 - across) + value(pixels[1]) * across
     };
-    let (column, row) = (left as usize, top as usize);
-    let mix = |row: usize| value(column, row) * (1.0 - across) + value(column + 1, row) * across;
     Some(mix(row) * (1.0 - down) + mix(row + 1) * down)
 }
 
