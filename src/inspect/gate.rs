@@ -2,10 +2,12 @@
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
 //! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
-//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail where film broke on a grid. What the recipe masks is no
-//! part of the test: it hides no break elsewhere, and its grids do not pass. A break always stays in the reasons.
+//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
+//! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
+//! do not pass. A break always stays in the reasons.
 
-use super::quality::{Flaw, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
+use super::model::FILM_ASSUMED;
+use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
@@ -17,8 +19,6 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 const MIN_CHANGE_LEVELS: f64 = 6.0;
-/// What a film leaves of the dry brightness, where the clip did not tell.
-const FILM_ASSUMED: f64 = 0.62;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +125,12 @@ impl Observation {
     /// By how much the film changes the panel, grey levels.
     pub fn change_levels(&self) -> f64 {
         self.dry_levels * (1.0 - self.film_left.unwrap_or(FILM_ASSUMED))
+    }
+
+    /// How much less light and how much more than the dry picture's is made up for, percent.
+    pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
+        let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
+        [settings.max_light_change_percent(), brighter]
     }
 }
 
@@ -237,31 +243,50 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
     if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
         return reasons;
     }
-    let (flaw, count) = Flaw::ALL
-        .into_iter()
-        .zip(quality.flawed)
-        .fold((Flaw::Light, 0), |most, found| if found.1 > most.1 { found } else { most });
-    let what = match flaw {
-        Flaw::Light => format!(
-            "the light differs from the dry picture's by more than {:.0} %, or in a way that is no light",
-            settings.max_light_change_percent()
-        ),
-        Flaw::Bright => {
-            format!("glints or overexposure hide more than {:.1} % of the region", settings.max_bright_percent())
-        }
-        Flaw::Moved => {
-            format!("the panel moved by more than {:.1} px since the dry picture", settings.max_moved_px())
-        }
-        Flaw::Focus => format!("the panel's edge has less than {MIN_SHARPNESS:.1} of its first sharpness"),
-        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
-    };
+    let (flaw, flawed) =
+        Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+            if found.1.pictures > most.1.pictures { found } else { most }
+        });
+    let what = shown(flaw, flawed.worst, observation, settings);
     let message = format!(
         "{} of {frames} wet pictures cannot be judged by, {unseen_s:.1} s of them without one that can (allowed {allowed_s:.1} \
-         s); in {count} of them {what}: repeat the test",
-        frames - quality.usable
+         s); in {} of them {what}: repeat the test",
+        frames - quality.usable,
+        flawed.pictures
     );
     reasons.push(Reason::new(flaw.word(), message));
     reasons
+}
+
+/// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
+fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
+    let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
+    match flaw {
+        Flaw::Darker => format!(
+            "the light is up to {worst:.1} % less than the dry picture's (allowed {darker_percent:.1} %); keep the lamp steady"
+        ),
+        Flaw::Brighter => format!(
+            "the light is up to {worst:.1} % more than the dry picture's (allowed {brighter_percent:.1} %, beyond which it \
+             could be a film that broke all over); keep the lamp steady and other light away"
+        ),
+        Flaw::Untold => format!(
+            "as little as {worst:.0} % of the region is as bright as wet and dry places are in one light (needed {:.0} %); keep \
+             other light and shadows away",
+            100.0 * MIN_TOLD
+        ),
+        Flaw::Bright => format!(
+            "glints or overexposure hide up to {worst:.1} % of the region (allowed {:.1} %)",
+            settings.max_bright_percent()
+        ),
+        Flaw::Moved => format!(
+            "the panel lies up to {worst:.1} px from where the first picture has it (allowed {:.1} px)",
+            settings.max_moved_px()
+        ),
+        Flaw::Focus => format!(
+            "the panel's edge has as little as {worst:.2} of its first sharpness (needed {MIN_SHARPNESS:.2})"
+        ),
+        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
+    }
 }
 
 fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> Vec<String> {

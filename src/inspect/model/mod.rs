@@ -14,6 +14,8 @@ mod judging;
 mod kernel;
 mod light;
 mod region;
+#[cfg(test)]
+mod tests;
 mod wetting;
 
 use super::footprint::Window;
@@ -25,6 +27,7 @@ use light::{Light, TILE_PX};
 use rayon::prelude::*;
 use region::Region;
 use std::ops::Range;
+pub use wetting::FILM_ASSUMED;
 use wetting::Wetting;
 
 /// Of the film's light this is the most and the least, 1/1024 …
@@ -50,6 +53,8 @@ pub struct Look {
     pub hidden: f64,
     /// Bit-equal to the picture before: the camera stands still.
     pub frozen: bool,
+    /// τ, read from the clip or assumed.
+    pub film_left: f64,
 }
 
 /// The pixels of a window over time.
@@ -138,7 +143,13 @@ impl Model {
             (false, self.sums(WIDE_Q10))
         };
         let light = self.light.found(&sums, &self.region.inside);
-        let look = Look { light: light.global, told: light.share, hidden: self.hidden_under(light.global), frozen };
+        let look = Look {
+            light: light.global,
+            told: light.share,
+            hidden: self.hidden_under(light.global),
+            frozen,
+            film_left: self.wetting.film,
+        };
         self.next_light = Some(light);
         look
     }

@@ -7,7 +7,7 @@ use super::{Model, WIDE_Q10};
 use crate::geometry::ColorPicture;
 
 /// What a film leaves of the dry brightness, until the clip tells.
-const FILM_ASSUMED: f64 = 0.62;
+pub const FILM_ASSUMED: f64 = 0.62;
 /// Ratios to the dry brightness between which a pixel may be wet …
 const WET_RATIOS: [f64; 2] = [0.2, 0.88];
 /// … and those of what is dry.

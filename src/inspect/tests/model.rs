@@ -53,6 +53,36 @@ fn light_is_made_up_for_within_its_limit() {
     }
 }
 
+/// By hand: a film that leaves 85.5 of 100 levels is as bright as the bound between wet and dry under 92.75/85.5 = 1.085 of
+/// the light. So a tenth more is none that could be made up for, and a film that goes from all of the panel at once,
+/// 100/85 = 1.18, does not pass for light.
+#[test]
+fn a_weak_film_that_goes_all_at_once_is_no_light() {
+    let shown = |level: u8| {
+        let mut watch = watch(0.0, FILM);
+        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, [100; 3]), 1.0, Phase::Dry).expect("first");
+        for second in 0..6 {
+            let picture = ColorPicture::filled(WIDTH, HEIGHT, [if second < 2 { 85 } else { level }; 3]);
+            watch.push(&exposed(picture, second), 10.0 + second as f64, Phase::Wet).expect("in order");
+        }
+        watch.finish().expect("wet pictures")
+    };
+    for level in [94, 100] {
+        let inspection = shown(level);
+        assert_eq!(
+            (inspection.judgement.verdict, codes(&inspection)),
+            (Verdict::Invalid, vec!["light"]),
+            "{level}"
+        );
+        let [_, allowed_percent] = inspection.observation.light_limits_percent(&inspect_table(FILM));
+        assert!((allowed_percent - 8.5).abs() < 0.2, "{allowed_percent}");
+        let more_percent = 100.0 * (f64::from(level) + 0.5) / 85.5 - 100.0;
+        let told = format!("up to {more_percent:.1} % more than the dry picture's (allowed {allowed_percent:.1} %");
+        assert!(inspection.judgement.reasons[0].message.contains(&told), "{told}: {:?}", inspection.judgement);
+    }
+    assert_eq!(shown(90).judgement.verdict, Verdict::Pass);
+}
+
 #[test]
 fn a_camera_that_stands_still_or_no_dry_picture_is_no_test() {
     let mut still = watch(0.0, FILM);
