@@ -177,8 +177,9 @@ fn a_reflection_that_stands_still_hides_its_grid() {
     assert_eq!(shone(2).judgement.verdict, Verdict::Pass);
 }
 
-/// By hand: a shadow takes a quarter of the light of 72 of the region's 120 columns when the film is first whole. What the
-/// film leaves was told before, by the half that was wet beside the dry one: 55/105 still, and not 3/4 of it.
+/// By hand: a shadow takes a quarter of the light of all 120 columns of the region when the film is first whole. What the
+/// film leaves was told before, by the half that was wet beside the dry one, and its 60 columns count four times: 55/105
+/// still, and not 3/4 of it.
 #[test]
 fn a_shadow_on_the_first_wet_picture_is_no_film() {
     let mut watch = watch(0.0, FILM);
@@ -186,7 +187,7 @@ fn a_shadow_on_the_first_wet_picture_is_no_film() {
     watch.push(&exposed(picture(&[[80, 0, 160, 120]]), 9), 2.0, Phase::Spray).expect("second");
     for second in 0..6 {
         let mut picture = exposed(picture(&[]), second);
-        for pixel in picture.rgb.chunks_mut(WIDTH).flat_map(|row| &mut row[..92]).filter(|_| second == 0) {
+        for pixel in picture.rgb.iter_mut().filter(|_| second == 0) {
             *pixel = pixel.map(|gray| gray / 4 * 3);
         }
         watch.push(&picture, 10.0 + second as f64, Phase::Wet).expect("in order");
