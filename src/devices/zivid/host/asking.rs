@@ -11,7 +11,7 @@ use crate::devices::zivid::wire::WireError;
 use std::time::{Duration, Instant};
 
 /// How often a shot that the camera did not give is asked for again: once and two more.
-const TRIES: u32 = 3;
+pub(in crate::devices::zivid) const TRIES: u32 = 3;
 
 /// Why the worker did not do what was asked.
 pub(super) enum Failed {
@@ -39,19 +39,18 @@ impl Host {
     /// Asks a camera that is ready.
     pub(super) fn asked(&mut self, ask: Ask) -> Result<Found, ZividFault> {
         let (scan, picture) = (self.scan.hash.clone(), self.picture.hash.clone());
-        let patience = self.setup.patience;
-        let (request, within) = match ask {
-            Ask::Scan => (Request::Scan { settings: scan }, patience.scan),
-            Ask::Picture => (Request::Picture { settings: picture }, patience.picture),
+        let within = self.setup.patience.of(ask);
+        let request = match ask {
+            Ask::Scan => Request::Scan { settings: scan },
+            Ask::Picture => Request::Picture { settings: picture },
             Ask::BeginClip(pictures_per_second) => {
                 self.clip_from_ns = now_ns();
-                (Request::BeginClip { settings: picture, pictures_per_second }, patience.picture)
+                Request::BeginClip { settings: picture, pictures_per_second }
             }
-            Ask::NextPicture => (Request::NextPicture, patience.picture),
-            // The picture that is being taken is waited for.
-            Ask::EndClip => (Request::EndClip, patience.picture),
-            Ask::Intrinsics => (Request::Intrinsics { settings: scan }, patience.words),
-            Ask::Check => (Request::State, patience.words),
+            Ask::NextPicture => Request::NextPicture,
+            Ask::EndClip => Request::EndClip,
+            Ask::Intrinsics => Request::Intrinsics { settings: scan },
+            Ask::Check => Request::State,
         };
         let during = ask.words();
         let mut tries = 0;
@@ -106,7 +105,7 @@ impl Host {
     fn checked(&mut self, ask: Ask, from_ns: u64, answer: Answer) -> Result<Found, ZividFault> {
         match (ask, answer) {
             (Ask::Scan, Answer::Scan(came, planes)) => {
-                self.accepted(ask, from_ns, &came)?;
+                self.accepted(ask, from_ns, &came, false)?;
                 accept::accept_points(&planes)?;
                 if came.taken.throttled_ms > 0.0 {
                     tracing::warn!("the 3D camera paused for {:.0} ms to cool", came.taken.throttled_ms);
@@ -114,7 +113,9 @@ impl Host {
                 Ok(Found::Scan(came, planes))
             }
             (Ask::Picture | Ask::NextPicture, Answer::Picture(came, rgb)) => {
-                self.accepted(ask, from_ns, &came)?;
+                // Of a scene that is black or white every picture is the same; who looks at it tells that.
+                let is_plain = rgb.windows(2).all(|two| two[0] == two[1]);
+                self.accepted(ask, from_ns, &came, is_plain)?;
                 accept::accept_pause(&came.taken, ask.words())?;
                 Ok(Found::Picture(came, rgb))
             }
@@ -126,12 +127,12 @@ impl Host {
         }
     }
 
-    fn accepted(&mut self, ask: Ask, from_ns: u64, came: &Came) -> Result<(), ZividFault> {
+    fn accepted(&mut self, ask: Ask, from_ns: u64, came: &Came, may_repeat: bool) -> Result<(), ZividFault> {
         let is_file = matches!(self.setup.source, Source::File(_));
         let (size, last_number) = (self.setup.size, self.last_number);
         let serial = self.camera.as_ref().map(|camera| camera.serial.clone()).unwrap_or_default();
         let taking = if ask == Ask::Scan { &mut self.scan } else { &mut self.picture };
-        let last_sum = taking.last_sum.filter(|_| !is_file);
+        let last_sum = taking.last_sum.filter(|_| !is_file && !may_repeat);
         let settings = taking.hash.clone();
         let until_ns = came.came_ns;
         let asked = Asked { what: ask.words(), settings, serial, size, from_ns, until_ns, last_number, last_sum };

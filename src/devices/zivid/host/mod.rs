@@ -30,13 +30,20 @@ use std::sync::atomic::Ordering;
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
+pub(super) use asking::TRIES;
 pub use shared::{Ask, Found, Order, Patience, Setup, Shared, Stage, Status};
 
 /// How often an idle worker is looked after.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// How long a worker that hung up, or is let go, may take to end by itself.
+/// How long a worker that hung up may take to end by itself.
 const FAREWELL: Duration = Duration::from_millis(500);
+
+/// How long one that is let go may take: it closes its camera, so that who comes next finds it free.
+const GOODBYE: Duration = Duration::from_secs(3);
+
+/// From one search to the next, at most, where a person has to mend something first.
+const LONGEST_SEARCH: Duration = Duration::from_secs(60);
 
 struct Worker {
     link: Link,
@@ -64,6 +71,8 @@ pub struct Host {
     clip_from_ns: u64,
     /// When an absent camera is looked for again.
     search: Instant,
+    /// After how long, the last time.
+    search_pause: Duration,
 }
 
 impl Host {
@@ -84,6 +93,7 @@ impl Host {
             last_number: 0,
             clip_from_ns: 0,
             search: now,
+            search_pause: Duration::ZERO,
         }
     }
 
@@ -107,7 +117,7 @@ impl Host {
     fn farewell(&mut self) {
         if let Some(Worker { link, mut peer }) = self.worker.take() {
             drop(link); // hangs up
-            let _ = peer.ended(FAREWELL);
+            let _ = peer.ended(GOODBYE);
         }
     }
 
@@ -131,6 +141,10 @@ impl Host {
             (Stage::Ready(_), _) => self.asked(ask),
             (Stage::Starting(since), _) => {
                 Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
+            }
+            (Stage::NoCamera(_), Ask::Check) => {
+                self.open();
+                self.looked()
             }
             (Stage::NoCamera(fault), _) => Err(fault),
             (Stage::Down(fault), Ask::Check) => self.revived(fault),
@@ -157,6 +171,11 @@ impl Host {
             return Err(self.as_of_now(fault));
         }
         self.start();
+        self.looked()
+    }
+
+    /// What a person who asked hears after an attempt to open the camera.
+    fn looked(&mut self) -> Result<Found, ZividFault> {
         let stage = self.shared.status().stage.clone();
         match stage {
             Stage::Ready(_) => self.asked(Ask::Check),

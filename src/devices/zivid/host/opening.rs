@@ -1,7 +1,7 @@
 //! From nothing to a camera that is warm.
 
 use super::losing::{Loss, name};
-use super::{Failed, Host, Stage, Worker};
+use super::{Failed, Host, LONGEST_SEARCH, Stage, Worker};
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::{Answer, Link};
 use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Use};
@@ -47,11 +47,13 @@ impl Host {
             Ok(identity) => {
                 tracing::info!("the 3D camera is ready: {} {}", identity.model, identity.serial);
                 self.camera = Some(identity.clone());
+                self.search_pause = Duration::ZERO;
                 self.shared.becomes(Stage::Ready(identity));
             }
             Err(Opening::Lost(during, loss)) => drop(self.lost(during, loss)),
             Err(Opening::NoCamera(fault)) => {
-                self.search = Instant::now() + self.setup.patience.search;
+                self.search_pause = next_pause(&fault, self.search_pause, self.setup.patience.search);
+                self.search = Instant::now() + self.search_pause;
                 self.without_camera(fault);
             }
         }
@@ -139,4 +141,29 @@ enum Opening {
 
 fn foreign(during: &'static str, answer: &Answer) -> Opening {
     Opening::Lost(during, Loss::Damaged(name(answer)))
+}
+
+/// When to look again: soon for a camera that is not there, which may be plugged in at any time; ever later for one that is
+/// not as it should be, since each attempt may expose and heat it.
+fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
+    match fault {
+        ZividFault::NotFound(_) => shortest,
+        _ => (2 * last).clamp(shortest, LONGEST_SEARCH.max(shortest)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_wrong_is_opened_ever_more_rarely() {
+        let wrong = ZividFault::WrongCamera { found: "1".to_owned(), expected: "2".to_owned() };
+        let shortest = Duration::from_secs(3);
+        let pauses = std::iter::successors(Some(Duration::ZERO), |last| Some(next_pause(&wrong, *last, shortest)));
+        let pauses_s: Vec<u64> = pauses.skip(1).take(7).map(|pause| pause.as_secs()).collect();
+        assert_eq!(pauses_s, [3, 6, 12, 24, 48, 60, 60]);
+        let absent = ZividFault::NotFound("none".to_owned());
+        assert_eq!(next_pause(&absent, Duration::from_secs(60), shortest), shortest);
+    }
 }

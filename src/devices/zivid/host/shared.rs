@@ -69,6 +69,16 @@ impl Patience {
     pub fn start(&self) -> Duration {
         self.hello + self.connect + 2 * self.words + self.warm_up
     }
+
+    /// For the answer to this, each time it is asked.
+    pub fn of(&self, ask: Ask) -> Duration {
+        match ask {
+            Ask::Scan => self.scan,
+            // At a clip's end the picture that is being taken is waited for.
+            Ask::Picture | Ask::BeginClip(_) | Ask::NextPicture | Ask::EndClip => self.picture,
+            Ask::Intrinsics | Ask::Check => self.words,
+        }
+    }
 }
 
 /// How the camera stands.

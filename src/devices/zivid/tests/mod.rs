@@ -129,6 +129,28 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     assert!(fault.starts_with(words), "{fault}");
 }
 
+/// A lamp that is out is told by who looks at the pictures, not as a camera that stands still.
+#[test]
+fn two_black_pictures_are_two_pictures() {
+    let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
+    for _ in 0..2 {
+        assert!(scanner.photo().expect("dark").picture.rgb.iter().all(|pixel| *pixel == [0; 3]));
+    }
+    assert_eq!(scanner.history().0, []);
+}
+
+/// A person's reset asks at once for a camera whose next search is far off.
+#[test]
+fn a_check_looks_for_a_camera_that_is_absent() {
+    let mut setup = setup();
+    setup.patience.search = Duration::from_secs(3_600);
+    let mut scanner =
+        ZividScanner::start(setup, played(Plan { absent_for: 1, ..Plan::default() })).expect("a thread");
+    assert!(scanner.ready(PATIENCE).is_err(), "absent");
+    scanner.temperatures().expect("it is there by now");
+    scanner.shot().expect("and delivers");
+}
+
 #[test]
 fn a_camera_that_is_absent_is_told_once_and_found_by_itself() {
     let plan = Plan { absent_for: 3, ..Plan::default() };
