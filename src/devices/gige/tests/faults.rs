@@ -19,6 +19,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
+        wait_for("the camera", || camera.standing() == Standing::Connected);
         match camera.picture() {
             Ok(frame) => {
                 exposure_of(&frame, &picture());
@@ -38,8 +39,14 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
         counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
         "{refused} failed; {counted}"
     );
+    // Each that failed let the camera go, to be set anew.
+    assert_eq!(
+        (counted.losses, counted.connections),
+        (refused, refused + u64::from(camera.standing() == Standing::Connected))
+    );
     // Nothing of it stays.
     loopback.lose_packets(0.0);
+    wait_for("the camera", || camera.standing() == Standing::Connected);
     for _ in 0..3 {
         let before = loopback.exposures();
         let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
@@ -73,6 +80,25 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
     assert_eq!((counted.accepted, counted.losses, counted.connections), (2, 1, 2), "{counted}");
 }
 
+/// A camera that answers and gives no picture is opened anew, and thereby set anew.
+#[test]
+fn a_camera_that_gives_no_picture_is_set_anew() {
+    let _alone = alone();
+    let loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    loopback.lose_packets(1.0);
+    let refused = camera.picture().expect_err("nothing comes");
+    assert!(matches!(refused, GigeError::Timeout { .. } | GigeError::Refused { .. }), "{refused}");
+    assert_eq!(camera.check(), Err(refused), "it is away for this reason");
+    loopback.lose_packets(0.0);
+    wait_for("the camera", || camera.standing() == Standing::Connected);
+    let before = loopback.exposures();
+    let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(exposure_of(&frame, &picture()), before);
+    assert_eq!((camera.statistics().losses, camera.statistics().connections), (1, 2));
+}
+
 /// Its heartbeat tells of the loss though nobody asks for a picture.
 #[test]
 fn a_camera_that_dies_unused_is_noticed() {
@@ -102,6 +128,11 @@ fn a_wrong_camera_is_refused_in_words() {
     assert!(
         other.contains("serial T2 is not found; there is") && other.contains("serial T1 at 127.0.0.1"),
         "{other}"
+    );
+    let swapped = says(Settings { serial: Some("T0".to_owned()), ..settings(SIZE, FORMAT) });
+    assert!(
+        swapped.starts_with("the camera found is T1, expected is T0: its calibration is for that one"),
+        "{swapped}"
     );
     let larger = says(settings([512, 384], FORMAT));
     assert_eq!(larger, "the camera's picture is 256×192, its calibration says 512×384");
