@@ -23,3 +23,17 @@ pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
 pub fn rmem_max() -> Option<usize> {
     std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3,145,728 bytes in packets of 1,364: 2,307 and two more, for each of which 2,048 + 256 bytes are counted and half asked.
+    #[test]
+    fn a_burst_is_its_packets_as_the_kernel_counts_them() {
+        assert_eq!(burst_bytes([2_048, 1_536], 1_400), 2_309 * 2_304 / 2);
+        assert_eq!(socket_buffer_bytes([2_048, 1_536], 1_400), 8 << 20);
+        // 19,961,856 bytes in packets of 7,964: 2,507 and two, 16,384 + 256 each.
+        assert_eq!(socket_buffer_bytes([5_472, 3_648], 8_000), 2_509 * 16_640 / 2);
+    }
+}

@@ -9,13 +9,19 @@ fn picture() -> Vec<Vec<u8>> {
     vec![(0..SIZE[0] * SIZE[1]).map(|pixel| (pixel * 7 + pixel / SIZE[0]) as u8).collect()]
 }
 
+/// The camera at the loopback interface, once it is there.
+fn opened() -> GigeCamera {
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    camera
+}
+
 /// 37 packets a picture and 3 % of them lost: about a third of the pictures is whole. Those that are handed on are.
 #[test]
 fn torn_pictures_are_tried_again_and_never_handed_on() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    let mut camera = opened();
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
@@ -59,7 +65,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
 fn a_camera_that_dies_is_told_once_and_comes_back() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut camera = opened();
     let gauge = camera.gauge();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     drop(first);
@@ -85,7 +91,7 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
 fn a_camera_that_gives_no_picture_is_set_anew() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut camera = opened();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     loopback.lose_packets(1.0);
     let refused = camera.picture().expect_err("nothing comes");
@@ -104,8 +110,7 @@ fn a_camera_that_gives_no_picture_is_set_anew() {
 fn a_camera_that_dies_unused_is_noticed() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    let mut camera = opened();
     drop(first);
     wait_for("the loss", || matches!(camera.standing(), Standing::Away(_)));
     assert_eq!(camera.statistics().losses, 1);
@@ -155,7 +160,7 @@ fn a_wrong_camera_is_refused_in_words() {
 fn a_size_that_changes_is_refused() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut camera = opened();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     loopback.shrink([128, 192]);
     let refused = camera.picture().expect_err("another size");

@@ -1,6 +1,7 @@
 //! The daemon's side against workers that are good, and against such as are not: threads instead of processes, so that
 //! each byte under way can be held, changed or left out.
 
+mod built;
 mod hostile;
 mod library;
 mod played;
