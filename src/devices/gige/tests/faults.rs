@@ -110,7 +110,7 @@ fn a_camera_that_gives_no_picture_is_set_anew() {
 fn a_camera_that_dies_unused_is_noticed() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = opened();
+    let camera = opened();
     drop(first);
     wait_for("the loss", || matches!(camera.standing(), Standing::Away(_)));
     assert_eq!(camera.statistics().losses, 1);

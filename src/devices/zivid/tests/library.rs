@@ -9,6 +9,7 @@ use super::played::in_thread;
 use crate::devices::cameras::{Scanner, conform};
 use crate::geometry::PinholeCamera;
 use std::path::Path;
+use std::process::Command;
 
 /// A camera file of these lines, and the camera that it plays.
 fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {
