@@ -28,6 +28,7 @@ mod deadlines;
 mod desk;
 mod figures;
 mod findings;
+mod hearing;
 mod moves;
 mod ports;
 mod protocol;
@@ -54,7 +55,7 @@ pub use ports::{
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
 pub use reaching::stand;
-pub use recording::{StoreRecord, keeper};
+pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{Difference, Played, Player, Recorder, Recording, Taped, Written};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};

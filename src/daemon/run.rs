@@ -7,12 +7,10 @@ use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
 use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
-use super::trace::{Told, Trace};
+use super::trace::Trace;
 use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{
-    self, Act, Answer, Deadline, Effect, Event, Id, Motion, Path, Report, State, Trouble, fold, step,
-};
-use crate::eki::{self, Mode, StopCause};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Motion, Path, Report, State, fold, step};
+use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
@@ -153,7 +151,7 @@ pub(super) struct Running<'p> {
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
-    condition: cycle::Robot,
+    pub condition: cycle::Robot,
     verdict: Option<Verdict>,
 }
 
@@ -346,23 +344,6 @@ impl<'p> Running<'p> {
         Ok(())
     }
 
-    /// Where the tool is on a contact path.
-    fn follow(&mut self, state: &eki::State) {
-        let contact = |pending: &Pending| match (pending.act, &pending.waits) {
-            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
-            _ => false,
-        };
-        if self.pending.as_ref().is_some_and(contact)
-            && let Some(sent) = self.sent
-        {
-            self.trace.push(Told {
-                time_ms: state.time_ms,
-                tip: state.base_from_tcp,
-                done: sent.waypoints(state.done),
-            });
-        }
-    }
-
     fn span(&self, deadline: Deadline) -> Duration {
         let (job, limits) = (self.job(), &self.site.limits);
         let process = job.as_ref().map(|job| job.recipe.process());
@@ -397,90 +378,6 @@ impl<'p> Running<'p> {
             _ => FEEDBACK_S,
         }
     }
-
-    /// What the robot tells, as events and as answers to what is pending.
-    fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
-        use eki::Report as R;
-        match report {
-            R::Connected { state } | R::State(state) => self.hear_state(&state)?,
-            R::Rebooted { state } => {
-                self.becomes(cycle::Robot::Restarted);
-                self.hear_state(&state)?;
-            }
-            R::LinkLost { why } => {
-                self.robot_state = None;
-                self.becomes(cycle::Robot::LinkLost);
-                self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
-            }
-            R::EpochOpened { epoch } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
-            }
-            R::EpochNotOpened { .. } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
-            }
-            R::Progress { done } => self.executed(done),
-            // The state says that it stands there.
-            R::PathDone { .. } => {}
-            R::Standstill { done } => self.stood_still(done),
-            R::Refused { refusal, id } => {
-                let words = Reason::new("refused", format!("the controller refused command {id}: {refusal}"));
-                self.trouble(Trouble::Refused, words)?;
-            }
-            R::EchoMismatch(mismatch) => self.trouble(Trouble::Protocol, reason("echo", &*mismatch))?,
-            // The others come as a condition.
-            R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
-                self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
-            }
-            R::Interrupted { .. } => {}
-            R::Slow { id, contact, waited } => {
-                let waited_s = waited.as_secs_f64();
-                let words = format!(
-                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; is its override below \
-                     100 %, or in T1 the start key released?"
-                );
-                if contact {
-                    self.trouble(Trouble::Slow, Reason::new("slow", words))?;
-                } else {
-                    tracing::warn!("{words}");
-                    self.ports.requests.noted(&[Reason::new("slow", words)]);
-                    self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
-                }
-            }
-            R::SequenceError(error) => self.trouble(Trouble::Sequence, reason("sequence", &error))?,
-            R::WatchdogExpired { channel, silence } => {
-                let words = format!("the {channel} was silent for {} ms", silence.as_millis());
-                self.trouble(Trouble::Late, Reason::new("watchdog", words))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
-        self.robot_state = Some(*state);
-        self.follow(state);
-        self.becomes(condition(state));
-        self.look(state)
-    }
-
-    fn becomes(&mut self, condition: cycle::Robot) {
-        if condition != self.condition {
-            self.condition = condition;
-            self.events.push_back(Event::Told(Report::Robot(condition)));
-        }
-    }
-
-    fn answer_if(&mut self, fits: impl Fn(Act) -> bool, answer: Answer) {
-        let id: Option<Id> = self.pending.as_ref().filter(|pending| fits(pending.act)).map(|pending| pending.id);
-        if let Some(id) = id {
-            self.answer(id, answer);
-        }
-    }
-
-    fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
-        self.note(Kind::Robot, vec![words])?;
-        self.events.push_back(Event::Told(Report::Trouble(trouble)));
-        Ok(())
-    }
 }
 
 /// Longest times for an answer, s: a switch with its feedback, a computation, a way through air, and a film beyond
@@ -495,14 +392,3 @@ const LONGEST_S: f64 = 600.0;
 const GLANCE: Duration = Duration::from_millis(5);
 /// A contact path may take this many times what it takes at its feed: turns are slower.
 const SLOWEST: f64 = 5.0;
-
-fn condition(state: &eki::State) -> cycle::Robot {
-    use cycle::Robot;
-    match state {
-        _ if state.emergency_stop => Robot::EmergencyStop,
-        _ if !state.guard_closed => Robot::GuardOpen,
-        _ if matches!(state.mode, Mode::T1 | Mode::T2) => Robot::NotAutomatic,
-        _ if !(state.drives_on && state.motion_possible) => Robot::DrivesOff,
-        _ => Robot::Ready,
-    }
-}
