@@ -411,6 +411,10 @@ pub enum CtlAsk {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
+        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes; without one
+        /// in its store, as recordings/cycle-NNNNNN.mcap. Nobody but you removes it: at full size its films take gigabytes.
+        #[arg(long, value_name = "FILE", num_args = 0..=1)]
+        record: Option<Option<PathBuf>>,
     },
     /// Leave what is going on: no further waypoint, tool off, retract.
     Hold,

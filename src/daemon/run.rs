@@ -15,6 +15,7 @@ use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::record::Kind;
+use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -72,17 +73,22 @@ pub fn run_cycle(
     ports: Ports<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<CycleOutcome, DaemonError> {
-    run_cycle_from(fold(journal), job, ports)
+    run_cycle_from((fold(journal), Begin::Boot), job, ports)
 }
 
-/// The same from the state that the journal leads to.
+/// The same from the state that the journal leads to, and what the loop remembers beside it.
 ///
 /// # Errors
 /// As [`run_cycle`].
-pub fn run_cycle_from(state: State, job: &Job<'_>, ports: Ports<'_>) -> Result<CycleOutcome, DaemonError> {
+pub fn run_cycle_from(
+    (state, before): (State, Begin),
+    job: &Job<'_>,
+    ports: Ports<'_>,
+) -> Result<CycleOutcome, DaemonError> {
     let Ports { robot, eyes, record, requests } = ports;
     let outside = Outside { robot, record, requests };
     let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, state);
+    running.remember(before);
     running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
@@ -177,6 +183,15 @@ impl<'p> Running<'p> {
         }
     }
 
+    /// Goes on where a loop was that began a cycle.
+    fn remember(&mut self, before: Begin) {
+        if let Begin::Cycle { robot, armed } = before {
+            self.events.clear();
+            (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
+            self.deadlines = Deadlines::of(&armed);
+        }
+    }
+
     /// What the cycle works by.
     pub fn job(&self) -> Option<Job<'_>> {
         match &self.seat {
@@ -233,8 +248,7 @@ impl<'p> Running<'p> {
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
             }
-            if let Some(worked) = self.computing.poll(Duration::ZERO) {
-                self.computed(worked)?;
+            if self.comes_in(Duration::ZERO)? {
                 continue;
             }
             match self.ports.requests.next(&self.state) {
@@ -262,15 +276,25 @@ impl<'p> Running<'p> {
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
             if computes && self.ports.robot.is_lock_step() {
                 // Time stands, so that how fast the machine is cannot matter.
-                if let Some(worked) = self.computing.poll(GLANCE) {
-                    self.computed(worked)?;
-                }
+                self.comes_in(GLANCE)?;
                 continue;
             }
             if let Some(report) = self.ports.robot.next() {
                 self.hear(report)?;
             }
         }
+    }
+
+    /// Takes what was computed, where it is there; waits so long for it.
+    fn comes_in(&mut self, patience: Duration) -> Result<bool, DaemonError> {
+        let ready = self.computing.ready(patience);
+        if !ready.is_some_and(|id| self.ports.requests.lets_in(id)) {
+            return Ok(false);
+        }
+        if let Some(worked) = self.computing.take() {
+            self.computed(worked)?;
+        }
+        Ok(true)
     }
 
     /// Takes an order and asks the table to begin it; where the table refuses, or the record cannot begin, nothing of
@@ -282,7 +306,10 @@ impl<'p> Running<'p> {
             return Some(event);
         }
         match self.ports.record.begin(&order.start) {
-            Ok(cycle) => self.ports.requests.begun(cycle),
+            Ok(cycle) => {
+                let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
+                self.ports.requests.begun(cycle, Begin::Cycle { robot, armed });
+            }
             Err(error) => {
                 self.ports.requests.unable(vec![reason("store", &error)]);
                 return None;
@@ -290,6 +317,7 @@ impl<'p> Running<'p> {
         }
         self.seat = Seat::Taken(Arc::new(order.task));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
+        (self.trace, self.sent) = (Trace::default(), None);
         Some(event)
     }
 

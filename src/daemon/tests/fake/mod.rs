@@ -20,8 +20,10 @@ use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::record::{Budget, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth};
 use crate::store::CycleStart;
+use crate::tape::{Entries, check};
 use crate::verdict::Reason;
 use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// What is true of the cell.
@@ -90,6 +92,10 @@ pub struct Cell {
     pub more_cell: &'static str,
     /// What the disc has worn before, mm².
     pub worn_mm2: f64,
+    /// Where the service's orders are to be recorded.
+    pub record: Option<PathBuf>,
+    /// Time passes by itself, and not only while the robot is listened to.
+    pub by_the_wall: bool,
 }
 
 /// What came of it.
@@ -177,6 +183,8 @@ impl Cell {
             more_recipe: "",
             more_cell: "",
             worn_mm2: 0.0,
+            record: None,
+            by_the_wall: false,
         }
     }
 
@@ -239,21 +247,44 @@ impl Cell {
             worn_mm2: self.worn_mm2,
             ..Memory::default_of(&self.world)
         };
+        let taping = Taping::new("store".as_ref(), !self.by_the_wall);
+        let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
         let service = Service {
-            robot: &mut FakeRobot(self.world.clone()),
-            eyes: Box::new(eyes(FakeEyes(self.world.clone()))),
+            robot: &mut Taped::new(&mut robot, taping.clone()),
+            eyes: Box::new(Taped::new(Box::new(eyes(FakeEyes::new(self.world.clone()))), taping.clone())),
             readable: Box::new(move || readable.clone()),
             keep: Box::new(|_| {
                 // Never on the loop, whose deadlines and watchdog would wait for it.
                 assert_eq!(std::thread::current().name(), Some("computing"));
                 Ok(String::new())
             }),
-            record: &mut record,
-            requests: asks,
+            record: &mut Taped::new(&mut record, taping.clone()),
+            requests: &mut Taped::new(asks, taping.clone()),
         };
         let site = Site::new(&self.files().0).expect("complete");
         serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
+        if let Some(recorded) = taping.finish() {
+            assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
+        }
         record
+    }
+
+    /// Runs what was recorded again.
+    pub fn replay(&self, file: &std::path::Path) -> (CycleOutcome, Played) {
+        let bytes = std::fs::read(file).expect("a recording");
+        let start = check(&bytes[..]).expect("whole").start;
+        let (cell, recipe, taught, calibrations) = self.files();
+        let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations).expect("complete");
+        let player = Player::new(Entries::new(&bytes[..], start.unix_ns), start.lock_step);
+        let ports = Ports {
+            robot: &mut player.clone(),
+            eyes: &mut player.clone(),
+            record: &mut player.clone(),
+            requests: &mut player.clone(),
+        };
+        let ended = run_cycle_from((start.state, start.begin), &job, ports);
+        let played = player.played();
+        (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
     }
 
     /// A cycle to begin.
@@ -266,14 +297,15 @@ impl Cell {
             file_texts: Vec::new(),
         };
         let request = Request::Start { max_passes: 2, max_moves: 3 };
-        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start }
+        let record = self.record.clone().map(|file| ToRecord { file: Some(file), files: vec![], calibrations });
+        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start, record }
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
         let (cell, recipe, taught, calibrations) = self.files();
         let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
-        let mut robot = FakeRobot(self.world.clone());
-        let mut eyes = FakeEyes(self.world.clone());
+        let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: false };
+        let mut eyes = FakeEyes::new(self.world.clone());
         let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
         let mut record = Memory { fails_at, worn_mm2, ..Memory::default_of(&self.world) };
         let ports = Ports { robot: &mut robot, eyes: &mut eyes, record: &mut record, requests: &mut asks };

@@ -94,20 +94,23 @@ impl World {
     }
 }
 
-pub struct FakeRobot(pub(super) Shared);
+pub struct FakeRobot {
+    pub(super) world: Shared,
+    pub(super) by_the_wall: bool,
+}
 
 impl Robot for FakeRobot {
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        self.0.borrow_mut().queue(command)
+        self.world.borrow_mut().queue(command)
     }
 
     fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
-        let mut world = self.0.borrow_mut();
+        let mut world = self.world.borrow_mut();
         points.into_iter().try_fold(CommandId(0), |_, point| world.queue(Command::MoveLin(point)))
     }
 
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        let mut world = self.0.borrow_mut();
+        let mut world = self.world.borrow_mut();
         world.end_epoch();
         world.epoch = world.epoch.max(above.0 + 1);
         world.open = true;
@@ -117,14 +120,18 @@ impl Robot for FakeRobot {
     }
 
     fn abort(&mut self) -> Result<(), QueueError> {
-        let mut world = self.0.borrow_mut();
+        let mut world = self.world.borrow_mut();
         let done = CommandId(world.end_epoch());
         world.reports.push_back(Report::Standstill { done });
         Ok(())
     }
 
     fn next(&mut self) -> Option<Report> {
-        let mut world = self.0.borrow_mut();
+        if self.by_the_wall {
+            // Fifty times as fast as it says: what is computed aside takes some of these rounds.
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        let mut world = self.world.borrow_mut();
         if let Some(report) = world.reports.pop_front() {
             return Some(report);
         }
@@ -145,10 +152,10 @@ impl Robot for FakeRobot {
     }
 
     fn now(&self) -> Time {
-        Time::at_ms(self.0.borrow().time_ms)
+        Time::at_ms(self.world.borrow().time_ms)
     }
 
     fn is_lock_step(&self) -> bool {
-        true
+        !self.by_the_wall
     }
 }
