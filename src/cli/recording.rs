@@ -28,17 +28,23 @@ pub fn of(
     Ok(ToRecord { file, files: parts, calibrations: calibrated.values })
 }
 
-/// Why a recording in this file could not begin, where that is known before anything moves.
+/// Looks whether a recording in this file, or without one in this store, could begin: before anything moves.
 ///
 /// # Errors
 /// Where there is such a file already, no folder for it, or too little room.
-pub fn allowed(file: &Path) -> Result<(), Fault> {
-    if file.exists() {
-        return Err(taken(file));
+pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
+    if let Some(file) = file {
+        if file.exists() {
+            return Err(taken(file));
+        }
+        if let Some(folder) = file.parent().filter(|folder| !folder.is_dir()) {
+            return Err(Fault::file(folder, "no such folder; make it, or record in another"));
+        }
     }
-    let free_mb = free_mb(file).map_err(|error| Fault::file(file, error))?;
+    let place = file.unwrap_or(store);
+    let free_mb = free_mb(place).map_err(|error| Fault::file(place, error))?;
     if free_mb < RECORDING_FLOOR_MB {
-        return Err(Fault::file(file, too_full(free_mb)));
+        return Err(Fault::file(place, too_full(free_mb)));
     }
     Ok(())
 }

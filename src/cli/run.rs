@@ -13,8 +13,8 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::At;
 use crate::daemon::{
-    self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site, Socket,
-    StoreRecord, Taped, Taping,
+    self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site,
+    Socket, StoreRecord, Taped, Taping,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -134,13 +134,13 @@ fn loader(
             }
             let record = match record {
                 None => None,
-                Some(RecordIn::Store) => {
-                    recording::allowed(&daemon::recordings(files.store_folder()).join("cycle.mcap"))?;
-                    Some(recording::of(None, &files, (&assignment, &calibrated))?)
-                }
-                Some(RecordIn::File(file)) => {
-                    recording::allowed(&file)?;
-                    Some(recording::of(Some(file), &files, (&assignment, &calibrated))?)
+                Some(place) => {
+                    let file = match place {
+                        RecordIn::Store => None,
+                        RecordIn::File(file) => Some(file),
+                    };
+                    recording::allowed(file.as_deref(), files.store_folder())?;
+                    Some(recording::of(file, &files, (&assignment, &calibrated))?)
                 }
             };
             Ok(Order { record, ..assignment.order(&calibrated)? })

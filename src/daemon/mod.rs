@@ -50,8 +50,8 @@ mod tests;
 pub use cameras::Cameras;
 pub use desk::{Desk, EndedCycle, Letter};
 pub use ports::{
-    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError, Requests,
-    Robot, SightError,
+    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,
+    Requests, Robot, SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
 pub use reaching::stand;

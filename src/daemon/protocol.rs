@@ -145,7 +145,16 @@ pub struct Reply {
 impl Reply {
     /// An answer of which the loop knows nothing.
     pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
-        Reply { answer, state: None, phase: None, epoch: None, cycle_id: None, verdict: None, recording: None, reasons }
+        Reply {
+            answer,
+            state: None,
+            phase: None,
+            epoch: None,
+            cycle_id: None,
+            verdict: None,
+            recording: None,
+            reasons,
+        }
     }
 }
 
@@ -156,13 +165,17 @@ mod tests {
 
     #[test]
     fn each_wish_reads_back() {
-        let start = |record| Wish::Start {
-            recipe: "panel.toml".to_owned(),
-            text: "panel = \"a\\b\"\n".to_owned(),
-            record,
-        };
+        let start =
+            |record| Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned(), record };
         let file = RecordIn::File("/var/cycle 7.mcap".into());
-        for wish in [start(None), start(Some(RecordIn::Store)), start(Some(file)), Wish::State {}, Wish::Unhold { dried: true }, Wish::Abort {}] {
+        for wish in [
+            start(None),
+            start(Some(RecordIn::Store)),
+            start(Some(file)),
+            Wish::State {},
+            Wish::Unhold { dried: true },
+            Wish::Abort {},
+        ] {
             let line = format!("{}\n", serde_json::to_string(&wish).expect("JSON"));
             assert_eq!(Wish::read(line.as_bytes()), Ok(wish), "{line}");
         }

@@ -7,6 +7,7 @@
 use super::super::recording::FLOOR_MB;
 use crate::tape::{Ending, Entry, Lost, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -18,8 +19,8 @@ pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
 
 /// Pictures and points that wait to be packed, bytes: some seconds of film at full size.
 const MOST_BYTES: usize = 256 << 20;
-/// An entry without a picture takes about this much, bytes.
-const LINE_BYTES: usize = 512;
+/// A number, a word, a list or an object in an entry takes about this much, bytes.
+const VALUE_BYTES: usize = 100;
 /// What was written is whole on the disk after this time, whatever comes then; so often is looked how much room is left.
 const FLUSH: Duration = Duration::from_secs(1);
 /// A disk that takes nothing for so long is waited for no more.
@@ -307,9 +308,19 @@ impl Shared {
     }
 }
 
-/// Memory that an entry takes, bytes.
+/// Memory that an entry takes, about, bytes.
 fn size(entry: &Entry) -> usize {
-    LINE_BYTES + entry.shot.as_ref().map_or(0, Shot::bytes)
+    size_of(&entry.said) + size_of(&entry.heard) + entry.shot.as_ref().map_or(0, Shot::bytes)
+}
+
+fn size_of(value: &Value) -> usize {
+    VALUE_BYTES
+        + match value {
+            Value::String(words) => words.len(),
+            Value::Array(values) => values.iter().map(size_of).sum(),
+            Value::Object(values) => values.iter().map(|(key, value)| key.len() + size_of(value)).sum(),
+            _ => 0,
+        }
 }
 
 /// Why nothing is recorded on a disk with so much room.

@@ -111,7 +111,9 @@ fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
         panic!("{written:?}")
     };
     assert_eq!((written.is, written.entries + count), (Stands::NotWhole, 200));
-    assert!(written.message.contains(&format!("a.mcap cannot be replayed: it has a gap, not kept were {count} of")));
+    assert!(
+        written.message.contains(&format!("a.mcap cannot be replayed: it has a gap, not kept were {count} of"))
+    );
 }
 
 #[test]
@@ -187,7 +189,10 @@ fn a_file_that_cannot_be_made_is_said() {
     let recording = Recording::start("a.mcap".to_owned(), open, Bounds::of(true), room).expect("started");
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
-    assert!(written.is == Stands::NotWhole && written.message.contains("the recording cannot be made"), "{written:?}");
+    assert!(
+        written.is == Stands::NotWhole && written.message.contains("the recording cannot be made"),
+        "{written:?}"
+    );
 }
 
 /// By hand: a loop that has run for an hour begins a recording; its times begin at nought all the same.

@@ -179,13 +179,13 @@ fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
     let held = |state: &State| matches!(state.at, At::Held(_) | At::Complete { .. });
     let mut script = Script::default().reset().start(&cell).leave_when(held);
-    let record = cell.serve(|eyes| Odd { drops: 5..8, ..Odd::new(eyes) }, vec![], &mut script);
+    let record = cell.serve(|eyes| Odd { drops: 5..11, ..Odd::new(eyes) }, vec![], &mut script);
     let film = record.findings.iter().find(|finding| finding.kind == Kind::Inspect).expect("watched");
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
-    assert_eq!((film.judgement.verdict, &codes[0][..]), (Verdict::Invalid, "gap"), "{film:?}");
-    assert_eq!(film.number("pictures that were dropped"), Some(3.0));
-    // By hand: one in two seconds; after the fourth, which came at six, the eighth came at fourteen.
-    assert_eq!(film.number("longest time between two of them"), Some(8.0));
+    assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
+    assert_eq!(film.number("pictures that were dropped"), Some(6.0));
+    // By hand: one in two seconds; after the fourth, which came at six, the eleventh came at twenty.
+    assert_eq!(film.number("longest time between two of them"), Some(14.0));
 }
 
 /// A stop while the scan is under way ends in Stopped before the scan does; what the scan then finds is dropped, and

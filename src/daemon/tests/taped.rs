@@ -45,8 +45,8 @@ fn a_cycle_of_the_service_replays_without_a_difference() {
     assert!(asked.len() == 2 && asked[0].contains("start") && asked[1].contains("leave"), "{asked:?}");
 }
 
-/// Who asks from outside is part of what was heard: a hold, an order out of turn, a review that a person accepts, a
-/// new disc.
+/// Who asks from outside is part of what was heard: a new disc, a review that a person accepts, an order out of turn, a
+/// hold.
 #[test]
 fn what_is_asked_meanwhile_is_replayed_too() {
     let mut fake = Fake::new(Scene::Good);
@@ -57,17 +57,17 @@ fn what_is_asked_meanwhile_is_replayed_too() {
         script
             .reset()
             .start(taped)
+            .when(held, Ask::NewDisc)
+            .when(held, Ask::For(Request::Accept))
             .when(films, Ask::Begin(Box::new(plain.order())))
             .when(films, Ask::For(Request::Hold))
             .when(held, Ask::For(Request::Unhold { dried: true }))
-            .when(held, Ask::NewDisc)
-            .when(held, Ask::For(Request::Accept))
             .leave_when(complete)
     });
     assert_eq!(verdict, Some(Verdict::Pass));
     let asked = asked(&entries);
     assert_eq!(asked.len(), 7, "{asked:?}");
-    for (word, heard) in ["start", "start", "hold", "unhold", "new_disc", "accept", "leave"].iter().zip(&asked) {
+    for (word, heard) in ["start", "new_disc", "accept", "start", "hold", "unhold", "leave"].iter().zip(&asked) {
         assert!(heard.contains(word), "{word}: {asked:?}");
     }
 }
@@ -88,7 +88,8 @@ fn by_the_wall_clock_results_come_when_they_came() {
     });
     assert_eq!(verdict, Some(Verdict::Aborted));
     // While the scan was looked at, the robot told its state.
-    let results: Vec<usize> = entries.iter().enumerate().filter(|(_, e)| e.topic == Topic::Result).map(|(i, _)| i).collect();
+    let results: Vec<usize> =
+        entries.iter().enumerate().filter(|(_, e)| e.topic == Topic::Result).map(|(i, _)| i).collect();
     let scan = entries.iter().position(|entry| entry.said == "scan").expect("a scan");
     let located = results.iter().find(|result| **result > scan).expect("it came");
     let told = entries[scan..*located].iter().filter(|entry| entry.topic == Topic::Report).count();

@@ -273,7 +273,8 @@ impl Queue {
             Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
         }
         if now_ns.saturating_sub(self.asked_ns) > NOBODY_ASKS.as_nanos() as u64 {
-            let message = format!("nobody asked for its pictures for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
+            let message =
+                format!("nobody asked for its pictures for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
             let ended = Refusal { trouble: Trouble::OutOfOrder, message };
             (self.failed, self.is_over) = (Some(ended), true);
             self.waiting.clear();
