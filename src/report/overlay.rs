@@ -32,11 +32,7 @@ const STOPS: [(f64, Ink); 5] = [
 fn scale(share: f64) -> Ink {
     let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
-    let mix = |i: usize| {
-        let (a, b) = (f64::from(STOPS[low].1.0[i]), f64::from(STOPS[next].1.0[i]));
-        (a + (at - low as f64) * (b - a)).round() as u8
-    };
-    Ink([mix(0), mix(1), mix(2)])
+    STOPS[low].1.mixed(STOPS[next].1, at - low as f64)
 }
 
 /// Space around the panel in a picture of it, px at full size.
@@ -106,7 +102,7 @@ impl View<'_> {
         let size = (right.saturating_sub(left).max(2), bottom.saturating_sub(top).max(2));
         let part = crop(&canvas.finish()?, left, top, size);
         let mut canvas = Canvas::on(&part)?;
-        canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
+        canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
         canvas.with_legend(legend)?.finish()
     }
 
