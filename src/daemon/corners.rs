@@ -3,7 +3,8 @@
 //!
 //! Two corners hold the panel's shift and its turn; more say little more. The first ones in the order of teaching are
 //! taken whose moves pass the gate. View n looks at the n-th of them, and round again: so both loops go on from view to view
-//! until each chosen corner was seen, and in the first loop until each stood where it was looked for.
+//! until each chosen corner was seen, and in the first loop until each stood where it was looked for. The corners that hold
+//! the place after the first loop are the ones that the second must see: what one of them alone says is not enough then.
 
 use super::figures::{self, Sighting};
 use super::ports::{Eyes, Record};
@@ -14,8 +15,9 @@ use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::locate::corner;
 use crate::locate::refine::{self, CornerView, Refined};
 use crate::panel::TaughtCorner;
+use crate::recipe;
 use crate::record::Kind;
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::verdict::{Judgement, Reason};
 
 /// Corners that are looked at, at most.
 const MOST: usize = 2;
@@ -36,6 +38,10 @@ pub(super) struct Corners {
     no_more: bool,
     /// The last picture of each.
     seen: Vec<Seen>,
+    /// Those by which the place was corrected, once that is done.
+    held: Vec<usize>,
+    /// Those whose moves did not pass the gate since the loop began, and why.
+    left_out: Vec<(usize, String)>,
 }
 
 /// A corner's picture, and the place by which the camera was sent there.
@@ -58,7 +64,30 @@ impl Corners {
         if view > 0 && (view >= self.wanted(job) || view > self.chosen.len()) {
             return Vec::new();
         }
-        (0..job.corners.len()).filter(|index| !self.chosen[..view].contains(index)).collect()
+        let all = if self.held.is_empty() { (0..job.corners.len()).collect() } else { self.held.clone() };
+        all.into_iter().filter(|index| !self.chosen[..view].contains(index)).collect()
+    }
+
+    /// Begins to choose a corner for a view.
+    pub fn begin_choice(&mut self, view: u8) {
+        if view == 0 {
+            self.left_out.clear();
+        }
+    }
+
+    /// The move to this corner does not pass the gate.
+    pub fn leave_out(&mut self, corner: usize, why: &str) {
+        self.left_out.push((corner, why.to_owned()));
+    }
+
+    /// Those by which the place was corrected, in the order of the views; none before that is done.
+    pub fn held(&self) -> &[usize] {
+        &self.held
+    }
+
+    /// Why corners were left out, in words.
+    fn left_out(&self) -> Vec<String> {
+        self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
     }
 
     /// Chooses a corner for a view.
@@ -83,12 +112,33 @@ impl Corners {
 
     /// How many corners are to be seen.
     fn wanted(&self, job: &Job<'_>) -> usize {
-        let all = most(job);
+        let all = if self.held.is_empty() { most(job) } else { self.held.len() };
         if self.no_more { self.chosen.len().min(all) } else { all }
+    }
+
+    /// The corners seen are the ones that hold the place from now on.
+    fn hold(&mut self) {
+        self.held = self.chosen.clone();
+        self.held.retain(|corner| self.seen.iter().any(|seen| seen.corner == *corner));
     }
 
     fn is_missing(&self, job: &Job<'_>) -> bool {
         self.seen.len() < self.wanted(job)
+    }
+
+    /// Where no move leads to a corner that holds the place, it does not hold it any more.
+    fn unseen(&self) -> Option<Reason> {
+        let is_seen = |corner: &&usize| self.seen.iter().any(|seen| seen.corner == **corner);
+        let missing: Vec<String> =
+            self.held.iter().filter(|it| !is_seen(it)).map(|corner| format!("corner {}", corner + 1)).collect();
+        (self.no_more && !missing.is_empty()).then(|| {
+            let message = format!(
+                "{} corrected the place and cannot be looked at again: {}; clear the way, or dry the panel and locate it anew",
+                missing.join(" and "),
+                self.left_out().join("; ")
+            );
+            Reason::new("corner_unseen", message)
+        })
     }
 
     fn see(&mut self, view: u8, seen: Seen) {
@@ -103,7 +153,12 @@ impl Corners {
     fn refined(&self, job: &Job<'_>, place: Rigid<Base, Panel>) -> Result<Refined, Reason> {
         let view = |seen: &Seen| {
             let Sighting { base_from_camera, found_px, .. } = seen.sighting;
-            Some(CornerView { taught: job.corners.get(seen.corner)?, base_from_camera, found_px })
+            Some(CornerView {
+                corner: seen.corner,
+                taught: job.corners.get(seen.corner)?,
+                base_from_camera,
+                found_px,
+            })
         };
         let views: Vec<CornerView<'_>> = self.seen.iter().filter_map(view).collect();
         refine::refine(place, &job.calibrations.flange_camera, &views)
@@ -113,7 +168,8 @@ impl Corners {
     /// How far a corner's new place is from the one that the camera was sent to, at most, mm.
     fn step_mm(&self, refined: &Refined) -> f64 {
         let step_mm = |seen: &Seen| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.sighting.corner);
-        self.seen.iter().map(step_mm).fold(0.0, f64::max)
+        // Without its sign what is not a number counts as the most.
+        self.seen.iter().map(|seen| step_mm(seen).abs()).max_by(f64::total_cmp).unwrap_or(f64::NAN)
     }
 }
 
@@ -138,21 +194,14 @@ impl Sight {
             Err(reason) => return self.unseen_corner((Kind::Refine, 0), (reason, &picture), record),
         };
         let (limits, step_mm) = (job.recipe.corner(), self.corners.step_mm(&whole));
-        let (is_missing, displaced) = (self.corners.is_missing(job), step_mm > limits.settled_mm());
-        let is_last = usize::from(moves) >= limits.max_moves();
-        let mut judgement = refine::judge(&whole, limits);
-        // What a corner finds is a finding once all have been seen from near.
-        let is_done = !is_missing && !displaced;
-        let claims = self.located_mm.zip(job.calibrations.hand_eye_mm).filter(|_| is_done);
-        let found =
-            claims.and_then(|(located_mm, hand_eye_mm)| refine::disagreement(&whole, &[located_mm, hand_eye_mm]));
-        if let (Some(reason), Verdict::Accept) = (found, judgement.verdict) {
-            judgement = Judgement::of(vec![], vec![reason]);
-        }
-        if displaced && is_last && judgement.verdict == Verdict::Accept {
-            judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
-        }
-        let grade = grade(&judgement);
+        let claims_mm = self.located_mm.zip(job.calibrations.hand_eye_mm);
+        let loop_is = Loop {
+            is_missing: self.corners.is_missing(job),
+            is_last: usize::from(moves) >= limits.max_moves(),
+            step_mm,
+        };
+        let judgement = loop_is.judged(&whole, claims_mm.map(<[f64; 2]>::from), limits);
+        let (grade, is_done) = (grade(&judgement), loop_is.is_done(limits));
         let which = self.corners.aimed + 1;
         let before =
             figures::corner(job, &picture, (sighting, place), (which, "corner_before", "before the correction"));
@@ -161,10 +210,15 @@ impl Sight {
         for figure in before.iter().chain(&after) {
             record.figure(figure)?;
         }
-        record.finding(&findings::refined(&whole, judgement, (moves, step_mm, is_done || is_last), job))?;
+        let left_out = self.corners.left_out();
+        let views = (moves, step_mm, is_done || loop_is.is_last);
+        record.finding(&findings::refined(&whole, judgement, views, &left_out, job))?;
         self.place = Some(whole.base_from_panel);
-        // What is rejected is not looked at again from nearer.
-        Ok(if grade == Grade::Accept && !is_done { Answer::LookOn } else { Answer::Graded(grade) })
+        let answer = loop_is.answer(grade, limits);
+        if answer != Answer::LookOn {
+            self.corners.hold();
+        }
+        Ok(answer)
     }
 
     /// The corners again, wet or dry: do they still stand where the localization puts them?
@@ -187,15 +241,18 @@ impl Sight {
             Err(reason) => return self.unseen_corner((Kind::Verify, pass), (reason, &picture), record),
         };
         let which = self.corners.aimed + 1;
-        let (judgement, is_missing) =
-            (refine::judge_stands(&seen, job.recipe.corner()), self.corners.is_missing(job));
-        let grade = grade(&judgement);
+        let unseen = Judgement::of(self.corners.unseen().into_iter().collect(), vec![]);
+        let judgement = refine::judge_stands(&seen, job.recipe.corner()).and(unseen);
+        let (grade, is_missing) = (grade(&judgement), self.corners.is_missing(job));
         let title = (which, "verify", "before contact");
         if let Some(figure) = figures::corner(job, &picture, (sighting, place), title) {
             record.figure(&figure)?;
         }
-        record.finding(&findings::verified(&seen, judgement, (pass, which), job))?;
-        Ok(if grade == Grade::Accept && is_missing { Answer::LookOn } else { Answer::Graded(grade) })
+        let goes_on = grade == Grade::Accept && is_missing;
+        // A view that others follow need not have seen all.
+        let needed = (!goes_on).then_some(self.corners.held.len());
+        record.finding(&findings::verified(&seen, judgement, (pass, needed), job))?;
+        Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
     /// The corner that the camera was sent to, in the picture from a view; `place` is where it was looked for.
@@ -205,12 +262,12 @@ impl Sight {
         picture: &ColorPicture,
         (place, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
-        let (camera, index) = (&job.calibrations.flange_camera, self.corners.aimed);
+        let index = self.corners.aimed;
         let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
         let taught: &TaughtCorner = job.corners.get(index).ok_or_else(no_corner)?;
-        let depth_mm = (base_from_camera.inverse() * (place * taught.point)).mm.z;
-        let (settings, px_per_mm) = (job.recipe.corner(), camera.px_per_mm_at(depth_mm).0);
-        let found = corner::find(&picture.to_gray(), settings, settings.which().of(index), px_per_mm)
+        let expected = base_from_camera.inverse() * (place * taught.point);
+        let (settings, camera) = (job.recipe.corner(), &job.calibrations.flange_camera);
+        let found = corner::find_taught(&picture.to_gray(), (settings, index), camera, expected)
             .map_err(|error| reason("no_corner", &error))?;
         let sighting = Sighting { base_from_camera, found_px: found.corner_px, corner: taught.point };
         self.corners.see(view, Seen { corner: index, sighting, looked_for: place });
@@ -229,12 +286,153 @@ impl Sight {
     }
 }
 
-fn not_settled(step_mm: f64, job: &Job<'_>) -> Reason {
-    let limits = job.recipe.corner();
+/// How far the first loop is after a view.
+#[derive(Debug, Clone, Copy)]
+struct Loop {
+    /// A corner has not been seen yet.
+    is_missing: bool,
+    /// No view follows.
+    is_last: bool,
+    /// How far a corner stands from where it was looked for, at most, mm.
+    step_mm: f64,
+}
+
+impl Loop {
+    fn is_settled(self, limits: &recipe::Corner) -> bool {
+        self.step_mm <= limits.settled_mm()
+    }
+
+    /// All corners have been seen from near.
+    fn is_done(self, limits: &recipe::Corner) -> bool {
+        !self.is_missing && self.is_settled(limits)
+    }
+
+    /// What all pictures together are worth; `claims_mm` is what scan and calibrations claim, 95 %, where they do.
+    fn judged(self, whole: &Refined, claims_mm: Option<[f64; 2]>, limits: &recipe::Corner) -> Judgement {
+        // What a corner finds is a finding once all have been seen from near.
+        let claims_mm = claims_mm.filter(|_| self.is_done(limits));
+        let found = claims_mm.and_then(|claims_mm| refine::disagreement(whole, &claims_mm));
+        let moved = (self.is_last && !self.is_settled(limits)).then(|| not_settled(self.step_mm, limits));
+        let missing = (self.is_last && self.is_missing).then(|| {
+            let message =
+                format!("after {} moves, [corner] max_moves, a corner has not been seen", limits.max_moves());
+            Reason::new("corner_unseen", message)
+        });
+        let of_loop = Judgement::of(moved.into_iter().chain(missing).collect(), found.into_iter().collect());
+        refine::judge(whole, limits).and(of_loop)
+    }
+
+    /// What is rejected is not looked at again from nearer; everything else is, until it is done.
+    fn answer(self, grade: Grade, limits: &recipe::Corner) -> Answer {
+        let goes_on = !self.is_done(limits) && !self.is_last && grade != Grade::Reject;
+        if goes_on { Answer::LookOn } else { Answer::Graded(grade) }
+    }
+}
+
+fn not_settled(step_mm: f64, limits: &recipe::Corner) -> Reason {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
     let message = format!(
         "after {moves} moves, [corner] max_moves, a corner still stands {step_mm:.2} mm from where it was looked for, \
          allowed are {settled_mm:.2} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
     );
     Reason::new("not_settled", message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Degrees, Pixel};
+    use crate::locate::refine::CornerReport;
+    use crate::panel::panel_from_base_at_teaching;
+    use crate::recipe::Recipe;
+    use crate::verdict::Verdict;
+
+    fn recipe() -> Recipe {
+        let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+                    [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
+        Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
+    }
+
+    /// Two corners, each asking for 1 mm, of which 0.4 mm are left: more than the 0.3 mm of one rigid panel.
+    fn unlike() -> Refined {
+        let expected_px = Pixel::at(0.0, 0.0);
+        let report =
+            |corner| CornerReport { corner, expected_px, error_px: 10.0, shift_mm: [1.0, 0.0], left_mm: 0.4 };
+        let base_from_panel = panel_from_base_at_teaching().inverse();
+        let corners = vec![report(0), report(1)];
+        Refined { base_from_panel, shift_mm: [1.0, 0.0], turned: Degrees(0.0), error_px: 10.0, corners }
+    }
+
+    fn codes(judgement: &Judgement) -> Vec<&str> {
+        judgement.reasons.iter().map(|reason| &*reason.code).collect()
+    }
+
+    /// A doubt beside a place that does not come to rest: no person may accept that one away.
+    #[test]
+    fn a_doubt_hides_no_rejection() {
+        let (recipe, whole) = (recipe(), unlike());
+        let last = Loop { is_missing: false, is_last: true, step_mm: 0.9 };
+        let judgement = last.judged(&whole, Some([0.1; 2]), recipe.corner());
+        assert_eq!(
+            (judgement.verdict, codes(&judgement)),
+            (Verdict::Reject, vec!["not_settled", "corners_disagree"])
+        );
+        let settled = Loop { step_mm: 0.1, ..last };
+        let judgement = settled.judged(&whole, Some([0.1; 2]), recipe.corner());
+        let both = vec!["corners_disagree", "corner_disagrees"];
+        assert_eq!((judgement.verdict, codes(&judgement)), (Verdict::Review, both));
+        for wrong in [Loop { step_mm: f64::NAN, ..last }, Loop { is_missing: true, ..settled }] {
+            assert_eq!(wrong.judged(&whole, None, recipe.corner()).verdict, Verdict::Reject, "{wrong:?}");
+        }
+    }
+
+    /// From afar a corner is read worse: what is doubtful then is looked at from near, what is rejected is not.
+    #[test]
+    fn a_doubt_from_afar_is_looked_at_from_near() {
+        let recipe = recipe();
+        let afar = Loop { is_missing: false, is_last: false, step_mm: 2.0 };
+        let answers =
+            [Grade::Accept, Grade::Review, Grade::Reject].map(|grade| afar.answer(grade, recipe.corner()));
+        assert_eq!(answers, [Answer::LookOn, Answer::LookOn, Answer::Graded(Grade::Reject)]);
+        let near = Loop { step_mm: 0.1, ..afar };
+        assert_eq!(near.answer(Grade::Review, recipe.corner()), Answer::Graded(Grade::Review));
+        assert_eq!(
+            Loop { is_last: true, ..afar }.answer(Grade::Review, recipe.corner()),
+            Answer::Graded(Grade::Review)
+        );
+    }
+
+    /// Corners 2 and 1 hold the place; before contact no move leads to the first: the second alone is not enough.
+    #[test]
+    fn what_held_the_place_must_be_seen_again() {
+        let place = panel_from_base_at_teaching().inverse();
+        let sighting = Sighting {
+            base_from_camera: Rigid::claim(*place.isometry()),
+            found_px: Pixel::at(0.0, 0.0),
+            corner: crate::geometry::Point::at(0.0, 0.0, 0.0),
+        };
+        let mut corners = Corners::default();
+        let look = |corners: &mut Corners, view: u8, corner: usize| {
+            corners.choose(view, corner);
+            corners.see(view, Seen { corner, sighting, looked_for: place });
+        };
+        look(&mut corners, 0, 1);
+        look(&mut corners, 1, 0);
+        assert!(corners.unseen().is_none() && corners.held().is_empty());
+        corners.hold();
+        assert_eq!(corners.held(), [1, 0]);
+        corners.begin_choice(0);
+        look(&mut corners, 0, 1);
+        corners.choose(1, 0);
+        corners.leave_out(0, "a post is in the way");
+        corners.end_choice(1);
+        corners.go_round(1);
+        assert_eq!(corners.aimed(), 1);
+        let unseen = corners.unseen().expect("a reason");
+        assert_eq!(unseen.code, "corner_unseen");
+        assert!(unseen.message.starts_with("corner 1 ") && unseen.message.contains("a post"), "{}", unseen.message);
+        // With all of them seen nothing is missing.
+        look(&mut corners, 1, 0);
+        assert!(corners.unseen().is_none());
+    }
 }

@@ -53,7 +53,7 @@ pub use ports::{
     SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
-pub use reaching::stand;
+pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{StoreRecord, keeper};
 pub use replay::{Difference, Played, Player, Recorder, Recording, Taped, Written};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};

@@ -4,6 +4,7 @@ use super::corners::Corners;
 use super::figures::{self, Kept};
 use super::findings;
 use super::ports::{Eyes, Record, SightError};
+use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::eki::Time;
@@ -63,6 +64,12 @@ impl Sight {
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
+    }
+
+    /// Where the panel stands before the arm, by way of the corners that hold it.
+    pub fn approached(&self) -> Option<Approached<'_>> {
+        let (corners, things) = (self.corners.held(), self.things());
+        self.place.map(|base_from_panel| Approached { base_from_panel, corners, things })
     }
 
     /// What the arm keeps off on its way to a corner.
