@@ -57,8 +57,6 @@ fn limits_are_told(story: &fake::Story) {
     let told = [
         "camera has moved the panel since teaching, by the fixture",
         "error of that, 95 %",
-        // At a quarter of the size the fixture shows too little, as it did at teaching.
-        "a camera is noticed that moves it by",
         "error along the weakest direction, 95 %",
         name::SCAN_TO_VERDICT,
     ];
