@@ -70,11 +70,17 @@ pub(super) fn check(
 /// What the fixture of the taught scan itself would tell of a camera that has moved by nothing: 95 % of the errors are
 /// smaller at the taught panel, mm. `None` where too little of it is seen.
 pub(super) fn at_teaching_mm(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> Option<f64> {
+    let (taught, inside) = at_teaching(panel, model, settings);
+    let placed = model.camera_from_panel;
+    compared(panel, model, (&taught, &taught, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+}
+
+/// The taught scan without its panel, and which of its blocks lie in the search box.
+fn at_teaching(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> (Grid, Vec<bool>) {
     let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
     let taught = taught_grid(panel, model);
     let inside = grid::in_box(&taught, &base_from_camera, settings.box_min_mm(), settings.box_max_mm());
-    let placed = model.camera_from_panel;
-    compared(panel, model, (&taught, &taught, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+    (taught, inside)
 }
 
 /// The taught scan without its panel.
@@ -275,32 +281,40 @@ impl<'a> Still<'a> {
     }
 }
 
-/// An edge of the fixture, for people.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct FixtureEdge {
-    pub pixel: Pixel,
-    /// How far it has moved across itself; `None` where it is gone.
-    pub moved_px: Option<f64>,
+/// What a scan shows where the taught picture has an edge of the fixture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum FixtureEdge {
+    /// It, moved so far across itself, px.
+    Moved(f64),
+    /// The fixture, but no such edge.
+    Gone,
+    /// Nothing, or something before it.
+    Unseen,
 }
 
-/// The fixture's edges, and how far they have moved in the picture since teaching.
+/// The fixture's taught edges, and what the scan shows of each; none where the scan has other pixels.
 pub(super) fn fixture(
     panel: &TaughtPanel,
     model: &Model,
-    now: (&Grid, &Scan),
-    inside: &[bool],
-) -> Vec<FixtureEdge> {
-    if (panel.scan.width(), panel.scan.height()) != (now.1.width(), now.1.height()) || panel.camera != now.0.camera
-    {
+    (grid, scan): (&Grid, &Scan),
+    (settings, inside): (&recipe::Locate, &[bool]),
+) -> Vec<(Pixel, FixtureEdge)> {
+    if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return Vec::new();
     }
-    let taught = taught_grid(panel, model);
-    let looked = Still::of(&taught, now.0, inside).looked(panel, now);
-    let edge = |(steep, now): (Steep, Option<Constraint>)| FixtureEdge {
-        pixel: steep.pixel,
-        moved_px: now.map(|constraint| constraint.residual),
+    let (taught, inside_taught) = at_teaching(panel, model, settings);
+    let looked = Still::of(&taught, grid, inside).looked(panel, (grid, scan));
+    let shown = looked.into_iter().map(|(steep, now)| {
+        (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
+    });
+    let all = Still::of(&taught, &taught, &inside_taught).looked(panel, (&taught, &panel.scan));
+    let is_unseen = |steep: &Steep| {
+        let apart_mm =
+            taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());
+        apart_mm.is_none_or(|mm| mm > SAME_PLACE_MM)
     };
-    looked.into_iter().map(edge).collect()
+    let unseen = all.into_iter().filter(|(steep, _)| is_unseen(steep));
+    shown.chain(unseen.map(|(steep, _)| (steep.pixel, FixtureEdge::Unseen))).collect()
 }
 
 /// A place where the taught picture has an edge of the fixture.

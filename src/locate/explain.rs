@@ -43,6 +43,17 @@ pub enum OutlineMark {
     Hidden,
 }
 
+/// What the scan shows where the fixture had an edge at teaching.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FixtureMark {
+    /// The edge where it stood.
+    Stands,
+    /// The edge elsewhere, or none.
+    Moved,
+    /// No fixture: something is before it, or there is no point.
+    Unseen,
+}
+
 /// The evidence, pixel by pixel.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
@@ -56,8 +67,8 @@ pub struct Explained {
     pub weakest: Vec<(Pixel, Pixel)>,
     /// Where the step of brightness at the outline is widest.
     pub widest: Option<Pixel>,
-    /// Edges of the fixture, and whether they stand where they stood.
-    pub fixture: Vec<(Pixel, bool)>,
+    /// Taught edges of the fixture.
+    pub fixture: Vec<(Pixel, FixtureMark)>,
     /// Things in the search box: area, mm², and places; largest first.
     pub things: Vec<(f64, Vec<Pixel>)>,
 }
@@ -81,9 +92,14 @@ impl Prepared<'_> {
         explained.surface = surface(&placed, seen);
         (explained.outline, explained.widest) = outline(&placed, seen);
         explained.weakest = weakest(&placed, seen, fit);
-        let still = |edge: FixtureEdge| (edge.pixel, edge.moved_px.is_some_and(|px| px.abs() <= MOVED_PX));
-        let edges = camera_check::fixture(self.taught, &self.model, (grid, self.view.scan), &self.inside);
-        explained.fixture = edges.into_iter().map(still).collect();
+        let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
+            FixtureEdge::Moved(px) if px.abs() <= MOVED_PX => (pixel, FixtureMark::Stands),
+            FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
+            FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
+        };
+        let (now, inside) = ((grid, self.view.scan), (self.settings, &*self.inside));
+        let edges = camera_check::fixture(self.taught, &self.model, now, inside);
+        explained.fixture = edges.into_iter().map(mark).collect();
         explained
     }
 }

@@ -158,9 +158,11 @@ fn picture(fit: &Fit, against: &mut Against) {
 
 /// Does the camera stand where it stood at teaching?
 fn camera(fit: &Fit, against: &mut Against) {
+    let other = fit.camera.is_some_and(|camera| camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME);
+    let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     // Where teaching's own fixture shows too little as well, teaching has warned of it.
-    let unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
+    let unwatched = !other && !moved && !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
     against.review(unwatched, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
             let noticed_mm = noticed_mm(mm);
@@ -172,7 +174,6 @@ fn camera(fit: &Fit, against: &mut Against) {
         )
     });
     let Some(camera) = &fit.camera else { return };
-    let other = camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME;
     against.reject(other, "camera_moved", || {
         format!(
             "only {:.0} % of the fixture stands where it stood at teaching, needed are {:.0} %; was the camera or the \
@@ -181,8 +182,7 @@ fn camera(fit: &Fit, against: &mut Against) {
             100.0 * MIN_FIXTURE_SAME
         )
     });
-    let moved = fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
-    against.reject(!other && moved, "camera_moved", || {
+    against.reject(moved, "camera_moved", || {
         format!(
             "by the fixture the camera has moved since teaching, which puts the panel {:.2} ± {:.2} mm off, allowed are \
              {MAX_CAMERA_MOVED_MM} mm; calibrate it again",

@@ -67,6 +67,17 @@ fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
+/// OpenCV's own letters are ASCII's; any other would be question marks.
+fn ascii(text: &str) -> String {
+    text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-")
+}
+
+/// Scale and weight of letters of this height.
+fn lettering(height_px: f64) -> (f64, i32) {
+    let scale = height_px / FONT_HEIGHT_PX;
+    (scale, (scale * 1.6).round().max(1.0) as i32)
+}
+
 fn fixed(pixel: Pixel) -> Point2i {
     let scaled = |n: f64| (n * f64::from(1 << SHIFT)).round() as i32;
     Point2i::new(scaled(pixel.u), scaled(pixel.v))
@@ -141,11 +152,8 @@ impl Canvas {
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn label(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
-        // OpenCV's own letters are ASCII's; any other would be question marks.
-        let text =
-            &text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-");
-        let scale = height_px / FONT_HEIGHT_PX;
-        let weight = (scale * 1.6).round().max(1.0) as i32;
+        let text = &ascii(text);
+        let (scale, weight) = lettering(height_px);
         let origin = Point2i::new(at.u.round() as i32, at.v.round() as i32);
         for (ink, weight) in [(Ink::RIM, weight * 3 + 1), (ink, weight)] {
             let color = ink.scalar();
@@ -200,8 +208,16 @@ impl Canvas {
         let line_px = text_px * 1.8;
         let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
         let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
+        // A small picture is made as wide as what is said of it.
+        let (scale, weight) = lettering(text_px);
+        let mut widest = 0;
+        for (_, meaning) in lines {
+            let size = drawn(imgproc::get_text_size(&ascii(meaning), FONT, scale, weight, &mut 0))?;
+            widest = widest.max((text_px * 4.6).ceil() as i32 + size.width);
+        }
+        let beside = (widest - self.mat.cols()).max(0);
         let mut mat = Mat::default();
-        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, 0, border, ground))?;
+        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, beside, border, ground))?;
         let mut canvas = Canvas { mat };
         for (index, (ink, meaning)) in lines.iter().enumerate() {
             let base = line_px * (index as f64 + 1.0) - text_px * 0.2;
@@ -267,6 +283,22 @@ mod tests {
         let dark = |row: usize| picture.rgb[row * 40 + 20].iter().all(|&value| value < 100);
         assert!((11..16).any(dark) && (4..9).any(dark), "a rim on both sides");
         assert_eq!(picture.rgb[20], [128; 3]);
+    }
+
+    /// A picture of 60 px beside a legend of 30 letters: no letter is cut, and a wide picture keeps its width.
+    #[test]
+    fn a_legend_is_read_to_its_end() {
+        let width = |px: usize| {
+            let canvas = Canvas::on(&ColorPicture::filled(px, 40, [90; 3])).expect("a picture");
+            let picture =
+                canvas.with_legend(&[(Ink::BLUE, "moved by more than half a pixel")]).expect("drawn").finish();
+            let picture = picture.expect("pixels");
+            let is_dark = |row: usize| picture.rgb[row * picture.width + picture.width - 1] == Ink::RIM.0;
+            assert!((0..picture.height - 40).all(is_dark), "letters at the border");
+            picture.width
+        };
+        assert!(width(60) > 200);
+        assert_eq!(width(900), 900);
     }
 
     /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. Of a picture 300 px wide a bar may take

@@ -39,7 +39,7 @@ fn scale(share: f64) -> Ink {
 const MARGIN_PX: f64 = 40.0;
 
 impl View<'_> {
-    fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
+    pub(super) fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
         points.iter().filter_map(|&point| self.camera.project(self.camera_from_panel * point)).collect()
     }
 
@@ -52,10 +52,10 @@ impl View<'_> {
     }
 
     /// Draws the outline, where the taught panel would show it.
-    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, ink: Ink) -> Result<(), ImagingError> {
+    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
-        canvas.polyline(&self.pixels(&thinned), true, Pen { ink, width_px: self.line_px() })
+        canvas.polyline(&self.pixels(&thinned), true, pen)
     }
 
     fn grids(
@@ -113,7 +113,7 @@ impl View<'_> {
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
-        self.outline(&mut canvas, panel, Ink::BLUE)?;
+        self.outline(&mut canvas, panel, Pen { ink: Ink::BLUE, width_px: self.line_px() })?;
         self.grids(&mut canvas, &panel.grids, &|_| false)?;
         for pixel in self.pixels(corners) {
             canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
@@ -128,7 +128,7 @@ impl View<'_> {
     /// As [`View::taught`].
     pub fn located(&self, panel: &TaughtPanel) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        self.outline(&mut canvas, panel, Ink::ORANGE)?;
+        self.outline(&mut canvas, panel, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
         self.grids(&mut canvas, &panel.grids, &|_| false)?;
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }

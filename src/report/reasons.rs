@@ -5,9 +5,9 @@
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized};
 use super::overlay::View;
-use crate::geometry::{ColorPicture, Panel, Pixel, Rigid};
+use crate::geometry::{ColorPicture, Panel, Pixel, Point, Rigid};
 use crate::imaging::ImagingError;
-use crate::locate::explain::{ENLARGED, Explained, MOVED_PX, OutlineMark, SATURATED, SurfaceMark};
+use crate::locate::explain::{ENLARGED, Explained, FixtureMark, MOVED_PX, OutlineMark, SATURATED, SurfaceMark};
 use crate::locate::{self, Fit};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
 use crate::verdict::{Judgement, Reason};
@@ -213,15 +213,24 @@ impl View<'_> {
     }
 
     fn fixture(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
-        let radius_px = f64::from(self.line_px()) * 3.0;
-        for (pixel, stands) in &explained.fixture {
-            let ink = if *stands { Ink::GREEN } else { Ink::VERMILLION };
-            canvas.cross(*pixel, radius_px, Pen { ink, width_px: self.line_px() })?;
+        let mut picture = self.picture.clone();
+        // The edges lie close together: rims or crosses would hide their colours.
+        let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
+        for (pixel, mark) in &explained.fixture {
+            let ink = match mark {
+                FixtureMark::Stands => Ink::GREEN,
+                FixtureMark::Moved => Ink::VERMILLION,
+                FixtureMark::Unseen => Ink::BLUE,
+            };
+            dot(&mut picture, *pixel, side_px, ink);
         }
         let moved = format!("moved by more than {MOVED_PX} px, or gone");
-        let legend = [(Ink::GREEN, "stands where it stood"), (Ink::VERMILLION, &*moved)];
-        canvas.with_legend(&legend)?.finish()
+        let legend = [
+            (Ink::GREEN, "edge of the fixture that stands where it stood"),
+            (Ink::VERMILLION, &*moved),
+            (Ink::BLUE, "not to be seen: hidden, or no point"),
+        ];
+        Canvas::on(&picture)?.with_legend(&legend)?.finish()
     }
 
     fn weakest(&self, panel: &TaughtPanel, explained: &Explained) -> Result<ColorPicture, ImagingError> {
@@ -246,10 +255,24 @@ impl View<'_> {
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         let other = View { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
-        other.outline(&mut canvas, panel, legend[1].0)?;
-        self.outline(&mut canvas, panel, legend[0].0)?;
+        let [(here, _), (there, _)] = legend;
+        // Where both lie on each other the wider one is seen on both sides, and the hands say which way round each is.
+        let pens = [Pen { ink: there, width_px: 4 * self.line_px() }, Pen { ink: here, width_px: self.line_px() }];
+        for (view, pen) in [(&other, pens[0]), (self, pens[1])] {
+            view.outline(&mut canvas, panel, pen)?;
+            view.hand(&mut canvas, panel, pen)?;
+        }
         canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
+        let legend =
+            [legend[0], legend[1], (Ink::WHITE, "line: from the middle to the first corner of the first grid")];
         canvas.with_legend(&legend)?.finish()
+    }
+
+    /// A line from the panel's middle to the first corner of its first grid.
+    fn hand(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
+        let first = panel.grids.first().and_then(|grid| grid.edge.first());
+        let ends: Vec<Point<Panel>> = first.into_iter().copied().chain([panel.centre()]).collect();
+        canvas.polyline(&self.pixels(&ends), false, pen)
     }
 
     fn things(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
