@@ -196,7 +196,7 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
 }
 
 /// How far computing steps back.
-const NICE: i32 = 19;
+pub(super) const NICE: i32 = 19;
 
 /// Looks at the calibrations: what cannot be read, in words.
 pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;

@@ -167,10 +167,13 @@ impl Sight {
             Ok(Filming { watch, place, first_s: None, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
-            Ok(filming) => {
+            Ok(mut filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
                 match eyes.begin_film(job.demands().frames_per_second) {
-                    Ok(()) => Ok(Ok(filming)),
+                    Ok(began_s) => {
+                        filming.watch.begins(began_s);
+                        Ok(Ok(filming))
+                    }
                     Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
                 }
             }
@@ -201,7 +204,11 @@ impl Sight {
         let begun = Instant::now();
         let step = match filming.watch.push(&picture, time_s, Phase::Wet) {
             Ok(step) => step,
-            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+            Err(error) => {
+                // Nobody will ask for the next one.
+                let _ = eyes.end_film();
+                return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
+            }
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
         filming.kept.see(job, filming.place, &picture, &step);
