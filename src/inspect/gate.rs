@@ -314,3 +314,72 @@ fn broken(min_break_mm2: f64, grids: &[GridInspection]) -> Option<Reason> {
     let message = format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "));
     (!failed.is_empty()).then(|| Reason::new("broken", message))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::inspect_table;
+    use super::*;
+
+    const DEMANDS: Demands =
+        Demands { observation_s: 10.0, frames_per_second: 1.0, min_break_mm2: 5.0, persist_s: 1.0 };
+
+    fn good() -> Observation {
+        Observation {
+            observed_s: 10.0,
+            frames: 10,
+            longest_gap_s: 1.0,
+            min_break_mm2: 5.0,
+            has_dry: true,
+            never_wet_percent: 0.0,
+            film_left: Some(0.6),
+            dry_levels: 70.0,
+            detection_limit_mm2: 3.0,
+            quality: Quality { usable: 10, ..Quality::default() },
+        }
+    }
+
+    fn codes(observation: &Observation) -> Vec<String> {
+        let judgement = judge(observation, &[], &DEMANDS, &inspect_table(""));
+        judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
+    }
+
+    /// By hand: 8 of 10 pictures, 5 intervals, 15 levels of which the film takes 0.4, and a fifth of the edge are enough.
+    #[test]
+    fn each_demand_is_kept_at_its_limit_and_not_beyond() {
+        let quality = |quality: Quality| Observation { quality, ..good() };
+        let usable =
+            |usable: usize, longest_unseen_s: f64| quality(Quality { usable, longest_unseen_s, ..good().quality });
+        let first = |sharpness: f64| quality(Quality { first_sharpness: Some(sharpness), ..good().quality });
+        let pairs = [
+            (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
+            (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
+            (Observation { frames: 8, ..good() }, Observation { frames: 7, ..good() }, "too_few_frames"),
+            (Observation { longest_gap_s: 5.0, ..good() }, Observation { longest_gap_s: 5.1, ..good() }, "gap"),
+            (Observation { dry_levels: 15.1, ..good() }, Observation { dry_levels: 14.9, ..good() }, "dark"),
+            (
+                Observation { never_wet_percent: 20.0, ..good() },
+                Observation { never_wet_percent: 20.1, ..good() },
+                "never_wet",
+            ),
+            (first(0.2), first(0.19), "focus"),
+            (usable(8, 5.0), usable(7, 5.0), "light"),
+            (usable(8, 5.0), usable(8, 5.1), "light"),
+        ];
+        for (kept, missed, code) in pairs {
+            assert_eq!((codes(&kept), codes(&missed)), (vec![], vec![code.to_owned()]), "{missed:?}");
+        }
+    }
+
+    /// Two brighter pictures and one that is out of focus: the light is named, by the worst and its own limit.
+    #[test]
+    fn the_limit_that_was_broken_is_named() {
+        let mut quality = Quality { usable: 7, longest_unseen_s: 6.0, ..good().quality };
+        quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
+        quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
+        let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table(""));
+        let message = &judgement.reasons[0].message;
+        let told = "3 of 10 wet pictures cannot be judged by, 6.0 s of them without one that can (allowed 5.0 s); in 2 of \
+                    them the light is up to 36.4 % more than the dry picture's (allowed 33.3 %";
+        assert!(message.starts_with(told), "{message}");
+    }
+}

@@ -155,3 +155,67 @@ fn flaw(look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect) -> 
     ];
     tests.into_iter().find(|(has, ..)| *has).map(|(_, flaw, measured)| (flaw, measured))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::inspect_table;
+    use super::*;
+
+    const GOOD: Look = Look { light: 1.0, told: 1.0, hidden: 0.0, frozen: false, film_left: 0.6 };
+    const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
+
+    /// By hand, at both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
+    #[test]
+    fn each_limit_has_its_flaw() {
+        let settings = inspect_table("");
+        let found = |look: Look, steady: Steadiness| flaw(&look, Some(steady), &settings).map(|(flaw, _)| flaw);
+        let looks = [
+            (Look { light: 0.61, ..GOOD }, Look { light: 0.59, ..GOOD }, Flaw::Darker),
+            (Look { light: 1.33, ..GOOD }, Look { light: 1.34, ..GOOD }, Flaw::Brighter),
+            (Look { told: 0.5, ..GOOD }, Look { told: 0.49, ..GOOD }, Flaw::Untold),
+            (Look { hidden: 0.049, ..GOOD }, Look { hidden: 0.051, ..GOOD }, Flaw::Bright),
+            (GOOD, Look { frozen: true, ..GOOD }, Flaw::Frozen),
+        ];
+        for (good, bad, expected) in looks {
+            assert_eq!((found(good, STEADY), found(bad, STEADY)), (None, Some(expected)));
+        }
+        let moved = |moved_px: f64, sharpness: f64| found(GOOD, Steadiness { moved_px, sharpness });
+        assert_eq!([moved(1.0, 0.6), moved(1.1, 0.6)], [None, Some(Flaw::Moved)]);
+        assert_eq!(
+            [moved(0.0, 0.59), moved(8.0, 0.0)],
+            [Some(Flaw::Focus), Some(Flaw::Moved)],
+            "gone, not blurred"
+        );
+        assert_eq!(
+            flaw(&Look { film_left: 0.5, light: 1.41, ..GOOD }, None, &settings).map(|found| found.0),
+            Some(Flaw::Brighter)
+        );
+    }
+
+    /// By hand: of pictures a second apart three in the middle and the last two are flawed, each kind by its worst.
+    #[test]
+    fn what_was_not_seen_and_the_worst_of_it() {
+        let mut quality = Quality::default();
+        let blurred = |sharpness: f64| Steadiness { sharpness, ..STEADY };
+        let darker = |light: f64| Look { light, ..GOOD };
+        let shown = [
+            (darker(0.9), STEADY),
+            (darker(0.5), STEADY),
+            (darker(0.4), STEADY),
+            (darker(0.45), STEADY),
+            (darker(1.1), STEADY),
+            (GOOD, blurred(0.3)),
+            (GOOD, blurred(0.5)),
+        ];
+        for (second, (look, steady)) in shown.iter().enumerate() {
+            quality.take(look, Some(*steady), &inspect_table(""), second as f64);
+        }
+        assert_eq!((quality.usable, quality.longest_unseen_s, quality.light), (2, 4.0, [0.9, 1.1]));
+        quality.end();
+        let [dark, focus] = [Flaw::Darker, Flaw::Focus].map(|flaw| quality.flawed[flaw as usize]);
+        assert!(
+            (dark.pictures, focus.pictures) == (3, 2) && (dark.worst - 60.0).abs() < 1e-9 && focus.worst == 0.3
+        );
+        assert_eq!((quality.longest_unseen_s, quality.sharpness), (4.0, Some(0.3)));
+    }
+}

@@ -213,6 +213,20 @@ mod tests {
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
     }
 
+    /// By hand: 16 of 208 places see an edge 4 px farther in, which alone would be a move of 16 · 4/104 = 0.6 px.
+    #[test]
+    fn a_drop_at_the_edge_is_no_move_and_a_panel_that_is_gone_is_one() {
+        let mut outline = outline();
+        outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast");
+        let mut dented = square(0.0, 1.0, 70.0);
+        for row in 60..76 {
+            dented.rgb[row * 100 + 18..row * 100 + 24].fill([180; 3]);
+        }
+        assert!(outline.hold_against(&dented).expect("contrast").moved_px < 0.1);
+        let gone = Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 };
+        assert_eq!(outline.hold_against(&square(0.0, 1.0, 178.0)), Some(gone));
+    }
+
     #[test]
     fn without_contrast_nothing_is_told() {
         let mut outline = outline();

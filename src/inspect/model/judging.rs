@@ -203,6 +203,17 @@ mod tests {
         );
     }
 
+    /// By hand, dry 100 and wet 60 levels: up to 60 + 40/3 = 73.3 it is wet beyond doubt.
+    #[test]
+    fn a_third_of_the_way_to_dry_it_is_surely_wet() {
+        let wet = |level: u16| {
+            let mut one = One::new(0);
+            one.judge([level; 2], 4096, RULE);
+            one.kept[0] & EVER_WET > 0
+        };
+        assert_eq!([60, 73, 74, 79].map(wet), [true, true, false, false]);
+    }
+
     /// Dry in pictures 1, 2, then hidden, then dry: steady in 2, 5 and 6, it breaks in picture 6 and broke at 1; wet for
     /// three pictures it closes.
     #[test]

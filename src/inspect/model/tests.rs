@@ -40,6 +40,15 @@ fn rows_tell_the_light_and_what_is_hidden() {
     assert_eq!((look.hidden, look.film_left), (1.0 / 16.0, watching().wetting.film));
 }
 
+/// By hand: below 4 levels a dry place tells nothing, from 250 on it may be overexposed.
+#[test]
+fn a_black_or_overexposed_dry_place_is_not_seen() {
+    let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
+    let mut model = Model::new(window, &[true; SIDE * SIDE], [1.0; 3], 3);
+    model.dry(&picture(|column, _| [3, 4, 249, 250][column % 4]));
+    assert_eq!([0, 1, 2, 3].map(|index| model.sees(index)), [false, true, true, false]);
+}
+
 /// By hand: 3 px of a cell, in rows that are looked at, are a glint's core, 2 px are noise. Next to a core, in the cells
 /// around its own of 8 × 8 px, nothing breaks; two cells away it does.
 #[test]

@@ -155,8 +155,8 @@ fn what_was_wet_in_the_dry_picture_neither_fails_nor_passes() {
     assert_eq!((never.judgement.verdict, codes(&never)), (Verdict::Fail, vec!["broken"]));
 }
 
-/// By hand: 3 × 3 px of 4 mm² that shine in all wet pictures are more than the 5 mm² from which a grid fails; in two
-/// pictures of six they are a glint.
+/// By hand: 3 × 3 px of 4 mm² that shine in all wet pictures are more than the 5 mm² from which a grid fails; in four of
+/// six it is still more than half of them, in two they are a glint.
 #[test]
 fn a_reflection_that_stands_still_hides_its_grid() {
     let shone = |pictures: usize| {
@@ -174,7 +174,7 @@ fn a_reflection_that_stands_still_hides_its_grid() {
     let hidden = shone(6);
     assert_eq!((hidden.judgement.verdict, codes(&hidden)), (Verdict::Invalid, vec!["not_seen"]));
     assert!((hidden.footprint.grids()[0].lost_mm2 - 36.0).abs() < 0.1, "{:?}", hidden.footprint.grids()[0]);
-    assert_eq!(shone(2).judgement.verdict, Verdict::Pass);
+    assert_eq!((codes(&shone(4)), shone(2).judgement.verdict), (vec!["not_seen"], Verdict::Pass));
 }
 
 /// By hand: a shadow takes a quarter of the light of all 120 columns of the region when the film is first whole. What the
