@@ -324,7 +324,7 @@ mod tests {
         Demands { observation_s: 10.0, frames_per_second: 1.0, min_break_mm2: 5.0, persist_s: 1.0 };
 
     fn good() -> Observation {
-        Observation {
+        let mut observation = Observation {
             observed_s: 10.0,
             frames: 10,
             longest_gap_s: 1.0,
@@ -334,8 +334,10 @@ mod tests {
             film_left: Some(0.6),
             dry_levels: 70.0,
             detection_limit_mm2: 3.0,
-            quality: Quality { usable: 10, ..Quality::default() },
-        }
+            quality: Quality::default(),
+        };
+        observation.quality.usable = 10;
+        observation
     }
 
     fn codes(observation: &Observation) -> Vec<String> {
@@ -346,10 +348,16 @@ mod tests {
     /// By hand: 8 of 10 pictures, 5 intervals, 15 levels of which the film takes 0.4, and a fifth of the edge are enough.
     #[test]
     fn each_demand_is_kept_at_its_limit_and_not_beyond() {
-        let quality = |quality: Quality| Observation { quality, ..good() };
-        let usable =
-            |usable: usize, longest_unseen_s: f64| quality(Quality { usable, longest_unseen_s, ..good().quality });
-        let first = |sharpness: f64| quality(Quality { first_sharpness: Some(sharpness), ..good().quality });
+        let usable = |usable: usize, longest_unseen_s: f64| {
+            let mut observation = good();
+            (observation.quality.usable, observation.quality.longest_unseen_s) = (usable, longest_unseen_s);
+            observation
+        };
+        let first = |sharpness: f64| {
+            let mut observation = good();
+            observation.quality.first_sharpness = Some(sharpness);
+            observation
+        };
         let pairs = [
             (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
             (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
@@ -373,7 +381,8 @@ mod tests {
     /// Two brighter pictures and one that is out of focus: the light is named, by the worst and its own limit.
     #[test]
     fn the_limit_that_was_broken_is_named() {
-        let mut quality = Quality { usable: 7, longest_unseen_s: 6.0, ..good().quality };
+        let mut quality = good().quality;
+        (quality.usable, quality.longest_unseen_s) = (7, 6.0);
         quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
         quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
         let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table(""));

@@ -38,7 +38,7 @@ pub use connected::pieces_of;
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
-pub use quality::{Flaw, Quality};
+pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
 pub use watch::{Step, Watch};
 
