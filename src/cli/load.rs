@@ -104,8 +104,7 @@ impl CellFiles {
 
     /// The last touch check of this tool's calibration; none where it was not touched, or there is no store yet.
     pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
-        let last = self.store().ok()?.last_verification("tool").ok()??;
-        (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
+        last_touch(&self.store().ok()?, tool_text)
     }
 
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
@@ -168,6 +167,12 @@ impl CellFiles {
         }
         Ok(Calibrated { value: tool.rigid(), uncertainty_mm: tool.uncertainty_mm, text })
     }
+}
+
+/// The last touch check of this tool's calibration in a store; none where it was not touched.
+pub fn last_touch(store: &Store, tool_text: &str) -> Option<Verification> {
+    let last = store.last_verification("tool").ok()??;
+    (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
 }
 
 /// Reads and checks a recipe.

@@ -154,8 +154,17 @@ fn of_corner<const N: usize>(corner: &CornerReport, words: [&str; N]) -> [String
     words.map(|words| format!("corner {} {words}", corner.corner + 1))
 }
 
-/// What a film said; `ms_per_picture` is the median from a decoded picture to its result.
-pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f64>, job: &Job<'_>) -> Finding {
+/// What was counted beside a film.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Counted {
+    /// From a decoded picture to its result, median.
+    pub ms_per_picture: Option<f64>,
+    /// Pictures that the camera took and nobody took over in time, where it tells.
+    pub dropped: Option<u64>,
+}
+
+/// What a film said.
+pub(super) fn filmed(inspection: &Inspection, pass: u8, counted: Counted, job: &Job<'_>) -> Finding {
     let (demands, observation) = (job.demands(), &inspection.observation);
     let least = |name: &str, unit: &str, value: f64, limit: f64| {
         Number::new(name, unit, value).within(Limit::AtLeast(limit))
@@ -172,6 +181,7 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f
         least("wet pictures", "", observation.frames as f64, demands.min_frames()),
         Number::new("longest time between two of them", "s", observation.longest_gap_s)
             .within(Limit::AtMost(demands.max_gap_s())),
+        Number::new("pictures that were dropped", "", counted.dropped.map(|count| count as f64)),
         Number::new("pictures that could be judged by", "", quality.usable as f64).within(Limit::AtLeast(usable)),
         Number::new("longest time without one", "s", quality.longest_unseen_s)
             .within(Limit::AtMost(demands.max_gap_s())),
@@ -189,7 +199,7 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, ms_per_picture: Option<f
         Number::new("smallest break that is surely found", "mm²", observation.detection_limit_mm2),
         Number::new("places where the film broke", "", inspection.breaks.len() as f64),
         Number::new("of these, closed again", "", closed as f64),
-        Number::new(name::PER_PICTURE, "ms", ms_per_picture),
+        Number::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
     ];
     let failed: Vec<GridId> = inspection.grids.iter().filter(|grid| grid.failed).map(|grid| grid.id).collect();
     let process = job.recipe.process();

@@ -3,11 +3,10 @@
 use super::corners::Corners;
 use super::figures::{self, Kept};
 use super::findings;
-use super::ports::{Eyes, Record, SightError};
+use super::ports::{Eyes, Picture2d, Record, SightError};
 use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
-use crate::eki::Time;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::{self, LocateError, Prepared, gate};
@@ -43,8 +42,8 @@ pub(super) struct Sight {
 pub(super) struct Filming {
     watch: Watch,
     place: Rigid<Base, Panel>,
-    began: Time,
-    frames: u32,
+    /// When its first picture was taken, by the camera's clock, s.
+    first_s: Option<f64>,
     last: Option<Arc<ColorPicture>>,
     opened: bool,
     kept: Kept,
@@ -139,27 +138,23 @@ impl Sight {
     }
 
     /// The picture of the dry panel.
-    pub fn dry_picture(
-        &mut self,
-        now: Time,
-        eyes: &mut dyn Eyes,
-        record: &mut dyn Record,
-    ) -> Result<Answer, DaemonError> {
+    pub fn dry_picture(&mut self, eyes: &mut dyn Eyes, record: &mut dyn Record) -> Result<Answer, DaemonError> {
         match eyes.picture() {
-            Ok(picture) => {
+            Ok(Picture2d { picture, time_s }) => {
                 record.picture("dry", &picture)?;
-                self.dry = Some((Arc::new(picture), now.since_start().as_secs_f64()));
+                self.dry = Some((Arc::new(picture), time_s));
                 Ok(Answer::Done)
             }
             Err(error) => blind(Kind::Inspect, 0, &error, record),
         }
     }
 
-    /// Begins to watch.
+    /// Begins to watch, and the camera to film.
     pub fn film(
         &self,
         job: &Job<'_>,
-        (pass, now): (u8, Time),
+        pass: u8,
+        eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
@@ -169,12 +164,15 @@ impl Sight {
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
             let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, place, began: now, frames: 0, last: None, opened: false, kept, elapsed_ms })
+            Ok(Filming { watch, place, first_s: None, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
             Ok(filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
-                Ok(Ok(filming))
+                match eyes.begin_film(job.demands().frames_per_second) {
+                    Ok(()) => Ok(Ok(filming)),
+                    Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
+                }
             }
             Err(error) => {
                 let judgement = Judgement { verdict: Verdict::Invalid, reasons: vec![reason("film", &error)] };
@@ -184,30 +182,24 @@ impl Sight {
         }
     }
 
-    /// Takes the picture that is due; after the last one judges the film.
+    /// Takes the film's next picture where one is due; after the last one judges the film. Times are the camera's own.
     pub fn watch(
         &mut self,
         job: &Job<'_>,
         filming: Filming,
-        (pass, now): (u8, Time),
+        pass: u8,
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let mut filming = filming;
-        let demands = job.demands();
-        let since_s = now.since(filming.began).as_secs_f64();
-        if since_s * demands.frames_per_second < f64::from(filming.frames) {
-            return Ok(Ok(filming));
-        }
-        let picture = match eyes.picture() {
-            Ok(picture) => Arc::new(picture),
+        let (picture, time_s) = match eyes.next_of_film() {
+            Ok(Some(Picture2d { picture, time_s })) => (Arc::new(picture), time_s),
+            Ok(None) => return Ok(Ok(filming)),
             Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
         };
-        filming.frames += 1;
-        let now_s = now.since_start().as_secs_f64();
-        record.frame(&picture, now_s, Phase::Wet)?;
+        record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
-        let step = match filming.watch.push(&picture, now_s, Phase::Wet) {
+        let step = match filming.watch.push(&picture, time_s, Phase::Wet) {
             Ok(step) => step,
             Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
         };
@@ -219,16 +211,19 @@ impl Sight {
             tracing::info!(since_wet_s = step.since_wet_s, "the film broke on {}", grids.join(", "));
         }
         filming.last = Some(picture);
-        if since_s < demands.filmed_s() {
+        let since_s = time_s - *filming.first_s.get_or_insert(time_s);
+        if since_s < job.demands().filmed_s() {
             return Ok(Ok(filming));
         }
-        self.finish(job, filming, pass, record).map(Err)
+        // A camera that is lost now has delivered all that is needed.
+        let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
+        self.finish(job, (filming, dropped), pass, record).map(Err)
     }
 
     fn finish(
         &mut self,
         job: &Job<'_>,
-        mut filming: Filming,
+        (mut filming, dropped): (Filming, Option<u64>),
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
@@ -247,7 +242,8 @@ impl Sight {
             Verdict::Fail => Film::Broken,
             _ => Film::Invalid,
         };
-        record.finding(&findings::filmed(&inspection, pass, median(&mut filming.elapsed_ms), job))?;
+        let counted = findings::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        record.finding(&findings::filmed(&inspection, pass, counted, job))?;
         self.inspections.push(Arc::new(inspection));
         self.film_picture = filming.last;
         Ok(Answer::Filmed(film))

@@ -3,6 +3,7 @@
 mod fake;
 mod paths;
 mod serving;
+mod taped;
 
 use super::*;
 use crate::cycle::{At, Outcome, Path, Request, Why};

@@ -274,6 +274,19 @@ impl Scanner for ZividScanner {
         Ok(Picture { time_s: time_s(&photo.taken), picture: photo.picture })
     }
 
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), CameraError> {
+        Ok(ZividScanner::begin_clip(self, pictures_per_second)?)
+    }
+
+    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+        let photo = ZividScanner::next_of_clip(self)?;
+        Ok(Some(Picture { time_s: time_s(&photo.taken), picture: photo.picture }))
+    }
+
+    fn end_clip(&mut self) -> Result<u64, CameraError> {
+        Ok(ZividScanner::end_clip(self)?.dropped)
+    }
+
     fn check(&mut self) -> Result<(), CameraError> {
         let found = self.temperatures()?;
         tracing::info!(?found, "the 3D camera is well");

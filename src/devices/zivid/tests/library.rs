@@ -46,6 +46,7 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
     conform::shots(&mut scanner, &lens());
     conform::pictures(&mut scanner, &lens());
+    conform::clips(&mut scanner, &lens(), || ());
     scanner.capture_3d().expect("a shot after pictures");
     let found = scanner.intrinsics().expect("a lens");
     assert_eq!(found.matrix_px, [lens().fx_px, lens().fy_px, 80.5, 49.5]);
