@@ -8,7 +8,7 @@
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
 //! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
-//! - `scanner`, `flange`, `wet_flange`, `film`, `runoff`, `lamp`, `travellers`: what the cameras deliver · `film_spec`: how
+//! - `scanner`, `flange`, `wet_flange`, `film`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver · `film_spec`: how
 //!   hard it is to read · `spots`: grease · `truth`: what is true of it all
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
@@ -36,10 +36,11 @@ mod trial;
 mod truth;
 mod variety;
 mod wet_flange;
+mod wetting;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
-pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use film::{Film, Phase, WET_FROM_S};
 pub use film_spec::FilmSpec;
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
@@ -47,6 +48,7 @@ pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
+pub use wetting::SPRAY_FROM_S;
 
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid,
