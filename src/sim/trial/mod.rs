@@ -2,7 +2,7 @@
 //! wrong with such a scene. The calibration is the true one: what is measured is the localization.
 //!
 //! A good trial has the taught panel, dry, in the box, turned by up to ±180° about its normal and tilted by up to 30°, with
-//! at most 20 % hidden behind things or outside of the picture. Glints leave points out and overexpose the picture.
+//! at most 20 % without points: behind things, in their shadow, outside of the camera's picture or the projector's. Glints leave points out and overexpose the picture.
 
 mod capture;
 mod placement;
@@ -11,7 +11,7 @@ mod wrong;
 pub use placement::TRIAL_BOX_MM;
 pub use wrong::Wrong;
 
-use super::cast::{Rays, View};
+use super::cast::Rays;
 use super::clutter::Slab;
 use super::noise::{PixelNoise, Seed};
 use super::scene;
@@ -19,6 +19,7 @@ use super::shape::Shape;
 use super::truth::PlacementError;
 use super::variety::{self, generator};
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
+use capture::Things;
 use placement::lattice;
 
 /// A scene with known truth.
@@ -30,6 +31,7 @@ pub struct Trial {
     size_mm: [f64; 2],
     place: Rigid<Base, Panel>,
     slabs: Vec<Slab>,
+    /// Places of the panel, and how far around them it shines, mm.
     glints: Vec<([f64; 2], f64)>,
     wet: bool,
     smear_px: usize,
@@ -97,7 +99,7 @@ impl Trial {
         self.size_mm
     }
 
-    /// The share of the panel that is hidden or out of view.
+    /// The share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
     pub fn hidden(&self) -> f64 {
         self.hidden
     }
@@ -126,17 +128,15 @@ impl Trial {
 
     /// The scan that teaches the panel, at its nominal place and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
-        let nominal = scene::nominal();
-        let base_from_camera = scene::base_from_camera();
-        let view = View::new(&self.camera, &self.rays, &base_from_camera, Some((&self.taught, &nominal)));
-        self.capture(&view, &base_from_camera, (&[], &[], false, 0), 0)
+        let taught = Some((&self.taught, &scene::nominal()));
+        self.capture(taught, &scene::base_from_camera(), Things::default(), 0)
     }
 
     /// The scan of the scene.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
-        let panel = self.present.as_ref().map(|shape| (shape, &self.place));
-        let view = View::new(&self.camera, &self.rays, &self.camera_now, panel);
-        self.capture(&view, &self.camera_now, (&self.slabs, &self.glints, self.wet, self.smear_px), 1)
+        let present = self.present.as_ref().map(|shape| (shape, &self.place));
+        let things = Things { slabs: &self.slabs, glints: &self.glints, wet: self.wet, smear_px: self.smear_px };
+        self.capture(present, &self.camera_now, things, 1)
     }
 }
 

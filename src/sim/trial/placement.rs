@@ -3,6 +3,7 @@
 use super::{Trial, Wrong};
 use crate::geometry::{Base, Panel, Rigid};
 use crate::sim::clutter::Slab;
+use crate::sim::projector::Projector;
 use crate::sim::scene;
 use crate::sim::shape::{CENTRE_MM, Shape};
 use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
@@ -92,14 +93,18 @@ impl Trial {
         Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
     }
 
+    /// The share of these places that camera or projector do not see.
     fn hidden_share(&self, lattice: &[[f64; 2]]) -> f64 {
         let base_from_camera = scene::base_from_camera();
+        let camera_from_base = base_from_camera.inverse();
         let eye = base_from_camera.origin().mm;
+        let projector = Projector::new(&base_from_camera, Some((&self.taught, &self.place)), &self.slabs);
         let hidden = |&&at: &&[f64; 2]| {
             let point = self.place * self.taught.point(at);
-            let out = self.camera.project_inside(base_from_camera.inverse() * point).is_none();
-            let ray = point.mm - eye;
-            out || self.slabs.iter().any(|slab| is_before(slab, &eye, &ray))
+            let seen = camera_from_base * point;
+            self.camera.project_inside(seen).is_none()
+                || self.slabs.iter().any(|slab| is_before(slab, &eye, &(point.mm - eye)))
+                || !projector.lights(&seen.mm.coords, None)
         };
         lattice.iter().filter(hidden).count() as f64 / lattice.len() as f64
     }
@@ -121,7 +126,7 @@ fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) ->
     Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)), rotation))
 }
 
-/// Things beside and behind the panel, in the box, none of which hides it.
+/// Things beside and behind the panel, in the box; few hide a part of it.
 fn beside(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
     let middle = place.isometry() * Point3::from(CENTRE_MM);
     let count = random.random_range(2..6);
