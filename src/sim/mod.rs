@@ -171,12 +171,7 @@ impl Cell {
 
     fn shot(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
         let projector = Projector::new(&scene::base_from_camera(), panel, &[]);
-        scanner::capture(
-            &self.scanner_view(panel),
-            &projector,
-            &self.pixels,
-            self.seed.child(Purpose::Scan, shot),
-        )
+        scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, self.seed.child(Purpose::Scan, shot))
     }
 
     fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> View<'a> {
