@@ -1,6 +1,6 @@
 //! The service by the wall clock: `panelprep run` and `panelprep mock-robot` as two programs, with sockets between them.
 
-use super::service::{START, Service, taught};
+use super::service::{START, Service, replays, taught};
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -56,9 +56,12 @@ pub fn over_sockets(folder: &Path, [command, state]: [u16; 2]) {
     }
     let cell = folder.join("cell");
     std::fs::create_dir(cell.join("corners")).expect("a folder");
-    for (from, to) in
-        [("scan.pcd", "clip/scan.pcd"), ("corner.png", "corners/1.png"), ("flange.json", "corners/1.json")]
-    {
+    for (from, to) in [
+        ("scan.pcd", "clip/scan.pcd"),
+        ("scan.pcd", "clip/scan2.pcd"),
+        ("corner.png", "corners/1.png"),
+        ("flange.json", "corners/1.json"),
+    ] {
         std::fs::copy(cell.join(from), cell.join(to)).expect("copied");
     }
     let text = std::fs::read_to_string(cell.join("cell.toml")).expect("the cell");
@@ -93,12 +96,14 @@ fn the_service_stops_and_survives_a_controller_by_the_wall_clock() {
     assert_eq!(mock.told("executed"), executed, "it stands: {:?}", mock.told.lock());
 
     service.reset();
-    service.done(START);
-    service.wait("work", |service| service.state() == "execute");
+    service.done(&format!("{START} --record wall.mcap"));
+    // The scan was computed beside the loop while the robot told on.
+    service.wait("the way to the corner", |service| service.done("state")["phase"] == "refine");
     drop(mock);
     service.reach("aborted");
     let reasons = service.done("state")["reasons"].to_string();
     assert!(reasons.contains("controller"), "{reasons}");
+    replays(&service, folder, "aborted");
 
     let mock = Mock::start(folder, PORTS);
     service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);

@@ -195,7 +195,7 @@ pub struct Demo {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size its films take gigabytes.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
 }
@@ -239,7 +239,7 @@ pub struct Cycle {
     /// A new disc is mounted: its wear is counted from zero.
     #[arg(long)]
     pub new_disc: bool,
-    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; at full size its films take gigabytes.
+    /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
     /// What a simulated cell shows.
@@ -411,6 +411,11 @@ pub enum CtlAsk {
         /// The panel's recipe.
         #[arg(long, value_name = "FILE")]
         recipe: PathBuf,
+        /// Record the cycle for `panelprep replay` and Foxglove, in this new file, which the service writes; without a
+        /// name in its store, as recordings/cycle-NNNNNN.mcap. Nobody but you removes it: a minute of film takes a
+        /// gigabyte at full size.
+        #[arg(long, value_name = "FILE", num_args = 0..=1)]
+        record: Option<Option<PathBuf>>,
     },
     /// Leave what is going on: no further waypoint, tool off, retract.
     Hold,

@@ -89,7 +89,7 @@ impl Assignment {
         let (request, start) = (self.request(), self.start(calibrated));
         let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let task = Task::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
-        Ok(Order { request, task, start })
+        Ok(Order { request, task, start, record: None })
     }
 
     /// What the loop works by.

@@ -5,7 +5,7 @@ use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::daemon::{MOST_BYTES, Reply, Wish};
+use crate::daemon::{MOST_BYTES, RecordIn, Reply, Wish};
 use serde_json::{Map, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -32,9 +32,11 @@ pub(super) fn state_of(socket: &Path) -> Option<String> {
 
 fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe } => {
-            Wish::Start { recipe: recipe.display().to_string(), text: disk::read_text(recipe)? }
-        }
+        CtlAsk::Start { recipe, record } => Wish::Start {
+            recipe: recipe.display().to_string(),
+            text: disk::read_text(recipe)?,
+            record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
+        },
         CtlAsk::Hold => Wish::Hold {},
         CtlAsk::Unhold { dried } => Wish::Unhold { dried: *dried },
         CtlAsk::Stop => Wish::Stop {},
@@ -45,6 +47,12 @@ fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
         CtlAsk::NewDisc => Wish::NewDisc {},
         CtlAsk::State => Wish::State {},
     })
+}
+
+/// The service stands in a folder of its own, so a file goes to it by its whole path.
+fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
+    let Some(file) = file else { return Ok(RecordIn::Store) };
+    Ok(RecordIn::File(std::path::absolute(file).map_err(|error| Fault::file(file, error))?))
 }
 
 fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
@@ -67,10 +75,10 @@ fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
 }
 
 fn outcome(reply: &Reply) -> Outcome {
-    let Reply { answer, state, phase, epoch, cycle_id, verdict, reasons } = reply;
+    let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons } = reply;
     let json = json!({
         "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch,
-        "cycle_id": cycle_id,
+        "cycle_id": cycle_id, "recording": recording,
     });
     let mut outcome =
         Outcome { exit: answer.code(), json: json.as_object().cloned().unwrap_or_else(Map::new), words: vec![] };
@@ -81,6 +89,9 @@ fn outcome(reply: &Reply) -> Outcome {
     if let Some(cycle) = cycle_id {
         let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
         outcome.say(format!("cycle {cycle}{verdict}"));
+    }
+    if let Some(recorded) = recording {
+        outcome.say(&recorded.message);
     }
     for reason in reasons {
         outcome.say(format!("  {} ({})", reason.message, reason.code));

@@ -12,11 +12,11 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
 use crate::daemon::{
-    Ask, Calibrations, CycleOutcome, Ports, Recording, Requests, Robot as _, StoreRecord, Taped, Written,
+    Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from,
 };
 use crate::geometry::KukaPose;
-use crate::tape::TapeError;
+use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
 use std::path::Path;
@@ -34,7 +34,7 @@ pub struct Ran {
     /// How pictures of the flange camera came, where it is to be told.
     pub flange_link: Option<FlangeLink>,
     /// What came of the recording, where one was asked for.
-    pub recorded: Option<Result<Written, TapeError>>,
+    pub recorded: Option<Recorded>,
 }
 
 /// Starts the cell's devices.
@@ -87,7 +87,7 @@ fn once(
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    ran.kept.write(&page, vec![])?;
+    ran.kept.write(&page, ran.recorded.iter().map(recording::section).collect())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
@@ -127,29 +127,21 @@ pub fn one(
     let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let state = fold(journal);
-    let recording = match record {
-        Some(file) => {
-            Some(recording::begin(file, files, (assignment, calibrated), (state, live.robot.is_lock_step()))?)
-        }
-        None => None,
+    let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
+    if let Some(file) = record {
+        let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;
+        taping.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
+    }
+    let mut record = StoreRecord::new(&mut store, cycle);
+    let ports = Ports {
+        robot: &mut Taped::new(&mut live.robot, taping.clone()),
+        eyes: &mut Taped::new(&mut live.eyes, taping.clone()),
+        record: &mut Taped::new(&mut record, taping.clone()),
+        requests: &mut Taped::new(&mut once, taping.clone()),
     };
-    let (robot, eyes) = (&mut live.robot, &mut live.eyes);
-    let (record, requests) = (&mut StoreRecord::new(&mut store, cycle), &mut once);
-    let ended = match &recording {
-        None => run_cycle_from(state, &job, Ports { robot, eyes, record, requests }),
-        Some(recording) => {
-            let taped = || recording.recorder();
-            let ports = Ports {
-                robot: &mut Taped::new(robot, taped()),
-                eyes: &mut Taped::new(eyes, taped()),
-                record: &mut Taped::new(record, taped()),
-                requests: &mut Taped::new(requests, taped()),
-            };
-            run_cycle_from(state, &job, ports)
-        }
-    };
+    let ended = run_cycle_from((state, Begin::Boot), &job, ports);
     // What a cycle came to before it failed is worth most.
-    let recorded = recording.map(Recording::finish);
+    let recorded = taping.finish();
     let ended = ended.map_err(Fault::stage)?;
     let refused = once.refused;
     Ok(Ran {
@@ -182,7 +174,8 @@ impl Ran {
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
         if let Some(recorded) = &self.recorded {
-            outcome.say(recording::words(recorded));
+            outcome.say(&recorded.message);
+            outcome.put("recording", json!(recorded));
         }
         let budget = self.kept.record.budget.unwrap_or_default();
         outcome.put("cycle_id", json!(cycle.0));

@@ -12,7 +12,7 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{cycle, health, render, teach};
+use super::{cycle, health, recording, render, teach};
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -69,7 +69,8 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let pictures = args.out.join("pictures");
     ran.kept.write_pictures(&pictures)?;
     let simulation = format!("Simulated cell, seed {}, scene {}", args.seed, scene.word());
-    ran.kept.write(&page, score.iter().map(|score| score.section(&simulation)).collect())?;
+    let score_section = score.iter().map(|score| score.section(&simulation));
+    ran.kept.write(&page, score_section.chain(ran.recorded.iter().map(recording::section)).collect())?;
 
     let mut outcome = ran.outcome(judgement);
     let wall_s = begun.elapsed().as_secs_f64();

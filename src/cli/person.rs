@@ -2,10 +2,11 @@
 //!
 //! `start` and `unhold --dried` are such words; nobody else could do it there.
 
-use crate::cycle::{At, Refusal, Request, State};
+use crate::cycle::{At, Id, Refusal, Request, State};
 use crate::daemon::{Ask, Requests};
 use crate::devices::world::SimulatedWorld;
 use crate::record::CycleId;
+use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 
 /// Passes on what is asked, and dries the panel first where that is said; does nothing more at a real cell.
@@ -42,9 +43,13 @@ impl<R: Requests> Requests for Person<R> {
         self.asks.unable(reasons);
     }
 
-    fn begun(&mut self, cycle: CycleId) {
+    fn begun(&mut self, cycle: CycleId, before: Begin) {
         self.dries();
-        self.asks.begun(cycle);
+        self.asks.begun(cycle, before);
+    }
+
+    fn lets_in(&mut self, result: Id) -> bool {
+        self.asks.lets_in(result)
     }
 
     fn concluded(&mut self, verdict: Verdict) {

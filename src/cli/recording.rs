@@ -4,77 +4,80 @@ use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
-use crate::cycle::State;
-use crate::daemon::{Calibrations, Recording, Written};
+use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, Stands, ToRecord, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
-use crate::geometry::{KukaPose, PinholeCamera, Rigid};
+use crate::geometry::{PinholeCamera, Rigid};
 use crate::recipe::Recipe;
+use crate::report::page::{Row, Section};
 use crate::store::{TaughtCorner, Teaching};
-use crate::tape::{Checked, Mounted, Start, TapeError, Writer};
-use std::fs::OpenOptions;
-use std::io::BufWriter;
-use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use crate::tape::Checked;
+use std::path::{Path, PathBuf};
 
-/// Begins a recording in a new file.
+/// What a recording of this cycle begins with.
 ///
 /// # Errors
-/// Where there is such a file already, the disk refuses, or what was taught cannot be read.
-pub fn begin(
-    file: &Path,
+/// Where what was taught cannot be read.
+pub fn of(
+    file: Option<PathBuf>,
     files: &CellFiles,
     (assignment, calibrated): (&Assignment, &Calibrated),
-    (state, lock_step): (State, bool),
-) -> Result<Recording, Fault> {
-    let named = |error: std::io::Error| match error.kind() {
-        std::io::ErrorKind::AlreadyExists => {
-            Fault::file(file, "is there already; remove it, or record in another file")
-        }
-        _ => Fault::file(file, error),
-    };
+) -> Result<ToRecord, Fault> {
     let teaching = files.store()?.taught(assignment.recipe.panel(), Some(&assignment.taught.version));
     let mut parts = texts(assignment, calibrated);
     parts.extend(taught_parts(&teaching.map_err(Fault::stage)?.teaching));
-    let now = SystemTime::now().duration_since(UNIX_EPOCH).map_err(Fault::stage)?;
-    let values = &calibrated.values;
-    let start = Start {
-        program: env!("CARGO_PKG_VERSION").to_owned(),
-        unix_ns: u64::try_from(now.as_nanos()).unwrap_or_default(),
-        state,
-        lock_step,
-        hand_eye_mm: values.hand_eye_mm,
-        robot_mm: values.robot_mm,
-    };
-    let out = OpenOptions::new().write(true).create_new(true).open(file).map_err(named)?;
-    let writer = Writer::begin(BufWriter::new(out), &start, &parts, &mounted(values));
-    let writer = writer.map_err(|error| Fault::file(file, error))?;
-    Recording::start(writer, &start).map_err(named)
+    Ok(ToRecord { file, files: parts, calibrations: calibrated.values })
 }
 
-/// What is told of a recording when its cycle is over.
-pub fn words(recorded: &Result<Written, TapeError>) -> String {
-    match recorded {
-        Ok(Written { entries, lost }) if lost.is_empty() => format!("recorded: {entries} entries"),
-        Ok(Written { lost, .. }) => {
-            let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
-            let lost: Vec<_> = lost.collect();
-            format!("the recording has a gap and cannot be replayed: not kept were {}", lost.join(", "))
+/// Looks whether a recording in this file, or without one in this store, could begin: before anything moves.
+///
+/// # Errors
+/// Where there is such a file already, no folder for it, or too little room.
+pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
+    if let Some(file) = file {
+        if file.exists() {
+            return Err(taken(file));
         }
-        Err(error) => format!("the recording is not whole: {error}"),
+        let folder = file.parent().unwrap_or(Path::new("/"));
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        if !folder.is_dir() {
+            let words = "no such folder for this program; make it, or record in another (the service's unit shows it no home \
+                         folders, and a /tmp of its own)";
+            return Err(Fault::file(folder, words));
+        }
+        if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
+            let words =
+                "this program's user must not write here, or its unit keeps it from that; record in another folder";
+            return Err(Fault::file(folder, words));
+        }
+    }
+    let place = file.unwrap_or(store);
+    let free_mb = free_mb(place).map_err(|error| Fault::file(place, error))?;
+    if free_mb < RECORDING_FLOOR_MB {
+        return Err(Fault::file(place, too_full(free_mb)));
+    }
+    Ok(())
+}
+
+/// A recording in a new file, of which this is told where the disk refuses it.
+pub fn refused(file: &Path, error: std::io::Error) -> Fault {
+    match error.kind() {
+        std::io::ErrorKind::AlreadyExists => taken(file),
+        _ => Fault::file(file, error),
     }
 }
 
-/// Where cameras and tool are, for who looks at the recording.
-fn mounted(values: &Calibrations) -> [Mounted; 3] {
-    [
-        Mounted { parent: "base", child: "scanner", pose: KukaPose::from_rigid(&values.base_from_camera) },
-        Mounted {
-            parent: "flange",
-            child: "flange_camera",
-            pose: KukaPose::from_rigid(&values.flange_from_camera),
-        },
-        Mounted { parent: "flange", child: "tool", pose: KukaPose::from_rigid(&values.flange_from_tool) },
-    ]
+fn taken(file: &Path) -> Fault {
+    Fault::file(file, "is there already; remove it, or record in another file")
+}
+
+/// What a cycle's page says of its recording.
+pub fn section(recorded: &Recorded) -> Section {
+    let rows = vec![
+        Row::new("file", &recorded.file, ""),
+        Row::new("entries", recorded.entries.to_string(), ""),
+        Row::new("can be replayed", if recorded.is == Stands::Whole { "yes" } else { "no" }, "yes"),
+    ];
+    Section { heading: "Recording".to_owned(), text: recorded.message.clone(), rows, figures: vec![] }
 }
 
 const RECIPE: &str = "recipe.toml";
@@ -113,7 +116,7 @@ fn taught_parts(teaching: &Teaching) -> Vec<(String, Vec<u8>)> {
 }
 
 /// What a recorded cycle worked by.
-pub struct Recorded {
+pub struct RecordedCycle {
     /// The cell.
     pub cell: Cell,
     /// The recipe.
@@ -124,7 +127,7 @@ pub struct Recorded {
     pub calibrations: Calibrations,
 }
 
-impl Recorded {
+impl RecordedCycle {
     /// Reads and checks the files in a recording.
     ///
     /// # Errors
@@ -142,7 +145,7 @@ impl Recorded {
             robot_mm: checked.start.robot_mm,
         };
         let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
-        Ok(Recorded { cell, taught: parts.taught(&recipe)?, recipe, calibrations })
+        Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations })
     }
 }
 

@@ -3,7 +3,7 @@
 use super::args::Replay;
 use super::fault::Fault;
 use super::outcome::Outcome;
-use super::recording::Recorded;
+use super::recording::RecordedCycle;
 use crate::daemon::{Job, Played, Player, Ports, run_cycle_from};
 use crate::tape::{self, Checked, Entries};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -23,7 +23,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let file = args.recording.as_path();
     let refused = |error| Fault::file(file, error);
     let checked = tape::check(open(file)?).map_err(refused)?;
-    let recorded = Recorded::read(file, &checked)?;
+    let recorded = RecordedCycle::read(file, &checked)?;
     let taught = (&recorded.taught.panel, recorded.taught.corners.as_slice());
     let job = Job::new(&recorded.cell, &recorded.recipe, taught, recorded.calibrations).map_err(Fault::stage)?;
 
@@ -35,7 +35,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
         record: &mut player.clone(),
         requests: &mut player.clone(),
     };
-    let ended = run_cycle_from(start.state, &job, ports);
+    let ended = run_cycle_from((start.state, start.begin.clone()), &job, ports);
     let played = player.played();
     if let Some(error) = played.error {
         return Err(refused(error));

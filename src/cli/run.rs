@@ -5,21 +5,24 @@ use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
 use super::live::Live;
-use super::load::CellFiles;
+use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
+use super::recording;
 use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::At;
-use crate::daemon::{self, Desk, Letter, Loader, Service, Site, Socket, StoreRecord};
+use crate::daemon::{
+    self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site,
+    Socket, StoreRecord, Taped, Taping,
+};
 use crate::devices::world::SimulatedWorld;
-use crate::record::CycleId;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 /// Serves until a signal ends it. What an earlier process left open is for a person to clear; nothing moves before.
@@ -40,9 +43,10 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events = journal.len(),
         "starts in {}", recovered.at.word()
     );
-    let taken_by = zivid::settings(&files.cell)?;
+    let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
+    let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     let path = files.socket();
     let socket = Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone()))
         .map_err(Fault::stage)?;
@@ -50,18 +54,25 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let pages = write_pages(files.clone(), pages)?;
-    let desk = Desk::new(letters, ended, left_open);
+    let desk = Desk::new(letters, ended, left_open, taping.clone());
     let mut person = Person { asks: desk, world };
     let (again, whole) = (files.clone(), common.clone());
+    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
+    let mut record = StoreRecord::new(&mut store, left_open);
     let service = Service {
-        robot: &mut live.robot,
-        eyes: Box::new(live.eyes),
+        robot: &mut Taped::new(&mut live.robot, taping.clone()),
+        eyes: Box::new(Taped::new(Box::new(live.eyes), taping.clone())),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
-        keep: daemon::keeper(&store).map_err(Fault::stage)?,
-        record: &mut StoreRecord::new(&mut store, left_open),
-        requests: &mut person,
+        keep,
+        record: &mut Taped::new(&mut record, taping.clone()),
+        requests: &mut Taped::new(&mut person, taping.clone()),
     };
-    let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
+    let ended = daemon::serve(site, service, journal);
+    // One that is still open belongs to a loop that failed: the very one to look at.
+    if let Some(recorded) = taping.finish() {
+        tracing::info!("{}", recorded.message);
+    }
+    let ended = ended.map_err(Fault::stage)?;
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
@@ -84,15 +95,19 @@ fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
 }
 
 /// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
-fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHandle<()>, Fault> {
-    let page = move |cycle| -> Result<PathBuf, Fault> {
+fn write_pages(files: Arc<CellFiles>, ended: Receiver<EndedCycle>) -> Result<JoinHandle<()>, Fault> {
+    let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        Kept::read(&files.store()?, cycle)?.write(&page, vec![])?;
+        Kept::read(&files.store()?, cycle)?.write(&page, recorded.map(recording::section).into_iter().collect())?;
         Ok(page)
     };
     let each = move || {
-        for cycle in ended {
-            match page(cycle) {
+        for EndedCycle { id: cycle, recording } in ended {
+            let recorded = recording.map(Recording::finish);
+            if let Some(Recorded { message, .. }) = &recorded {
+                tracing::info!("cycle {cycle}: {message}");
+            }
+            match page(cycle, recorded.as_ref()) {
                 Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
                 Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
             }
@@ -101,28 +116,59 @@ fn write_pages(files: Arc<CellFiles>, ended: Receiver<CycleId>) -> Result<JoinHa
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
 }
 
-/// Reads all that a cycle works by, anew for each one. The camera goes on by the settings that it was started with, so
-/// those in the files must be the same.
+/// What the cameras were started by and hold what comes against: settings, and which cameras were calibrated at which size.
+fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
+    let mut all = zivid::settings(&files.cell)?;
+    let calibration = files.cell.calibration();
+    let lenses = [
+        ("scanner", files.scanner()?, &calibration.scanner),
+        ("flange_camera", files.flange_camera()?, &calibration.flange_camera),
+    ];
+    for (which, lens, file) in lenses {
+        let size_px = [lens.value.width_px, lens.value.height_px];
+        all.push((which, format!("{:?} {size_px:?}", calibrated_serial(file.as_deref())?)));
+    }
+    Ok(all)
+}
+
+/// Reads all that a cycle works by, anew for each one. The cameras go on by what they were started with, so that in the
+/// files must be the same.
 fn loader(
     (files, common): (Arc<CellFiles>, Common),
     taken_by: Vec<(&'static str, String)>,
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
-    Arc::new(move |name: &str, text: &str| {
+    let one_at_a_time = Mutex::new(());
+    Arc::new(move |name: &str, text: &str, record: Option<RecordIn>| {
+        // A file on a disk that hangs must not take the places of those who ask for a stop.
+        let Ok(_turn) = one_at_a_time.try_lock() else {
+            return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
+        };
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);
         }
         let load = || -> Result<_, Fault> {
-            if zivid::settings(&files.cell)? != taken_by {
-                return Err(Fault::CameraSettingsChanged);
+            if cameras_by(&files)? != taken_by {
+                return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
             let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;
             if let Some(world) = &world {
                 world.mount_disc(assignment.recipe.path().disc_diameter_mm());
             }
-            assignment.order(&calibrated)
+            let record = match record {
+                None => None,
+                Some(place) => {
+                    let file = match place {
+                        RecordIn::Store => None,
+                        RecordIn::File(file) => Some(file),
+                    };
+                    recording::allowed(file.as_deref(), files.store_folder())?;
+                    Some(recording::of(file, &files, (&assignment, &calibrated))?)
+                }
+            };
+            Ok(Order { record, ..assignment.order(&calibrated)? })
         };
         load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
     })

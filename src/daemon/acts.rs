@@ -89,8 +89,8 @@ impl Running<'_> {
             None => (self.sight.clone(), self.abrasion.clone()),
         };
         let tip = self.robot_state.map(|state| state.base_from_tcp);
-        let (pass, now) = (self.state.job.pass, self.ports.robot.now());
-        self.computing.submit(Work { id, act, filming, sight, abrasion, tip, pass, now }, self.seat.task());
+        let pass = self.state.job.pass;
+        self.computing.submit(Work { id, act, filming, sight, abrasion, tip, pass }, self.seat.task());
         self.wait(id, act, Waits::Computing);
         Ok(())
     }

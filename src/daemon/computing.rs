@@ -10,7 +10,6 @@ use super::ports::{Eyes, Figure, Finding, Keeper, Kept, Record, RecordError};
 use super::sight::{Filming, Sight};
 use super::{DaemonError, Job, Site, Task};
 use crate::cycle::{Act, Answer, Grade, Id, Trouble};
-use crate::eki::Time;
 use crate::files::ClipEntry;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
 use crate::phase::Phase;
@@ -35,7 +34,6 @@ pub(super) struct Work {
     /// Where the active tool stands in the active base, as far as known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
-    pub now: Time,
 }
 
 /// What came of it.
@@ -139,18 +137,18 @@ impl Work {
     }
 
     fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
-        let (pass, now) = (self.pass, self.now);
+        let pass = self.pass;
         let answer = match (self.act, self.filming.take()) {
             (Act::Film, None) => {
                 // It only looks: nothing of it is new.
-                let begun = std::mem::take(&mut self.sight).film(job, (pass, now), notes)?;
+                let begun = std::mem::take(&mut self.sight).film(job, pass, eyes, notes)?;
                 return Ok(film(begun));
             }
             (Act::Film, Some(filming)) => {
-                return Ok(film(self.sight.watch(job, *filming, (pass, now), eyes, notes)?));
+                return Ok(film(self.sight.watch(job, *filming, pass, eyes, notes)?));
             }
             (Act::Locate, _) => self.sight.locate(job, eyes, notes)?,
-            (Act::DryPicture, _) => self.sight.dry_picture(now, eyes, notes)?,
+            (Act::DryPicture, _) => self.sight.dry_picture(eyes, notes)?,
             (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
             (Act::Refine { view }, _) => match self.tip() {
                 Some(tip) => {
@@ -170,9 +168,9 @@ impl Work {
 
     /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
     fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.place()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(place)) => {
-                self.abrasion.survey(job, (self.pass, grade, place), notes)
+        match (answer, self.sight.approached()) {
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
+                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
             }
             (answer, _) => Ok(answer),
         }
@@ -198,15 +196,15 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
 }
 
 /// How far computing steps back.
-const NICE: i32 = 19;
+pub(super) const NICE: i32 = 19;
 
 /// Looks at the calibrations: what cannot be read, in words.
 pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
 /// Where work is done.
 pub(super) enum Computing<'p> {
-    /// Here: the loop waits.
-    Here { job: &'p Job<'p>, eyes: &'p mut dyn Eyes, done: VecDeque<Worked> },
+    /// Here: the loop waits while a result is taken.
+    Here { job: &'p Job<'p>, eyes: &'p mut dyn Eyes, orders: VecDeque<Work> },
     /// On a thread of its own.
     Aside(Aside),
 }
@@ -216,11 +214,13 @@ pub(super) struct Aside {
     orders: Sender<(Work, Option<Arc<Task>>)>,
     results: Receiver<Worked>,
     under_way: VecDeque<Id>,
+    /// Of the first of these, once it is there.
+    result: Option<Worked>,
 }
 
 impl<'p> Computing<'p> {
     pub fn here(job: &'p Job<'p>, eyes: &'p mut dyn Eyes) -> Self {
-        Computing::Here { job, eyes, done: VecDeque::new() }
+        Computing::Here { job, eyes, orders: VecDeque::new() }
     }
 
     /// Starts the thread, which steps back behind the loop and the robot's link where they must keep time. It ends
@@ -250,17 +250,13 @@ impl<'p> Computing<'p> {
             }
         };
         thread::Builder::new().name("computing".to_owned()).spawn(serve)?;
-        Ok(Computing::Aside(Aside { orders, results, under_way: VecDeque::new() }))
+        Ok(Computing::Aside(Aside { orders, results, under_way: VecDeque::new(), result: None }))
     }
 
     /// Has it done; `task` is what the service's cycle works by.
     pub fn submit(&mut self, work: Work, task: Option<Arc<Task>>) {
         match self {
-            Computing::Here { job, eyes, done } => {
-                // The command that runs one cycle has just read its calibrations.
-                let worked = work.perform(Some(job), &mut **eyes, &mut Vec::new, None);
-                done.push_back(worked);
-            }
+            Computing::Here { orders, .. } => orders.push_back(work),
             Computing::Aside(aside) => {
                 aside.under_way.push_back(work.id);
                 // Refused only where the thread has ended, which `poll` finds out.
@@ -269,25 +265,38 @@ impl<'p> Computing<'p> {
         }
     }
 
-    /// What was done since; waits so long for it.
-    pub fn poll(&mut self, patience: Duration) -> Option<Worked> {
+    /// Whose result can be taken; waits so long for it.
+    pub fn ready(&mut self, patience: Duration) -> Option<Id> {
         match self {
-            Computing::Here { done, .. } => done.pop_front(),
-            Computing::Aside(aside) => aside.poll(patience),
+            Computing::Here { orders, .. } => orders.front().map(|work| work.id),
+            Computing::Aside(aside) => aside.ready(patience),
+        }
+    }
+
+    /// The result that is ready.
+    pub fn take(&mut self) -> Option<Worked> {
+        match self {
+            Computing::Here { job, eyes, orders } => {
+                // The command that runs one cycle has just read its calibrations.
+                Some(orders.pop_front()?.perform(Some(job), &mut **eyes, &mut Vec::new, None))
+            }
+            Computing::Aside(aside) => aside.result.take(),
         }
     }
 }
 
 impl Aside {
-    fn poll(&mut self, patience: Duration) -> Option<Worked> {
-        let id = *self.under_way.front()?;
-        let worked = match self.results.recv_timeout(patience) {
-            Ok(worked) => worked,
-            Err(RecvTimeoutError::Timeout) => return None,
-            Err(RecvTimeoutError::Disconnected) => lost(id),
-        };
-        self.under_way.pop_front();
-        Some(worked)
+    fn ready(&mut self, patience: Duration) -> Option<Id> {
+        if self.result.is_none() {
+            let id = *self.under_way.front()?;
+            self.result = Some(match self.results.recv_timeout(patience) {
+                Ok(worked) => worked,
+                Err(RecvTimeoutError::Timeout) => return None,
+                Err(RecvTimeoutError::Disconnected) => lost(id),
+            });
+            self.under_way.pop_front();
+        }
+        self.result.as_ref().map(|worked| worked.id)
     }
 }
 

@@ -2,6 +2,7 @@
 
 use crate::cycle::{Deadline, Id, Report};
 use crate::eki::Time;
+use crate::tape;
 use std::time::Duration;
 
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +27,24 @@ impl Deadlines {
     /// The answer came.
     pub fn disarm(&mut self, id: Id) {
         self.armed.retain(|armed| !(armed.id == id && armed.which == Deadline::Answer));
+    }
+
+    /// What is armed, to be told.
+    pub fn told(&self) -> Vec<tape::Armed> {
+        let told = |armed: &Armed| {
+            let at_ns = u64::try_from(armed.at.since_start().as_nanos()).unwrap_or(u64::MAX);
+            tape::Armed { id: armed.id, which: armed.which, at_ns }
+        };
+        self.armed.iter().map(told).collect()
+    }
+
+    /// What was told.
+    pub fn of(told: &[tape::Armed]) -> Self {
+        let mut deadlines = Deadlines::default();
+        for armed in told {
+            deadlines.arm(armed.id, armed.which, Time::after_start(Duration::from_nanos(armed.at_ns)));
+        }
+        deadlines
     }
 
     /// The earliest that is over, which then is no longer armed.

@@ -5,9 +5,11 @@
 
 use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
+use super::replay::{Recording, Taping};
 use super::words;
 use crate::cycle::{At, Refusal, Request, State};
 use crate::record::CycleId;
+use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
 use std::sync::mpsc::{Receiver, Sender, SyncSender};
@@ -50,6 +52,15 @@ impl std::fmt::Debug for Asked {
     }
 }
 
+/// A cycle that has ended.
+#[derive(Debug)]
+pub struct EndedCycle {
+    /// Which.
+    pub id: CycleId,
+    /// Its recording, which may still be written.
+    pub recording: Option<Recording>,
+}
+
 /// At rest nothing is urgent: so long the loop waits for a letter.
 const REST: Duration = Duration::from_millis(20);
 
@@ -68,8 +79,9 @@ pub struct Desk {
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
     /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
-    pages: Sender<CycleId>,
+    pages: Sender<EndedCycle>,
     ended: Option<CycleId>,
+    taping: Taping,
     /// What was last found wrong; what was, before something new was asked.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
@@ -79,8 +91,13 @@ pub struct Desk {
 
 impl Desk {
     /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
-    /// earlier process did not end.
-    pub fn new(letters: Receiver<Letter>, pages: Sender<CycleId>, left: Option<CycleId>) -> Self {
+    /// earlier process did not end. It tells how cycles are recorded by `taping`.
+    pub fn new(
+        letters: Receiver<Letter>,
+        pages: Sender<EndedCycle>,
+        left: Option<CycleId>,
+        taping: Taping,
+    ) -> Self {
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
             letters,
@@ -93,6 +110,7 @@ impl Desk {
             verdict: None,
             pages,
             ended: None,
+            taping,
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
@@ -111,6 +129,7 @@ impl Desk {
             epoch: Some(state.epoch),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
+            recording: self.taping.told(),
             reasons,
         }
     }
@@ -186,9 +205,9 @@ impl Requests for Desk {
         // What was asked when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
-        if let Some(cycle) = self.ended.take_if(|_| state.at.rests()) {
+        if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             // Without a writer the record stays; its page can be made of it.
-            let _ = self.pages.send(cycle);
+            let _ = self.pages.send(EndedCycle { id, recording: self.taping.take() });
         }
         if let Some(ask) = self.leaving(state) {
             return ask;
@@ -248,7 +267,7 @@ impl Requests for Desk {
         self.answer(Exit::Fault, reasons, &state);
     }
 
-    fn begun(&mut self, cycle: CycleId) {
+    fn begun(&mut self, cycle: CycleId, _: Begin) {
         self.noted.clear();
         (self.cycle, self.verdict) = (Some(cycle), None);
     }
@@ -271,7 +290,11 @@ mod tests {
 
     fn desk() -> (Sender<Letter>, Desk) {
         let (letters, taken) = mpsc::channel();
-        (letters, Desk::new(taken, mpsc::channel().0, None))
+        (letters, Desk::new(taken, mpsc::channel().0, None, off()))
+    }
+
+    fn off() -> Taping {
+        Taping::new("store".as_ref(), true)
     }
 
     fn at(at: At) -> State {
@@ -305,15 +328,15 @@ mod tests {
     fn a_page_is_due_once_the_cell_rests() {
         let (_letters, taken) = mpsc::channel();
         let (tell, pages) = mpsc::channel();
-        let mut desk = Desk::new(taken, tell, None);
-        desk.begun(CycleId(7));
+        let mut desk = Desk::new(taken, tell, None, off());
+        desk.begun(CycleId(7), Begin::Boot);
         desk.concluded(Verdict::Fail);
         desk.next(&at(At::Completing { verdict: Verdict::Fail }));
         assert!(pages.try_recv().is_err());
         for _ in 0..2 {
             desk.next(&at(At::Complete { verdict: Verdict::Fail }));
         }
-        assert_eq!(pages.try_iter().collect::<Vec<_>>(), [CycleId(7)], "once");
+        assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
     }
 
     #[test]

@@ -28,6 +28,7 @@ mod deadlines;
 mod desk;
 mod figures;
 mod findings;
+mod hearing;
 mod moves;
 mod ports;
 mod protocol;
@@ -47,15 +48,18 @@ mod words;
 mod tests;
 
 pub use cameras::Cameras;
-pub use desk::{Desk, Letter};
+pub use desk::{Desk, EndedCycle, Letter};
 pub use ports::{
-    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Record, RecordError, Requests, Robot,
-    SightError,
+    Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,
+    Requests, Robot, SightError,
 };
-pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
-pub use reaching::stand;
-pub use recording::{StoreRecord, keeper};
-pub use replay::{Difference, Played, Player, Recorder, Recording, Taped, Written};
+pub use protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
+pub use reaching::{Approached, corners_in_reach, stand};
+pub use recording::{FLOOR_MB, StoreRecord, keeper};
+pub use replay::{
+    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,
+    recordings, too_full,
+};
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};

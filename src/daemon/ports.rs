@@ -1,7 +1,8 @@
 //! What the loop needs from outside: a robot, cameras, a record, somebody who asks.
 
 use super::Task;
-use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
+use super::replay::ToRecord;
+use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
 use crate::files::ClipEntry;
@@ -9,10 +10,12 @@ use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::CycleStart;
+use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+pub use crate::devices::cameras::Picture as Picture2d;
 pub use crate::record::Finding;
 
 /// The robot: commands in, reports out, and the clock that its motions run by.
@@ -52,11 +55,27 @@ pub trait Eyes {
     /// # Errors
     /// Where the camera gives none; likewise for the others.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError>;
-    /// A picture by the 3D camera's colour sensor.
+    /// A picture by the 3D camera's colour sensor, with when it was taken on the camera's own clock.
     ///
     /// # Errors
     /// As [`Eyes::scan`].
-    fn picture(&mut self) -> Result<ColorPicture, SightError>;
+    fn picture(&mut self) -> Result<Picture2d, SightError>;
+    /// Begins a film: such pictures one after the other, at most so many a second; gives the time on the clock of the
+    /// pictures. One that is left ends by itself.
+    ///
+    /// # Errors
+    /// As [`Eyes::scan`].
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError>;
+    /// The film's next picture; none where none is due yet. What was dropped on the way is a gap in the times.
+    ///
+    /// # Errors
+    /// As [`Eyes::scan`].
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError>;
+    /// Ends the film; how many of its pictures were dropped.
+    ///
+    /// # Errors
+    /// As [`Eyes::scan`].
+    fn end_film(&mut self) -> Result<u64, SightError>;
     /// A picture by the flange camera.
     ///
     /// # Errors
@@ -196,8 +215,12 @@ pub trait Requests {
     fn refused(&mut self, request: Request, refusal: Refusal);
     /// What was asked cannot be begun.
     fn unable(&mut self, _reasons: Vec<Reason>) {}
-    /// A cycle began.
-    fn begun(&mut self, _cycle: CycleId) {}
+    /// A cycle began, with what the loop remembers from before it.
+    fn begun(&mut self, _cycle: CycleId, _before: Begin) {}
+    /// Whether the result of this piece of work comes to the loop now that it is there. A replay lets it in when it came.
+    fn lets_in(&mut self, _result: Id) -> bool {
+        true
+    }
     /// A cycle has its verdict.
     fn concluded(&mut self, _verdict: Verdict) {}
     /// What was found last is not as it should be for these reasons, or for none.
@@ -228,6 +251,8 @@ pub struct Order {
     pub task: Task,
     /// What its record begins with.
     pub start: CycleStart,
+    /// How it is recorded, where it is.
+    pub record: Option<ToRecord>,
 }
 
 /// A robot at the end of a link.

@@ -2,15 +2,17 @@
 //!
 //! ```text
 //! {"ask":"unhold","dried":true}
-//! {"answer":"refused","state":"idle","phase":null,"epoch":4,"cycle_id":null,"verdict":null,"reasons":[…]}
+//! {"answer":"refused","state":"idle","phase":null,"epoch":4,"cycle_id":null,"verdict":null,"recording":null,"reasons":[…]}
 //! ```
 //!
 //! Strict: an unknown word, an unknown or repeated key, more than one object, a line that is too long or has no end is
 //! refused with what is allowed; nothing of it is done. A recipe goes as its text, so that who asks needs no file that
 //! the service can read. Reads and writes no socket: see `socket`.
 
+use super::replay::Recorded;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
 
 /// The longest line, with its end: a recipe and its escapes.
 pub const MOST_BYTES: usize = 256 * 1_024;
@@ -27,6 +29,9 @@ pub enum Wish {
         recipe: String,
         /// Its text.
         text: String,
+        /// Where it is recorded, where it is.
+        #[serde(default)]
+        record: Option<RecordIn>,
     },
     /// See [`crate::cycle::Request`], likewise for the others.
     Hold {},
@@ -49,6 +54,16 @@ pub enum Wish {
     /// A new disc was mounted.
     #[serde(rename = "new-disc")]
     NewDisc {},
+}
+
+/// Where a cycle is recorded.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum RecordIn {
+    /// In the store, under the cycle's number.
+    Store,
+    /// In this new file, its path from the root.
+    File(PathBuf),
 }
 
 /// Why a line says nothing.
@@ -121,6 +136,8 @@ pub struct Reply {
     pub cycle_id: Option<i64>,
     /// Its verdict, once it has one.
     pub verdict: Option<Verdict>,
+    /// Its recording, where it has one.
+    pub recording: Option<Recorded>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
 }
@@ -128,7 +145,16 @@ pub struct Reply {
 impl Reply {
     /// An answer of which the loop knows nothing.
     pub fn refused(answer: Exit, reasons: Vec<Reason>) -> Self {
-        Reply { answer, state: None, phase: None, epoch: None, cycle_id: None, verdict: None, reasons }
+        Reply {
+            answer,
+            state: None,
+            phase: None,
+            epoch: None,
+            cycle_id: None,
+            verdict: None,
+            recording: None,
+            reasons,
+        }
     }
 }
 
@@ -139,8 +165,17 @@ mod tests {
 
     #[test]
     fn each_wish_reads_back() {
-        let start = Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned() };
-        for wish in [start, Wish::State {}, Wish::Unhold { dried: true }, Wish::Abort {}] {
+        let start =
+            |record| Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned(), record };
+        let file = RecordIn::File("/var/cycle 7.mcap".into());
+        for wish in [
+            start(None),
+            start(Some(RecordIn::Store)),
+            start(Some(file)),
+            Wish::State {},
+            Wish::Unhold { dried: true },
+            Wish::Abort {},
+        ] {
             let line = format!("{}\n", serde_json::to_string(&wish).expect("JSON"));
             assert_eq!(Wish::read(line.as_bytes()), Ok(wish), "{line}");
         }
@@ -152,7 +187,7 @@ mod tests {
     #[test]
     fn hostile_lines_ask_for_nothing() {
         let deep = format!("{}1{}\n", "[".repeat(100_000), "]".repeat(100_000));
-        let cases: [(&[u8], &str); 16] = [
+        let cases: [(&[u8], &str); 18] = [
             (b"", "no end"),
             (b"{\"ask\":\"abort\"}", "no end"),
             (b"\n", "EOF"),
@@ -167,6 +202,8 @@ mod tests {
             (b"{\"ask\":\"unhold\",\"dried\":\"yes\"}\n", "boolean"),
             (b"{\"ask\":\"unhold\",\"dried\":1}\n", "boolean"),
             (b"{\"ask\":\"start\",\"recipe\":\"a.toml\"}\n", "text"),
+            (b"{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"\",\"record\":true}\n", "invalid type"),
+            (b"{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"\",\"record\":\"here\"}\n", "`store`"),
             (b"{\"ask\":\"ho\xffld\"}\n", "unicode"),
             (deep.as_bytes(), "invalid type: sequence"),
         ];

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use std::sync::Arc;
 
 /// Free disk below which no cycle begins: its pictures and the journal of its worst day, MB.
-const FLOOR_MB: u64 = 1_000;
+pub const FLOOR_MB: u64 = 1_000;
 /// Pictures of a clip that are compressed at once.
 const AT_ONCE: usize = 8;
 

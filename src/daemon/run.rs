@@ -7,16 +7,15 @@ use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
 use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
-use super::trace::{Told, Trace};
+use super::trace::Trace;
 use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{
-    self, Act, Answer, Deadline, Effect, Event, Id, Motion, Path, Report, State, Trouble, fold, step,
-};
-use crate::eki::{self, Mode, StopCause};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Motion, Path, Report, State, fold, step};
+use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::record::Kind;
+use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -74,17 +73,22 @@ pub fn run_cycle(
     ports: Ports<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<CycleOutcome, DaemonError> {
-    run_cycle_from(fold(journal), job, ports)
+    run_cycle_from((fold(journal), Begin::Boot), job, ports)
 }
 
-/// The same from the state that the journal leads to.
+/// The same from the state that the journal leads to, and what the loop remembers beside it.
 ///
 /// # Errors
 /// As [`run_cycle`].
-pub fn run_cycle_from(state: State, job: &Job<'_>, ports: Ports<'_>) -> Result<CycleOutcome, DaemonError> {
+pub fn run_cycle_from(
+    (state, before): (State, Begin),
+    job: &Job<'_>,
+    ports: Ports<'_>,
+) -> Result<CycleOutcome, DaemonError> {
     let Ports { robot, eyes, record, requests } = ports;
     let outside = Outside { robot, record, requests };
     let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, state);
+    running.remember(before);
     running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
@@ -153,7 +157,7 @@ pub(super) struct Running<'p> {
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
-    condition: cycle::Robot,
+    pub condition: cycle::Robot,
     verdict: Option<Verdict>,
 }
 
@@ -176,6 +180,15 @@ impl<'p> Running<'p> {
             robot_state: None,
             condition: cycle::Robot::Unknown,
             verdict: None,
+        }
+    }
+
+    /// Goes on where a loop was that began a cycle.
+    fn remember(&mut self, before: Begin) {
+        if let Begin::Cycle { robot, armed } = before {
+            self.events.clear();
+            (self.robot_state, self.condition) = (robot.map(|robot| *robot), self.state.facts.robot);
+            self.deadlines = Deadlines::of(&armed);
         }
     }
 
@@ -235,8 +248,7 @@ impl<'p> Running<'p> {
             if let Some(event) = self.events.pop_front() {
                 return Ok(Some(event));
             }
-            if let Some(worked) = self.computing.poll(Duration::ZERO) {
-                self.computed(worked)?;
+            if self.comes_in(Duration::ZERO)? {
                 continue;
             }
             match self.ports.requests.next(&self.state) {
@@ -264,15 +276,25 @@ impl<'p> Running<'p> {
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
             if computes && self.ports.robot.is_lock_step() {
                 // Time stands, so that how fast the machine is cannot matter.
-                if let Some(worked) = self.computing.poll(GLANCE) {
-                    self.computed(worked)?;
-                }
+                self.comes_in(GLANCE)?;
                 continue;
             }
             if let Some(report) = self.ports.robot.next() {
                 self.hear(report)?;
             }
         }
+    }
+
+    /// Takes what was computed, where it is there; waits so long for it.
+    fn comes_in(&mut self, patience: Duration) -> Result<bool, DaemonError> {
+        let ready = self.computing.ready(patience);
+        if !ready.is_some_and(|id| self.ports.requests.lets_in(id)) {
+            return Ok(false);
+        }
+        if let Some(worked) = self.computing.take() {
+            self.computed(worked)?;
+        }
+        Ok(true)
     }
 
     /// Takes an order and asks the table to begin it; where the table refuses, or the record cannot begin, nothing of
@@ -284,7 +306,10 @@ impl<'p> Running<'p> {
             return Some(event);
         }
         match self.ports.record.begin(&order.start) {
-            Ok(cycle) => self.ports.requests.begun(cycle),
+            Ok(cycle) => {
+                let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
+                self.ports.requests.begun(cycle, Begin::Cycle { robot, armed });
+            }
             Err(error) => {
                 self.ports.requests.unable(vec![reason("store", &error)]);
                 return None;
@@ -292,6 +317,7 @@ impl<'p> Running<'p> {
         }
         self.seat = Seat::Taken(Arc::new(order.task));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
+        (self.trace, self.sent) = (Trace::default(), None);
         Some(event)
     }
 
@@ -346,23 +372,6 @@ impl<'p> Running<'p> {
         Ok(())
     }
 
-    /// Where the tool is on a contact path.
-    fn follow(&mut self, state: &eki::State) {
-        let contact = |pending: &Pending| match (pending.act, &pending.waits) {
-            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
-            _ => false,
-        };
-        if self.pending.as_ref().is_some_and(contact)
-            && let Some(sent) = self.sent
-        {
-            self.trace.push(Told {
-                time_ms: state.time_ms,
-                tip: state.base_from_tcp,
-                done: sent.waypoints(state.done),
-            });
-        }
-    }
-
     fn span(&self, deadline: Deadline) -> Duration {
         let (job, limits) = (self.job(), &self.site.limits);
         let process = job.as_ref().map(|job| job.recipe.process());
@@ -397,90 +406,6 @@ impl<'p> Running<'p> {
             _ => FEEDBACK_S,
         }
     }
-
-    /// What the robot tells, as events and as answers to what is pending.
-    fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
-        use eki::Report as R;
-        match report {
-            R::Connected { state } | R::State(state) => self.hear_state(&state)?,
-            R::Rebooted { state } => {
-                self.becomes(cycle::Robot::Restarted);
-                self.hear_state(&state)?;
-            }
-            R::LinkLost { why } => {
-                self.robot_state = None;
-                self.becomes(cycle::Robot::LinkLost);
-                self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
-            }
-            R::EpochOpened { epoch } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
-            }
-            R::EpochNotOpened { .. } => {
-                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
-            }
-            R::Progress { done } => self.executed(done),
-            // The state says that it stands there.
-            R::PathDone { .. } => {}
-            R::Standstill { done } => self.stood_still(done),
-            R::Refused { refusal, id } => {
-                let words = Reason::new("refused", format!("the controller refused command {id}: {refusal}"));
-                self.trouble(Trouble::Refused, words)?;
-            }
-            R::EchoMismatch(mismatch) => self.trouble(Trouble::Protocol, reason("echo", &*mismatch))?,
-            // The others come as a condition.
-            R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
-                self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
-            }
-            R::Interrupted { .. } => {}
-            R::Slow { id, contact, waited } => {
-                let waited_s = waited.as_secs_f64();
-                let words = format!(
-                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; is its override below \
-                     100 %, or in T1 the start key released?"
-                );
-                if contact {
-                    self.trouble(Trouble::Slow, Reason::new("slow", words))?;
-                } else {
-                    tracing::warn!("{words}");
-                    self.ports.requests.noted(&[Reason::new("slow", words)]);
-                    self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
-                }
-            }
-            R::SequenceError(error) => self.trouble(Trouble::Sequence, reason("sequence", &error))?,
-            R::WatchdogExpired { channel, silence } => {
-                let words = format!("the {channel} was silent for {} ms", silence.as_millis());
-                self.trouble(Trouble::Late, Reason::new("watchdog", words))?;
-            }
-        }
-        Ok(())
-    }
-
-    fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
-        self.robot_state = Some(*state);
-        self.follow(state);
-        self.becomes(condition(state));
-        self.look(state)
-    }
-
-    fn becomes(&mut self, condition: cycle::Robot) {
-        if condition != self.condition {
-            self.condition = condition;
-            self.events.push_back(Event::Told(Report::Robot(condition)));
-        }
-    }
-
-    fn answer_if(&mut self, fits: impl Fn(Act) -> bool, answer: Answer) {
-        let id: Option<Id> = self.pending.as_ref().filter(|pending| fits(pending.act)).map(|pending| pending.id);
-        if let Some(id) = id {
-            self.answer(id, answer);
-        }
-    }
-
-    fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
-        self.note(Kind::Robot, vec![words])?;
-        self.events.push_back(Event::Told(Report::Trouble(trouble)));
-        Ok(())
-    }
 }
 
 /// Longest times for an answer, s: a switch with its feedback, a computation, a way through air, and a film beyond
@@ -495,14 +420,3 @@ const LONGEST_S: f64 = 600.0;
 const GLANCE: Duration = Duration::from_millis(5);
 /// A contact path may take this many times what it takes at its feed: turns are slower.
 const SLOWEST: f64 = 5.0;
-
-fn condition(state: &eki::State) -> cycle::Robot {
-    use cycle::Robot;
-    match state {
-        _ if state.emergency_stop => Robot::EmergencyStop,
-        _ if !state.guard_closed => Robot::GuardOpen,
-        _ if matches!(state.mode, Mode::T1 | Mode::T2) => Robot::NotAutomatic,
-        _ if !(state.drives_on && state.motion_possible) => Robot::DrivesOff,
-        _ => Robot::Ready,
-    }
-}

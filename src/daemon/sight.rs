@@ -3,13 +3,13 @@
 use super::corners::Corners;
 use super::figures::{self, Kept};
 use super::findings;
-use super::ports::{Eyes, Record, SightError};
+use super::ports::{Eyes, Picture2d, Record, SightError};
+use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
-use crate::eki::Time;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
-use crate::locate::{self, gate};
+use crate::locate::{self, LocateError, Prepared, gate};
 use crate::path::reach::Things;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
@@ -42,8 +42,8 @@ pub(super) struct Sight {
 pub(super) struct Filming {
     watch: Watch,
     place: Rigid<Base, Panel>,
-    began: Time,
-    frames: u32,
+    /// When its first picture was taken, by the camera's clock, s.
+    first_s: Option<f64>,
     last: Option<Arc<ColorPicture>>,
     opened: bool,
     kept: Kept,
@@ -63,6 +63,12 @@ impl Sight {
     /// Where the flange camera should stand to see the corner as it was taught (Eq. 3.22).
     pub fn corner_pose(&self, job: &Job<'_>) -> Option<Rigid<Base, FlangeCamera>> {
         Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
+    }
+
+    /// Where the panel stands before the arm, by way of the corners that hold it.
+    pub fn approached(&self) -> Option<Approached<'_>> {
+        let (corners, things) = (self.corners.held(), self.things());
+        self.place.map(|base_from_panel| Approached { base_from_panel, corners, things })
     }
 
     /// What the arm keeps off on its way to a corner.
@@ -85,7 +91,8 @@ impl Sight {
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        (self.located, self.place, self.dry, self.corners) = (None, None, None, Corners::default());
+        (self.located, self.located_mm, self.place, self.things) = (None, None, None, None);
+        (self.dry, self.corners) = (None, Corners::default());
         let scan = match eyes.scan() {
             Ok(scan) => scan,
             Err(error) => return blind(Kind::Locate, 0, &error, record),
@@ -96,18 +103,27 @@ impl Sight {
         let settings = job.recipe.locate();
         let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera };
-        let found = locate::locate(job.panel, &view, settings);
+        let prepared = Prepared::new(job.panel, &view, settings);
+        let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),
         };
-        let elapsed_ms = elapsed_ms(begun);
         let (grade, fit) = (grade(&judgement), found.ok());
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
+        // To what is rejected nothing moves.
+        let things = place.filter(|_| grade != Grade::Reject).map(|place| {
+            let of_panel = job.panel.points().map(|(_, point)| place * point);
+            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
+            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
+        });
+        let elapsed_ms = elapsed_ms(begun);
         let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
-        for figure in figures::reasons(job, (&view, &picture), fit.as_ref(), &judgement) {
-            record.figure(&figure)?;
+        if let Ok(prepared) = &prepared {
+            for figure in figures::reasons(job, (prepared, &view, &picture), fit.as_ref(), &judgement) {
+                record.figure(&figure)?;
+            }
         }
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
@@ -117,37 +133,28 @@ impl Sight {
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()
         })?;
-        (self.located, self.place, self.located_mm) = (place, place, located_mm);
-        self.things = place.map(|place| {
-            let of_panel = job.panel.points().map(|(_, point)| place * point);
-            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
-            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
-        });
+        (self.located, self.place, self.located_mm, self.things) = (place, place, located_mm, things);
         Ok(Answer::Graded(grade))
     }
 
     /// The picture of the dry panel.
-    pub fn dry_picture(
-        &mut self,
-        now: Time,
-        eyes: &mut dyn Eyes,
-        record: &mut dyn Record,
-    ) -> Result<Answer, DaemonError> {
+    pub fn dry_picture(&mut self, eyes: &mut dyn Eyes, record: &mut dyn Record) -> Result<Answer, DaemonError> {
         match eyes.picture() {
-            Ok(picture) => {
+            Ok(Picture2d { picture, time_s }) => {
                 record.picture("dry", &picture)?;
-                self.dry = Some((Arc::new(picture), now.since_start().as_secs_f64()));
+                self.dry = Some((Arc::new(picture), time_s));
                 Ok(Answer::Done)
             }
             Err(error) => blind(Kind::Inspect, 0, &error, record),
         }
     }
 
-    /// Begins to watch.
+    /// Begins to watch, and the camera to film.
     pub fn film(
         &self,
         job: &Job<'_>,
-        (pass, now): (u8, Time),
+        pass: u8,
+        eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
@@ -157,12 +164,18 @@ impl Sight {
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
             let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, place, began: now, frames: 0, last: None, opened: false, kept, elapsed_ms })
+            Ok(Filming { watch, place, first_s: None, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
-            Ok(filming) => {
+            Ok(mut filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
-                Ok(Ok(filming))
+                match eyes.begin_film(job.demands().frames_per_second) {
+                    Ok(began_s) => {
+                        filming.watch.begins(began_s);
+                        Ok(Ok(filming))
+                    }
+                    Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
+                }
             }
             Err(error) => {
                 let judgement = Judgement { verdict: Verdict::Invalid, reasons: vec![reason("film", &error)] };
@@ -172,32 +185,30 @@ impl Sight {
         }
     }
 
-    /// Takes the picture that is due; after the last one judges the film.
+    /// Takes the film's next picture where one is due; after the last one judges the film. Times are the camera's own.
     pub fn watch(
         &mut self,
         job: &Job<'_>,
         filming: Filming,
-        (pass, now): (u8, Time),
+        pass: u8,
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let mut filming = filming;
-        let demands = job.demands();
-        let since_s = now.since(filming.began).as_secs_f64();
-        if since_s * demands.frames_per_second < f64::from(filming.frames) {
-            return Ok(Ok(filming));
-        }
-        let picture = match eyes.picture() {
-            Ok(picture) => Arc::new(picture),
+        let (picture, time_s) = match eyes.next_of_film() {
+            Ok(Some(Picture2d { picture, time_s })) => (Arc::new(picture), time_s),
+            Ok(None) => return Ok(Ok(filming)),
             Err(error) => return blind(Kind::Inspect, pass, &error, record).map(Err),
         };
-        filming.frames += 1;
-        let now_s = now.since_start().as_secs_f64();
-        record.frame(&picture, now_s, Phase::Wet)?;
+        record.frame(&picture, time_s, Phase::Wet)?;
         let begun = Instant::now();
-        let step = match filming.watch.push(&picture, now_s, Phase::Wet) {
+        let step = match filming.watch.push(&picture, time_s, Phase::Wet) {
             Ok(step) => step,
-            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+            Err(error) => {
+                // Nobody will ask for the next one.
+                let _ = eyes.end_film();
+                return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
+            }
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
         filming.kept.see(job, filming.place, &picture, &step);
@@ -207,16 +218,19 @@ impl Sight {
             tracing::info!(since_wet_s = step.since_wet_s, "the film broke on {}", grids.join(", "));
         }
         filming.last = Some(picture);
-        if since_s < demands.filmed_s() {
+        let since_s = time_s - *filming.first_s.get_or_insert(time_s);
+        if since_s < job.demands().filmed_s() {
             return Ok(Ok(filming));
         }
-        self.finish(job, filming, pass, record).map(Err)
+        // A camera that is lost now has delivered all that is needed.
+        let dropped = eyes.end_film().inspect_err(|error| tracing::warn!("the film's end: {error}")).ok();
+        self.finish(job, (filming, dropped), pass, record).map(Err)
     }
 
     fn finish(
         &mut self,
         job: &Job<'_>,
-        mut filming: Filming,
+        (mut filming, dropped): (Filming, Option<u64>),
         pass: u8,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
@@ -235,7 +249,8 @@ impl Sight {
             Verdict::Fail => Film::Broken,
             _ => Film::Invalid,
         };
-        record.finding(&findings::filmed(&inspection, pass, median(&mut filming.elapsed_ms), job))?;
+        let counted = findings::Counted { ms_per_picture: median(&mut filming.elapsed_ms), dropped };
+        record.finding(&findings::filmed(&inspection, pass, counted, job))?;
         self.inspections.push(Arc::new(inspection));
         self.film_picture = filming.last;
         Ok(Answer::Filmed(film))

@@ -6,7 +6,7 @@
 
 use super::desk::{Asked, Letter};
 use super::ports::Order;
-use super::protocol::{Exit, MOST_BYTES, ProtocolError, Reply, Wish};
+use super::protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
 use crate::cycle::Request;
 use crate::verdict::Reason;
 use std::fs::{self, Permissions};
@@ -29,8 +29,8 @@ const CLIENT_PATIENCE: Duration = Duration::from_secs(5);
 /// The loop answers within this time, or something is wrong with it.
 const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 
-/// Makes an order of a recipe's name and text, or says why not.
-pub type Loader = dyn Fn(&str, &str) -> Result<Order, Vec<Reason>> + Send + Sync;
+/// Makes an order of a recipe's name and text and of where it is recorded, or says why not.
+pub type Loader = dyn Fn(&str, &str, Option<RecordIn>) -> Result<Order, Vec<Reason>> + Send + Sync;
 
 /// Why there is no socket.
 #[derive(Debug, thiserror::Error)]
@@ -162,7 +162,7 @@ fn hear(stream: &UnixStream, letters: &Sender<Letter>, loader: &Loader) -> Reply
     };
     let asked = match wish {
         Wish::State {} => Asked::State,
-        Wish::Start { recipe, text } => match loader(&recipe, &text) {
+        Wish::Start { recipe, text, record } => match loader(&recipe, &text, record) {
             Ok(order) => Asked::Begin(Box::new(order)),
             Err(reasons) => return Reply::refused(Exit::Refused, reasons),
         },

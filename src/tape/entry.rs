@@ -1,7 +1,8 @@
 //! What a recording holds.
 
 use super::Topic;
-use crate::cycle::State;
+use crate::cycle::{Deadline, Id, State};
+use crate::eki;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -70,10 +71,40 @@ pub struct Start {
     pub state: State,
     /// Whether time passes only while the robot is listened to.
     pub lock_step: bool,
+    /// What the loop remembered beside it.
+    pub begin: Begin,
     /// Error of the camera mounts at the panel, mm, 95 %, as it was known.
     pub hand_eye_mm: Option<f64>,
     /// Error of robot and tool, mm, 95 %, as it was known.
     pub robot_mm: Option<f64>,
+}
+
+/// What the loop remembered when the recording began, beside the table's state.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", deny_unknown_fields)]
+pub enum Begin {
+    /// Nothing: the program started.
+    #[default]
+    Boot,
+    /// It had run before, and was idle.
+    Cycle {
+        /// What the robot last said of itself.
+        robot: Option<Box<eki::State>>,
+        /// The deadlines that were armed.
+        armed: Vec<Armed>,
+    },
+}
+
+/// A deadline.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Armed {
+    /// Of what.
+    pub id: Id,
+    /// Which.
+    pub which: Deadline,
+    /// When, ns on the loop's clock.
+    pub at_ns: u64,
 }
 
 /// Entries of one topic that could not be kept.
@@ -92,4 +123,6 @@ pub struct Lost {
 pub struct Ending {
     /// What was not kept: an entry of the recording that is no whole one.
     pub lost: Vec<Lost>,
+    /// Why it ends before the cycle does, where it does.
+    pub stopped: Option<String>,
 }

@@ -39,6 +39,14 @@ pub enum TapeError {
         /// Time of the last one, s.
         until_s: f64,
     },
+    /// It was ended before its cycle was.
+    #[error("the recording was stopped {until_s:.3} s after its beginning, before its cycle ended: {why}")]
+    Stopped {
+        /// When, s.
+        until_s: f64,
+        /// Why.
+        why: String,
+    },
     /// It says itself that something is missing.
     #[error(
         "the recording has a gap: {count} entries of {topic}, the first {from_s:.3} s after its beginning, could not be kept \

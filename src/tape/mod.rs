@@ -24,7 +24,7 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-pub use entry::{Ending, Entry, Lost, Shot, Start};
+pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
 pub use error::TapeError;
 pub use read::{Checked, Entries, check};
 pub use shown::Mounted;
@@ -32,7 +32,9 @@ pub use topic::Topic;
 pub use write::Writer;
 
 /// What a recording's records mean. Another number is another meaning, and is not read.
-pub const FORMAT: u32 = 1;
+///
+/// 2: pictures have the camera's time, what was computed has its moment, a recording may begin with a service's cycle.
+pub const FORMAT: u32 = 2;
 
 /// Names of the metadata records, of the attachment that says how the loop began, and of the files beside it.
 const METADATA: &str = "panelprep";

@@ -231,6 +231,9 @@ impl Seen {
         if let Some((name, from_ns, count)) = lost.into_iter().min_by_key(|(_, from_ns, _)| *from_ns) {
             return Err(TapeError::Lost { topic: topic(&name)?.name(), from_s: seconds(from_ns), count });
         }
+        if let Some(why) = ended.get("stopped") {
+            return Err(TapeError::Stopped { until_s: self.until_s(), why: why.clone() });
+        }
         let counts: BTreeMap<String, u64> = serde_json::from_str(text("entries")).map_err(unreadable)?;
         for (name, expected) in counts {
             let topic = topic(&name)?;

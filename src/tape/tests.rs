@@ -16,6 +16,7 @@ fn start() -> Start {
         unix_ns: BEGAN_NS,
         state: State::NEW,
         lock_step: true,
+        begin: Begin::Boot,
         hand_eye_mm,
         robot_mm,
     }
@@ -144,10 +145,20 @@ fn a_gap_is_named_with_its_topic_and_time() {
     );
 
     let lost = |topic, from_ms: u64| Lost { topic, from_ns: from_ms * 1_000_000, count: 3 };
-    let ending = Ending { lost: vec![lost(Topic::Report, 900), lost(Topic::Camera, 250)] };
+    let lost = vec![lost(Topic::Report, 900), lost(Topic::Camera, 250)];
+    let ending = Ending { lost, stopped: None };
     let error = check(&written(&entries(), &ending)[..]).expect_err("it says so itself");
     assert!(matches!(error, TapeError::Lost { topic: "/camera", count: 3, .. }), "{error}");
     assert!(error.to_string().contains("3 entries of /camera, the first 0.250 s"), "{error}");
+}
+
+/// One that ended before its cycle did says why; it is whole and yet no cycle.
+#[test]
+fn a_recording_that_was_stopped_says_why() {
+    let ending = Ending { stopped: Some("the disk has 1999 MB left".to_owned()), ..Ending::default() };
+    let error = check(&written(&entries(), &ending)[..]).expect_err("stopped");
+    let words = "was stopped 0.300 s after its beginning, before its cycle ended: the disk has 1999 MB left";
+    assert!(error.to_string().contains(words), "{error}");
 }
 
 /// A file of another program, or of another time of this one.
@@ -171,11 +182,11 @@ fn other_files_are_refused_with_the_reason() {
     let refused = |bytes: &[u8]| check(bytes).expect_err("refused").to_string();
     let version = refused(&foreign(&[("format", "99"), ("program", "9.1.0")]));
     assert!(
-        version.contains("format 99 (written by panelprep 9.1.0)") && version.contains("format 1"),
+        version.contains("format 99 (written by panelprep 9.1.0)") && version.contains(&format!("format {FORMAT}")),
         "{version}"
     );
     assert!(refused(&foreign(&[])).contains("no recording of panelprep"));
-    assert!(refused(&foreign(&[("format", "1")])).contains("/chatter"));
+    assert!(refused(&foreign(&[("format", &FORMAT.to_string())])).contains("/chatter"));
     for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {
         assert!(matches!(check(bytes), Err(TapeError::NotMcap { .. })), "{bytes:?}");
     }

@@ -13,6 +13,8 @@ pub enum Topic {
     Clock,
     /// What is asked of the loop.
     Request,
+    /// Results of what is computed beside the loop, as they come to it.
+    Result,
     /// What the table takes: the journal's lines.
     Event,
     /// What a stage found.
@@ -35,11 +37,12 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Topic; 13] = [
+    pub const ALL: [Topic; 14] = [
         Topic::Report,
         Topic::Command,
         Topic::Clock,
         Topic::Request,
+        Topic::Result,
         Topic::Event,
         Topic::Finding,
         Topic::Store,
@@ -58,6 +61,7 @@ impl Topic {
             Topic::Command => "/robot/command",
             Topic::Clock => "/clock",
             Topic::Request => "/request",
+            Topic::Result => "/result",
             Topic::Event => "/cycle/event",
             Topic::Finding => "/cycle/finding",
             Topic::Store => "/cycle/store",

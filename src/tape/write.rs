@@ -117,7 +117,8 @@ impl<W: Write> Writer<W> {
         let lost = |lost: &Lost| json!([lost.topic.name(), lost.from_ns, lost.count]);
         let lost: Vec<_> = ending.lost.iter().map(lost).collect();
         let ended = [("entries", json!(counts).to_string()), ("lost", json!(lost).to_string())];
-        self.mcap.write_metadata(&metadata(END, ended)).map_err(failed)?;
+        let stopped = ending.stopped.iter().map(|why| ("stopped", why.clone()));
+        self.mcap.write_metadata(&metadata(END, ended.into_iter().chain(stopped))).map_err(failed)?;
         self.mcap.finish().map_err(failed)?;
         Ok(self.mcap.into_inner().into_inner())
     }
@@ -183,7 +184,7 @@ fn failed(source: McapError) -> TapeError {
     TapeError::Disk { doing: "written", source }
 }
 
-fn metadata<const N: usize>(name: &str, pairs: [(&str, String); N]) -> Metadata {
+fn metadata<'k>(name: &str, pairs: impl IntoIterator<Item = (&'k str, String)>) -> Metadata {
     let metadata = pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect();
     Metadata { name: name.to_owned(), metadata }
 }

@@ -4,7 +4,10 @@ mod kills;
 mod service;
 mod stub;
 
+use panelprep::daemon::{Cameras, Eyes};
+use panelprep::devices::cameras::RecordedFlangeCamera;
 use panelprep::devices::zivid::{Restarts, ZividFault, ZividScanner};
+use panelprep::geometry::PinholeCamera;
 use rand::SeedableRng;
 use std::time::{Duration, Instant};
 
@@ -53,6 +56,31 @@ fn each_planted_fault_of_the_camera_is_named() {
     scanner.shot().expect("the third try");
     let told = scanner.photo().expect_err("hot").to_string();
     assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
+}
+
+/// The film's pictures have the camera's own times: who looks away for a while finds the newest three, and a gap before
+/// them as long as that.
+#[test]
+fn a_film_that_is_not_watched_has_a_gap() {
+    let (folder, scanner) = ready("", |_| ());
+    let flange = RecordedFlangeCamera::open(folder.path(), lens()).expect("it has no pictures");
+    let mut eyes = Cameras { scanner, flange };
+    let dry_s = eyes.picture().expect("a picture").time_s;
+    eyes.begin_film(50.0).expect("begun");
+    let mut next = || eyes.next_of_film().expect("it goes on").expect("it is waited for").time_s;
+    let before: Vec<f64> = (0..5).map(|_| next()).collect();
+    assert!(before[0] > dry_s && before.is_sorted_by(|a, b| a < b), "{dry_s} {before:?}");
+    std::thread::sleep(Duration::from_millis(500));
+    let after: Vec<f64> = (0..3).map(|_| next()).collect();
+    // Three waited, the last of them taken just before this.
+    assert!(after[0] - before[4] > 0.2 && after.is_sorted_by(|a, b| a < b), "{before:?} {after:?}");
+    assert!(eyes.end_film().expect("ended") >= 3, "of twenty-five in that time; a busy machine takes fewer");
+}
+
+fn lens() -> PinholeCamera {
+    let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    let [width_px, height_px] = SMALL;
+    PinholeCamera { width_px, height_px, fx_px: 150.0, fy_px: 150.0, cx_px: 80.5, cy_px: 49.5, k1, k2, p1, p2, k3 }
 }
 
 /// A crash at each first shot: three restarts, then it stays down and says so, to a person's reset as well.

@@ -7,9 +7,9 @@ use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
 use crate::cli::fault::Fault;
-use crate::cli::load::CellFiles;
+use crate::cli::load::{CellFiles, last_touch};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
-use crate::store::{StoreError, calibration_hash};
+use crate::store::{Store, StoreError, calibration_hash};
 use std::fs;
 use std::path::Path;
 
@@ -32,20 +32,20 @@ pub(super) fn file(common: &Common, files: &CellFiles) -> Check {
 }
 
 /// The store: can it be read, and does it wait for a person?
-pub(super) fn store(files: &CellFiles) -> Vec<Check> {
+pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
     let folder = files.store_folder().display().to_string();
-    let store = match crate::store::Store::open(files.store_folder()) {
+    let store = match Store::open(files.store_folder()) {
         Ok(store) => store,
         Err(StoreError::Missing { .. }) => {
             let found = format!("none yet in {folder}");
-            return vec![Check::wrong("store", found, "it is made by `panelprep teach`: teach the panel")];
+            return (Check::wrong("store", found, "it is made by `panelprep teach`: teach the panel"), None);
         }
         Err(error) => {
             let advice = "nothing was changed; look at the folder, or bring back its last copy";
-            return vec![Check::wrong("store", error.to_string(), advice)];
+            return (Check::wrong("store", error.to_string(), advice), None);
         }
     };
-    let open = match store.has_open_motion() {
+    let check = match store.has_open_motion() {
         Ok(false) => Check::right("store", format!("{folder}, no motion open")),
         Ok(true) => Check::wrong(
             "store",
@@ -54,17 +54,17 @@ pub(super) fn store(files: &CellFiles) -> Vec<Check> {
         ),
         Err(error) => Check::wrong("store", error.to_string(), "bring back the store's last copy"),
     };
-    vec![open]
+    (check, Some(store))
 }
 
-/// Each calibration: is it there, and was it verified lately?
-pub(super) fn calibrations(files: &CellFiles) -> Vec<Check> {
+/// Each calibration: is it there, and was it verified lately, as the store says?
+pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
     let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
-        (Ok(lens), Ok(mount)) => verified(files, name, &calibration_hash(&[&lens, &mount])),
+        (Ok(lens), Ok(mount)) => verified((files, store), name, &calibration_hash(&[&lens, &mount])),
         (Err(fault), _) | (_, Err(fault)) => unread(name, &fault),
     };
     let tool = match files.flange_from_tool() {
-        Ok(tool) => match files.last_touch(&tool.text) {
+        Ok(tool) => match store.and_then(|store| last_touch(store, &tool.text)) {
             Some(touch) if touch.error_mm.is_nan() || touch.error_mm > files.cell.limits().verify_limit_mm() => {
                 Check::wrong(
                     "calibration of the tool",
@@ -79,14 +79,10 @@ pub(super) fn calibrations(files: &CellFiles) -> Vec<Check> {
         },
         Err(fault) => unread("tool", &fault),
     };
-    let text = |text: Result<String, Fault>| text;
+    let (scanner, flange_camera) = (files.scanner(), files.flange_camera());
     vec![
-        camera("scanner", text(files.scanner().map(|c| c.text)), text(files.base_from_camera().map(|c| c.text))),
-        camera(
-            "flange_camera",
-            text(files.flange_camera().map(|c| c.text)),
-            text(files.flange_from_camera().map(|c| c.text)),
-        ),
+        camera("scanner", scanner.map(|c| c.text), files.base_from_camera().map(|c| c.text)),
+        camera("flange_camera", flange_camera.map(|c| c.text), files.flange_from_camera().map(|c| c.text)),
         tool,
     ]
 }
@@ -99,11 +95,11 @@ fn unread(name: &str, fault: &Fault) -> Check {
     )
 }
 
-fn verified(files: &CellFiles, subject: &str, hash: &str) -> Check {
+fn verified((files, store): (&CellFiles, Option<&Store>), subject: &str, hash: &str) -> Check {
     let name = format!("calibration of the {subject}");
-    let last = match files.store().and_then(|store| store.last_verification(subject).map_err(Fault::stage)) {
-        Ok(last) => last,
-        Err(_) => {
+    let last = match store.map(|store| store.last_verification(subject)) {
+        Some(Ok(last)) => last,
+        _ => {
             return Check::wrong(name, "not verified: there is no store that says so", "teach and verify first");
         }
     };

@@ -1,9 +1,8 @@
 //! From a fact of the computer to a line for a person. Pure.
 
 use super::Check;
+use crate::daemon::FLOOR_MB;
 
-/// Free space that a cycle needs, MB: what the service demands before it begins one.
-pub(super) const FLOOR_MB: u64 = 1_000;
 /// Below this there is room for a few cycles only, MB.
 const SCARCE_MB: u64 = 10_000;
 /// A camera's frames are received into a socket buffer of this size.

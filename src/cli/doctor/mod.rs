@@ -62,9 +62,10 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
 
 fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     let mut checks = vec![cell::file(common, files), machine::disk(files.store_folder())];
-    checks.extend(cell::store(files));
+    let (check, store) = cell::store(files);
+    checks.push(check);
     checks.extend(machine::clock_behind(files.store_folder()));
-    checks.extend(cell::calibrations(files));
+    checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
     checks.extend(programs.checks);
     checks.extend(devices::cameras(files));

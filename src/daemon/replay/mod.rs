@@ -1,21 +1,23 @@
 //! A cycle on tape: recorded while it runs, and run again on what was recorded.
 //!
-//! `taped` stands around the loop's ports and writes down what passes (`tape` says what that is); `queue` takes it to a
-//! thread of its own, so that neither loop nor link ever waits for a disk. `player` is the same ports without a cell: it
+//! `taped` stands around the loop's ports and writes down what passes (`tape` says what that is), while `taping` says that
+//! a cycle is recorded; `queue` takes it to a thread of its own, so that neither loop nor link ever waits for a disk. `player` is the same ports without a cell: it
 //! answers each call with what came then, and notes where the loop now does something else (`difference`).
 
 mod difference;
 mod player;
 mod queue;
 mod taped;
+mod taping;
 
 #[cfg(test)]
 mod tests;
 
 pub use difference::Difference;
 pub use player::{Played, Player};
-pub use queue::{Recorder, Recording, Written};
+pub use queue::{RECORDING_FLOOR_MB, Recorded, Recording, Stands, too_full};
 pub use taped::Taped;
+pub use taping::{Taping, ToRecord, free_mb, recordings};
 
 use super::ports::{Kept, SightError};
 use crate::cycle::{Motion, Outcome};
@@ -24,10 +26,12 @@ use crate::record::name;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-/// What a camera answers, as it is written down: of a picture its size.
+/// What a camera answers, as it is written down: of a picture its size, and when it was taken.
 #[derive(Debug, Serialize, Deserialize)]
 struct Seen {
     size_px: [usize; 2],
+    /// By the camera's own clock; none of a shot that is not timed.
+    time_s: Option<f64>,
 }
 
 /// A camera's trouble, as it is written down.

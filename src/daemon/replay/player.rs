@@ -6,11 +6,11 @@
 //! makes another call, or none, the two have parted, and the replay ends there.
 
 use super::super::ports::{
-    Ask, Eyes, Figure, Finding, Journal, Kept, Record, RecordError, Requests, Robot, SightError,
+    Ask, Eyes, Figure, Finding, Journal, Kept, Picture2d, Record, RecordError, Requests, Robot, SightError,
 };
 use super::difference::{Difference, differences, short};
-use super::{Blind, told};
-use crate::cycle::{Event, Motion, Outcome, Refusal, Request, State};
+use super::{Blind, Seen, told};
+use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
@@ -87,6 +87,13 @@ impl<'a> Player<'a> {
         if !deck.parted && deck.peek(false).is_some() {
             deck.part("the loop has left");
         }
+        // A look that nobody needs any more. By the wall clock one may be under way when the loop leaves.
+        let left = if deck.lock_step && !deck.parted { deck.peek(true) } else { None };
+        if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, short(&left.said))) {
+            let (what, now) = ("what the cameras were asked".to_owned(), "nothing".to_owned());
+            deck.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
+            deck.parted = true;
+        }
         Played {
             differences: std::mem::take(&mut deck.differences),
             to_the_end: !deck.parted,
@@ -121,18 +128,25 @@ impl<'a> Player<'a> {
         deck.understood(topic, heard)
     }
 
-    fn look(&self, asked: &'static str) -> Result<Shot, SightError> {
-        let missing = || SightError { camera: "a camera", why: "the recording has no more pictures".to_owned() };
-        let mut deck = self.0.borrow_mut();
-        let entry = deck.call(Topic::Camera, &json!(asked)).ok_or_else(missing)?;
-        if let Some(shot) = entry.shot {
-            return Ok(shot);
+    /// What a camera gave to this: a shot with its time, or none.
+    fn look(&self, asked: &'static str) -> Result<Option<(Shot, Option<f64>)>, SightError> {
+        let (heard, shot) = {
+            let mut deck = self.0.borrow_mut();
+            let entry = deck.call(Topic::Camera, &json!(asked)).ok_or_else(missing)?;
+            (deck.understood::<Result<Option<Seen>, Blind>>(Topic::Camera, entry.heard), entry.shot)
+        };
+        let seen = heard.ok_or_else(missing)?.map_err(Blind::error)?;
+        match (seen, shot) {
+            (None, _) => Ok(None),
+            (Some(seen), Some(shot)) => Ok(Some((shot, seen.time_s))),
+            (Some(_), None) => Err(missing()),
         }
-        let came: Option<Result<Value, Blind>> = deck.understood(Topic::Camera, entry.heard);
-        match came {
-            Some(Err(blind)) => Err(blind.error()),
-            _ => Err(missing()),
-        }
+    }
+
+    /// What a camera answered to this, where that is no shot.
+    fn answered<T: DeserializeOwned>(&self, said: Value) -> Result<T, SightError> {
+        let came: Option<Result<T, Blind>> = self.call(Topic::Camera, said);
+        came.ok_or_else(missing)?.map_err(Blind::error)
     }
 }
 
@@ -266,17 +280,32 @@ impl Robot for Player<'_> {
 impl Eyes for Player<'_> {
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
         match self.look("scan")? {
-            Shot::Points(cloud) => Ok(Arc::unwrap_or_clone(cloud)),
-            _ => Err(SightError { camera: "the scanner", why: "the recording has a picture here".to_owned() }),
+            Some((Shot::Points(cloud), _)) => Ok(Arc::unwrap_or_clone(cloud)),
+            _ => Err(another("points")),
         }
     }
 
-    fn picture(&mut self) -> Result<ColorPicture, SightError> {
-        flat(self.look("picture")?)
+    fn picture(&mut self) -> Result<Picture2d, SightError> {
+        self.look("picture")?.map(timed).unwrap_or_else(|| Err(missing()))
+    }
+
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
+        self.answered(json!({ "begin_film": pictures_per_second }))
+    }
+
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+        self.look("next_of_film")?.map(timed).transpose()
+    }
+
+    fn end_film(&mut self) -> Result<u64, SightError> {
+        self.answered(json!("end_film"))
     }
 
     fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        flat(self.look("corner_picture")?)
+        match self.look("corner_picture")? {
+            Some((Shot::Flange(picture), _)) => Ok(Arc::unwrap_or_clone(picture)),
+            _ => Err(another("a picture of the flange camera")),
+        }
     }
 
     fn check(&mut self) -> Vec<SightError> {
@@ -285,11 +314,19 @@ impl Eyes for Player<'_> {
     }
 }
 
-fn flat(shot: Shot) -> Result<ColorPicture, SightError> {
-    match shot {
-        Shot::Scanner(picture) | Shot::Flange(picture) => Ok(Arc::unwrap_or_clone(picture)),
-        Shot::Points(_) => Err(SightError { camera: "a camera", why: "the recording has points here".to_owned() }),
+fn timed((shot, time_s): (Shot, Option<f64>)) -> Result<Picture2d, SightError> {
+    match (shot, time_s) {
+        (Shot::Scanner(picture), Some(time_s)) => Ok(Picture2d { picture: Arc::unwrap_or_clone(picture), time_s }),
+        _ => Err(another("a picture of the scanner with its time")),
     }
+}
+
+fn missing() -> SightError {
+    SightError { camera: "a camera", why: "the recording has no more pictures".to_owned() }
+}
+
+fn another(wanted: &str) -> SightError {
+    SightError { camera: "a camera", why: format!("the recording has something else where {wanted} was due") }
 }
 
 impl Record for Player<'_> {
@@ -383,6 +420,12 @@ impl Requests for Player<'_> {
                 deck.understood(Topic::Request, request).map_or(Ask::Nothing, Ask::For)
             }
         }
+    }
+
+    fn lets_in(&mut self, result: Id) -> bool {
+        let mut deck = self.0.borrow_mut();
+        let came_now = |next: &Entry| next.topic == Topic::Result && next.heard == json!(result);
+        deck.peek(false).is_some_and(came_now) && deck.take(false).is_some()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

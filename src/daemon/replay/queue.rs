@@ -1,22 +1,32 @@
 //! From the loop to the disk: a bounded queue and the thread that empties it.
 //!
-//! Where time is the robot's own (lock step), a full queue is waited for: nobody keeps time. By the wall clock nobody
-//! waits: what finds no place is counted, and the recording says that it has a gap. A disk that refuses ends the
-//! recording and nothing else.
+//! Where time is the robot's own (lock step), a full queue is waited for as long as the disk takes anything at all: nobody
+//! keeps time. By the wall clock nobody waits: what finds no place is counted, and the recording says that it has a gap.
+//! A disk that refuses, or that has too little room left, ends the recording and nothing else.
 
-use crate::tape::{Ending, Entry, Lost, Start, TapeError, Topic, Writer};
+use super::super::computing::NICE;
+use super::super::recording::FLOOR_MB;
+use crate::tape::{Ending, Entry, Lost, Shot, TapeError, Topic, Writer};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use std::collections::VecDeque;
 use std::io::Write;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+/// Free disk below which a recording ends, MB: twice what the service wants before it begins a cycle.
+pub const RECORDING_FLOOR_MB: u64 = 2 * FLOOR_MB;
+
 /// Pictures and points that wait to be packed, bytes: some seconds of film at full size.
 const MOST_BYTES: usize = 256 << 20;
-/// An entry without a picture takes about this much, bytes.
-const LINE_BYTES: usize = 512;
-/// What was written is whole on the disk after this time, whatever comes then.
+/// A number, a word, a list or an object in an entry takes about this much, bytes.
+const VALUE_BYTES: usize = 100;
+/// What was written is whole on the disk after this time, whatever comes then; so often is looked how much room is left.
 const FLUSH: Duration = Duration::from_secs(1);
+/// A disk that takes nothing for so long is waited for no more: for a place, and at the end.
+const HANGS: Duration = Duration::from_secs(2);
+const HANGS_AT_THE_END: Duration = Duration::from_secs(20);
 
 /// Where entries are put; any thread may.
 #[derive(Debug, Clone)]
@@ -26,58 +36,108 @@ pub struct Recorder(Arc<Shared>);
 struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
-    waits: bool,
-    most_bytes: usize,
+    bounds: Bounds,
+}
+
+/// How much may wait, and whether a full queue is waited for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bounds {
+    pub waits: bool,
+    pub most_bytes: usize,
+    pub hangs: Duration,
+    pub hangs_at_the_end: Duration,
+}
+
+impl Bounds {
+    pub fn of(lock_step: bool) -> Self {
+        Bounds { waits: lock_step, most_bytes: MOST_BYTES, hangs: HANGS, hangs_at_the_end: HANGS_AT_THE_END }
+    }
 }
 
 #[derive(Debug, Default)]
 struct Inside {
     waiting: VecDeque<Entry>,
     bytes: usize,
+    /// The loop's clock where the recording begins, and how long ago that is.
+    origin_ns: Option<u64>,
     now_ns: u64,
     lost: Vec<Lost>,
+    /// The disk hung once.
+    hung: bool,
     /// Nothing more will come.
     closed: bool,
-    /// Nothing more can be written.
-    broken: bool,
+    /// Nothing more can be written, for this reason.
+    stopped: Option<String>,
+    entries: u64,
+    /// The thread is done.
+    ended: bool,
 }
+
+/// Free space where it is written, MB.
+pub(super) type Room = Box<dyn FnMut() -> std::io::Result<u64> + Send>;
 
 /// A recording under way; [`Recording::finish`] ends it. One that is dropped is left unfinished, as by a crash.
 #[derive(Debug)]
 pub struct Recording {
+    file: String,
     recorder: Recorder,
-    thread: JoinHandle<Result<u64, TapeError>>,
+    thread: JoinHandle<()>,
 }
 
-/// What was written.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Written {
-    /// Entries in the file.
+/// How a recording stands.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recorded {
+    /// The file.
+    pub file: String,
+    /// Whether it can be run again.
+    pub is: Stands,
+    /// Entries in it.
     pub entries: u64,
-    /// What is missing in it.
-    pub lost: Vec<Lost>,
+    /// The same for people.
+    pub message: String,
+}
+
+/// Whether a recording can be run again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stands {
+    /// It is being written.
+    UnderWay,
+    /// It can.
+    Whole,
+    /// It cannot.
+    NotWhole,
 }
 
 impl Recording {
-    /// Starts the thread that writes to this.
+    /// Starts the thread that opens a file of this name and writes to it.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn start<W: Write + Send + 'static>(writer: Writer<W>, start: &Start) -> std::io::Result<Self> {
-        Self::bounded(writer, start.lock_step, MOST_BYTES)
-    }
-
-    pub(super) fn bounded<W: Write + Send + 'static>(
-        writer: Writer<W>,
-        waits: bool,
-        most_bytes: usize,
+    pub(super) fn start<W: Write + Send + 'static>(
+        file: String,
+        open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
+        bounds: Bounds,
+        mut room: Room,
     ) -> std::io::Result<Self> {
-        let shared = Shared { inside: Mutex::default(), changed: Condvar::new(), waits, most_bytes };
-        let recorder = Recorder(Arc::new(shared));
-        let from = recorder.clone();
-        let write = move || from.0.write_all(writer);
+        let recorder = Recorder(Arc::new(Shared { inside: Mutex::default(), changed: Condvar::new(), bounds }));
+        let shared = recorder.0.clone();
+        let write = move || {
+            // A recording that is lost is the lesser evil, so it steps back as far as computing does.
+            if !bounds.waits
+                && let Err(error) = rustix::process::setpriority_process(None, NICE)
+            {
+                tracing::warn!("recording runs at the loop's priority: {error}");
+            }
+            let mut ends = Ends { shared: shared.clone(), panics: true };
+            if let Err(error) = open().and_then(|writer| shared.write_all(writer, &mut room)) {
+                shared.lock().stop(error.to_string());
+            }
+            ends.panics = false;
+        };
         let thread = std::thread::Builder::new().name("recording".to_owned()).spawn(write)?;
-        Ok(Recording { recorder, thread })
+        Ok(Recording { file, recorder, thread })
     }
 
     /// Where entries are put.
@@ -85,23 +145,38 @@ impl Recording {
         self.recorder.clone()
     }
 
-    /// Ends the recording.
-    ///
-    /// # Errors
-    /// Where it could not be written whole.
-    pub fn finish(self) -> Result<Written, TapeError> {
-        self.recorder.0.lock().closed = true;
-        self.recorder.0.changed.notify_all();
-        let ended = self.thread.join();
-        let lost = self.recorder.0.lock().lost.clone();
-        match ended {
-            Ok(entries) => Ok(Written { entries: entries?, lost }),
-            // It was reported where it happened.
-            Err(_) => {
-                let source = mcap::McapError::Io(std::io::Error::other("the thread that writes it has ended"));
-                Err(TapeError::Disk { doing: "written", source })
-            }
+    /// How it stands.
+    pub fn told(&self) -> Recorded {
+        self.recorder.told(&self.file)
+    }
+
+    /// Ends the recording and waits until it is written, as long as the disk takes anything.
+    pub fn finish(self) -> Recorded {
+        let Recording { file, recorder, thread } = self;
+        recorder.close();
+        if recorder.ends() {
+            // A panic in there was reported where it happened, and leaves a recording that is not whole.
+            let _ = thread.join();
         }
+        recorder.told(&file)
+    }
+}
+
+/// Says that the thread is done, however that came.
+struct Ends {
+    shared: Arc<Shared>,
+    panics: bool,
+}
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let mut inside = self.shared.lock();
+        inside.ended = true;
+        if self.panics {
+            inside.stop("the thread that writes it has ended; the log says why".to_owned());
+        }
+        drop(inside);
+        self.shared.changed.notify_all();
     }
 }
 
@@ -109,18 +184,21 @@ impl Recorder {
     /// Puts an entry down, at the time of the last [`Recorder::clock`].
     pub fn put(&self, mut entry: Entry) {
         let shared = &*self.0;
-        let bytes = LINE_BYTES + entry.shot.as_ref().map_or(0, |shot| shot.bytes());
+        let Bounds { waits, most_bytes, hangs, .. } = shared.bounds;
+        let bytes = size(&entry);
         let mut inside = shared.lock();
         // The first one always finds a place, however large it is.
-        while inside.bytes > 0 && inside.bytes + bytes > shared.most_bytes && !inside.broken {
-            if !shared.waits {
+        while inside.bytes > 0 && inside.bytes + bytes > most_bytes && inside.takes() {
+            if !waits || inside.hung {
                 let at_ns = inside.now_ns;
                 inside.lose(entry.topic, at_ns);
                 return;
             }
-            inside = shared.changed.wait(inside).unwrap_or_else(PoisonError::into_inner);
+            let waited = shared.changed.wait_timeout(inside, hangs).unwrap_or_else(PoisonError::into_inner);
+            inside = waited.0;
+            inside.hung |= waited.1.timed_out();
         }
-        if inside.broken {
+        if !inside.takes() {
             return;
         }
         entry.at_ns = inside.now_ns;
@@ -130,21 +208,78 @@ impl Recorder {
         shared.changed.notify_all();
     }
 
-    /// What the loop's clock says; true where that is new.
+    /// What the loop's clock says; true where that is new. The recording's time begins with the first reading.
     pub fn clock(&self, now_ns: u64) -> bool {
         let mut inside = self.0.lock();
-        let is_new = inside.now_ns != now_ns;
-        inside.now_ns = now_ns;
+        let is_first = inside.origin_ns.is_none();
+        let since_ns = now_ns.saturating_sub(*inside.origin_ns.get_or_insert(now_ns));
+        let is_new = is_first || inside.now_ns != since_ns;
+        inside.now_ns = since_ns;
         is_new
+    }
+
+    /// Nothing more will come.
+    pub(super) fn close(&self) {
+        self.0.lock().closed = true;
+        self.0.changed.notify_all();
+    }
+
+    /// Waits for the thread's end; false where its disk hangs, and the thread is left to itself.
+    fn ends(&self) -> bool {
+        let Shared { changed, bounds, .. } = &*self.0;
+        let mut inside = self.0.lock();
+        while !inside.ended {
+            let entries = inside.entries;
+            let stands = |inside: &mut Inside| !inside.ended && inside.entries == entries;
+            let waited = changed.wait_timeout_while(inside, bounds.hangs_at_the_end, stands);
+            let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+            inside = guard;
+            if waited.timed_out() {
+                inside.stop(format!("its disk took nothing for {} s", bounds.hangs_at_the_end.as_secs_f64()));
+                return false;
+            }
+        }
+        true
+    }
+
+    /// How a recording in this file stands.
+    pub(super) fn told(&self, file: &str) -> Recorded {
+        let inside = self.0.lock();
+        let Inside { entries, lost, stopped, .. } = &*inside;
+        let gap = || {
+            let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
+            format!("it has a gap, not kept were {}", lost.collect::<Vec<_>>().join(", "))
+        };
+        let trouble = stopped.clone().or_else(|| (!lost.is_empty()).then(gap));
+        let (is, message) = match trouble {
+            Some(why) => (Stands::NotWhole, format!("{file} cannot be replayed: {why}")),
+            None if inside.ended => (Stands::Whole, format!("recorded in {file}, {entries} entries")),
+            None => (Stands::UnderWay, format!("records in {file}")),
+        };
+        Recorded { file: file.to_owned(), is, entries: *entries, message }
     }
 }
 
 impl Inside {
+    fn takes(&self) -> bool {
+        !self.closed && self.stopped.is_none()
+    }
+
     fn lose(&mut self, topic: Topic, from_ns: u64) {
         match self.lost.iter_mut().find(|lost| lost.topic == topic) {
             Some(lost) => lost.count += 1,
             None => self.lost.push(Lost { topic, from_ns, count: 1 }),
         }
+    }
+
+    /// Whoever waits for a place need not wait any more.
+    fn stop(&mut self, why: String) {
+        if self.stopped.is_none() {
+            tracing::warn!("the recording ends: {why}");
+            self.stopped = Some(why);
+        }
+        self.waiting.clear();
+        self.bytes = 0;
     }
 }
 
@@ -153,46 +288,73 @@ impl Shared {
         self.inside.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// The thread: writes what comes until nothing more does.
-    fn write_all<W: Write>(&self, mut writer: Writer<W>) -> Result<u64, TapeError> {
-        let written = self.write_each(&mut writer);
-        if written.is_err() {
-            self.lock().broken = true;
-            self.changed.notify_all();
-        }
-        let entries = written?;
-        let lost = self.lock().lost.clone();
-        writer.finish(&Ending { lost })?.flush().map_err(disk)?;
-        Ok(entries)
-    }
-
-    fn write_each<W: Write>(&self, writer: &mut Writer<W>) -> Result<u64, TapeError> {
-        let (mut entries, mut flushed) = (0, Instant::now());
-        loop {
-            let mut inside = self.lock();
-            if inside.waiting.is_empty() && !inside.closed {
-                let waited = self.changed.wait_timeout(inside, FLUSH).unwrap_or_else(PoisonError::into_inner);
-                inside = waited.0;
-            }
-            let next = inside.waiting.pop_front();
-            let is_over = next.is_none() && inside.closed;
-            drop(inside);
-            if let Some(entry) = next {
-                writer.write(&entry)?;
-                entries += 1;
-                let bytes = LINE_BYTES + entry.shot.as_ref().map_or(0, |shot| shot.bytes());
-                self.lock().bytes -= bytes;
-                self.changed.notify_all();
-            }
-            if is_over {
-                return Ok(entries);
-            }
+    /// The thread: writes what comes until nothing more does, or there is too little room.
+    fn write_all<W: Write>(&self, mut writer: Writer<W>, room: &mut Room) -> Result<(), TapeError> {
+        let mut flushed = Instant::now();
+        let mut has_room = self.has_room(room);
+        while has_room && self.write_next(&mut writer)? {
             if flushed.elapsed() >= FLUSH {
                 writer.flush()?;
                 flushed = Instant::now();
+                has_room = self.has_room(room);
             }
         }
+        let ending = {
+            let inside = self.lock();
+            Ending { lost: inside.lost.clone(), stopped: inside.stopped.clone() }
+        };
+        writer.finish(&ending)?.flush().map_err(disk)
     }
+
+    /// Whether there is room for more; where there is not, the recording is stopped.
+    fn has_room(&self, room: &mut Room) -> bool {
+        let free_mb = match room() {
+            // Who cannot be asked may still be written to; the disk says when it is full.
+            Err(_) => return true,
+            Ok(free_mb) if free_mb >= RECORDING_FLOOR_MB => return true,
+            Ok(free_mb) => free_mb,
+        };
+        self.lock().stop(too_full(free_mb));
+        self.changed.notify_all();
+        false
+    }
+
+    /// Writes what waits, or waits a while; false where nothing more will come.
+    fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
+        let mut inside = self.lock();
+        if inside.waiting.is_empty() && !inside.closed {
+            inside = self.changed.wait_timeout(inside, FLUSH).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        let Some(entry) = inside.waiting.pop_front() else { return Ok(!inside.closed) };
+        drop(inside);
+        writer.write(&entry)?;
+        let mut inside = self.lock();
+        inside.entries += 1;
+        inside.bytes = inside.bytes.saturating_sub(size(&entry));
+        drop(inside);
+        self.changed.notify_all();
+        Ok(true)
+    }
+}
+
+/// Memory that an entry takes, about, bytes.
+fn size(entry: &Entry) -> usize {
+    size_of(&entry.said) + size_of(&entry.heard) + entry.shot.as_ref().map_or(0, Shot::bytes)
+}
+
+fn size_of(value: &Value) -> usize {
+    VALUE_BYTES
+        + match value {
+            Value::String(words) => words.len(),
+            Value::Array(values) => values.iter().map(size_of).sum(),
+            Value::Object(values) => values.iter().map(|(key, value)| key.len() + size_of(value)).sum(),
+            _ => 0,
+        }
+}
+
+/// Why nothing is recorded on a disk with so much room.
+pub fn too_full(free_mb: u64) -> String {
+    format!("its disk has {free_mb} MB left, and a recording ends below {RECORDING_FLOOR_MB} MB; make room")
 }
 
 fn disk(error: std::io::Error) -> TapeError {

@@ -1,17 +1,18 @@
 //! The queue when nobody empties it, and what a player says when the loop does something else.
 
 use super::super::ports::{Ask, Record, Requests, Robot};
-use super::queue::{Recorder, Recording};
+use super::queue::{Bounds, RECORDING_FLOOR_MB, Recorder, Recording};
 use super::*;
-use crate::cycle::State;
+use crate::cycle::{Id, State};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::record::{Finding, Kind, Number};
-use crate::tape::{Entry, Shot, Start, TapeError, Topic, Writer, check};
+use crate::tape::{Begin, Entry, Shot, Start, TapeError, Topic, Writer, check};
 use crate::verdict::Judgement;
 use std::io::{self, Write};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
+use std::time::Duration;
 
 /// A disk that waits for a word before each write, keeps what is written, or refuses.
 #[derive(Clone)]
@@ -52,11 +53,24 @@ impl Write for Disk {
 
 fn start() -> Start {
     let (hand_eye_mm, robot_mm) = (None, None);
-    Start { program: "0.0.0".to_owned(), unix_ns: 1, state: State::NEW, lock_step: true, hand_eye_mm, robot_mm }
+    let (program, state) = ("0.0.0".to_owned(), State::NEW);
+    Start { program, unix_ns: 1, state, lock_step: true, begin: Begin::Boot, hand_eye_mm, robot_mm }
 }
 
 fn begun(disk: &Disk) -> Writer<Disk> {
     Writer::begin(disk.clone(), &start(), &[], &[]).expect("begun")
+}
+
+fn bounds(waits: bool, hangs_at_the_end: Duration) -> Bounds {
+    Bounds { waits, most_bytes: 40_000, hangs: Duration::from_millis(20), hangs_at_the_end }
+}
+
+/// Writes to this disk from a queue of 40 kB, while there is room.
+fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
+    let bounds = bounds(waits, Duration::from_secs(600));
+    let mut room_mb = room_mb;
+    let room = Box::new(move || Ok(room_mb()));
+    Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started")
 }
 
 fn line(topic: Topic, said: Value, heard: Value) -> Entry {
@@ -93,34 +107,127 @@ fn hanging() -> (Disk, Sender<()>, Writer<Disk>) {
 #[test]
 fn by_the_wall_clock_nobody_waits_and_a_full_queue_is_a_gap() {
     let (disk, go, writer) = hanging();
-    let recording = Recording::bounded(writer, false, 40_000).expect("started");
+    let recording = recording(writer, false, || u64::MAX);
     put_pictures(&recording.recorder(), 200);
     drop(go);
-    let written = recording.finish().expect("finished");
-    let [lost] = written.lost.as_slice() else { panic!("{written:?}") };
-    assert_eq!((lost.topic, lost.count + written.entries), (Topic::Camera, 200));
-    let error = check(&disk.bytes()[..]).expect_err("a gap");
-    assert!(matches!(error, TapeError::Lost { topic: "/camera", .. }), "{error}");
+    let written = recording.finish();
+    let TapeError::Lost { topic: "/camera", count, .. } = check(&disk.bytes()[..]).expect_err("a gap") else {
+        panic!("{written:?}")
+    };
+    assert_eq!((written.is, written.entries + count), (Stands::NotWhole, 200));
+    assert!(
+        written.message.contains(&format!("a.mcap cannot be replayed: it has a gap, not kept were {count} of"))
+    );
 }
 
 #[test]
 fn in_lock_step_a_full_queue_is_waited_for() {
     let disk = Disk::new();
-    let recording = Recording::bounded(begun(&disk), true, 40_000).expect("started");
+    let recording = recording(begun(&disk), true, || u64::MAX);
     put_pictures(&recording.recorder(), 50);
-    let written = recording.finish().expect("finished");
-    assert_eq!((written.entries, written.lost.len()), (50, 0));
+    let written = recording.finish();
+    assert_eq!((written.entries, written.is), (50, Stands::Whole), "{}", written.message);
     assert_eq!(check(&disk.bytes()[..]).expect("whole").entries, 50);
 }
 
 #[test]
 fn a_full_disk_ends_the_recording_and_nothing_else() {
     let disk = Disk { refuses_after: 20_000, ..Disk::new() };
-    let recording = Recording::bounded(begun(&disk), true, 40_000).expect("started");
+    let recording = recording(begun(&disk), true, || u64::MAX);
     // It returns: a queue that nobody empties any more is not waited for.
     put_pictures(&recording.recorder(), 2_000);
-    let error = recording.finish().expect_err("no space");
-    assert!(error.to_string().contains("no space left"), "{error}");
+    let written = recording.finish();
+    assert!(written.is == Stands::NotWhole && written.message.contains("no space left"), "{written:?}");
+}
+
+/// Even where time stands, a disk that takes nothing is not waited for twice.
+#[test]
+fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
+    let (disk, go, writer) = hanging();
+    let recording = recording(writer, true, || u64::MAX);
+    put_pictures(&recording.recorder(), 200);
+    drop(go);
+    assert_eq!(recording.finish().is, Stands::NotWhole);
+    assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
+}
+
+/// Whoever ends it, as the service's end or the next cycle's page, does not hang with the disk.
+#[test]
+fn a_disk_that_hangs_at_the_end_is_left() {
+    let (_disk, go, writer) = hanging();
+    let room = Box::new(|| Ok(u64::MAX));
+    let bounds = bounds(false, Duration::from_millis(50));
+    let recording = Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started");
+    put_pictures(&recording.recorder(), 3);
+    let written = recording.finish();
+    assert!(
+        written.is == Stands::NotWhole && written.message.ends_with("its disk took nothing for 0.05 s"),
+        "{written:?}"
+    );
+    drop(go);
+}
+
+/// The file is ended with the reason; what came before it can be looked at.
+#[test]
+fn below_the_floor_the_recording_ends_with_its_reason() {
+    let disk = Disk::new();
+    let recording = recording(begun(&disk), true, || RECORDING_FLOOR_MB - 1);
+    put_pictures(&recording.recorder(), 2_000);
+    let written = recording.finish();
+    let words = "its disk has 1999 MB left, and a recording ends below 2000 MB; make room";
+    assert!(written.is == Stands::NotWhole && written.message.ends_with(words), "{written:?}");
+    let error = check(&disk.bytes()[..]).expect_err("stopped");
+    assert!(matches!(error, TapeError::Stopped { .. }) && error.to_string().ends_with(words), "{error}");
+
+    let disk = Disk::new();
+    let mut looks = 0_u64;
+    let fills = move || {
+        looks += 1;
+        RECORDING_FLOOR_MB + 1 - looks
+    };
+    let recording = recording_of(&disk, fills);
+    // It is looked again once a second.
+    while recording.told().is == Stands::UnderWay {
+        put_pictures(&recording.recorder(), 1);
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    assert!(recording.finish().entries > 0);
+    assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Stopped { until_s, .. }) if until_s > 0.0));
+}
+
+fn recording_of(disk: &Disk, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
+    recording(begun(disk), true, room_mb)
+}
+
+#[test]
+fn a_file_that_cannot_be_made_is_said() {
+    let open = || -> Result<Writer<Disk>, TapeError> {
+        let source = io::Error::from(io::ErrorKind::AlreadyExists).into();
+        Err(TapeError::Disk { doing: "made", source })
+    };
+    let room = Box::new(|| Ok(u64::MAX));
+    let recording = Recording::start("a.mcap".to_owned(), open, Bounds::of(true), room).expect("started");
+    put_pictures(&recording.recorder(), 50);
+    let written = recording.finish();
+    assert!(
+        written.is == Stands::NotWhole && written.message.contains("the recording cannot be made"),
+        "{written:?}"
+    );
+}
+
+/// By hand: a loop that has run for an hour begins a recording; its times begin at nought all the same.
+#[test]
+fn time_begins_with_the_recording() {
+    let disk = Disk::new();
+    let recording = recording(begun(&disk), true, || u64::MAX);
+    let hour_ns = 3_600_000_000_000;
+    let recorder = recording.recorder();
+    assert!(recorder.clock(hour_ns) && !recorder.clock(hour_ns), "the first reading is news");
+    assert!(recorder.clock(hour_ns + 250_000_000));
+    recorder.put(line(Topic::Request, Value::Null, json!("leave")));
+    assert_eq!(recording.finish().is, Stands::Whole);
+    let length_s = check(&disk.bytes()[..]).expect("whole").length_s;
+    assert!((length_s - 0.25).abs() < 1e-6, "{length_s}");
 }
 
 fn player(entries: Vec<Entry>) -> Player<'static> {
@@ -175,6 +282,30 @@ fn another_call_or_none_parts_them() {
 
     let left = player(vec![abort()]).played();
     assert!(!left.to_the_end && left.differences[0].now.contains("left"), "{left:?}");
+}
+
+/// A look through a camera that the loop does without now is a difference, though nothing came of it then.
+#[test]
+fn a_camera_that_is_not_asked_any_more_is_a_difference() {
+    let look = line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
+    let played = player(vec![look]).played();
+    assert!(!played.to_the_end, "{played:?}");
+    assert_eq!(
+        played.differences[0].to_string(),
+        "0.000 s, what the cameras were asked: recorded \"picture\", now nothing"
+    );
+}
+
+/// What is computed beside the loop comes in when it came in, not before and no other.
+#[test]
+fn a_result_waits_for_its_turn() {
+    let reports = || line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
+    let result = line(Topic::Result, Value::Null, json!(7));
+    let mut player = player(vec![reports(), result]);
+    assert!(!player.lets_in(Id(7)), "a report comes first");
+    assert!(Robot::next(&mut player).is_some());
+    assert!(!player.lets_in(Id(8)) && player.lets_in(Id(7)) && !player.lets_in(Id(7)));
+    assert!(player.played().to_the_end);
 }
 
 #[test]

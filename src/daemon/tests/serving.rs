@@ -7,6 +7,7 @@ use crate::geometry::{ColorPicture, OrganizedCloud};
 use crate::record::{CycleId, Kind};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
+use std::ops::Range;
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
@@ -14,22 +15,22 @@ type When = Box<dyn FnMut(&State) -> bool>;
 
 /// Asks each thing when its time has come, then leaves.
 #[derive(Default)]
-struct Script {
+pub struct Script {
     steps: VecDeque<(When, Ask)>,
     refusals: Vec<(Request, Refusal)>,
-    verdicts: Vec<Verdict>,
+    pub verdicts: Vec<Verdict>,
     cycles: Vec<CycleId>,
     noted: Vec<Reason>,
     unable: Vec<String>,
 }
 
 impl Script {
-    fn when(mut self, when: impl FnMut(&State) -> bool + 'static, ask: Ask) -> Self {
+    pub fn when(mut self, when: impl FnMut(&State) -> bool + 'static, ask: Ask) -> Self {
         self.steps.push_back((Box::new(when), ask));
         self
     }
 
-    fn reset(self) -> Self {
+    pub fn reset(self) -> Self {
         let ready = |state: &State| {
             state.at == At::Stopped && state.facts.robot == crate::cycle::Robot::Ready
                 || matches!(state.at, At::Complete { .. })
@@ -37,11 +38,11 @@ impl Script {
         self.when(ready, Ask::For(Request::Reset))
     }
 
-    fn start(self, cell: &Fake) -> Self {
+    pub fn start(self, cell: &Fake) -> Self {
         self.when(|state| state.at == At::Idle, Ask::Begin(Box::new(cell.order())))
     }
 
-    fn leave_when(self, when: impl FnMut(&State) -> bool + 'static) -> Self {
+    pub fn leave_when(self, when: impl FnMut(&State) -> bool + 'static) -> Self {
         self.when(when, Ask::Leave)
     }
 }
@@ -60,7 +61,7 @@ impl Requests for Script {
         self.unable.extend(reasons.iter().map(|reason| reason.code.to_string()));
     }
 
-    fn begun(&mut self, cycle: CycleId) {
+    fn begun(&mut self, cycle: CycleId, _: crate::tape::Begin) {
         self.cycles.push(cycle);
     }
 
@@ -73,7 +74,7 @@ impl Requests for Script {
     }
 }
 
-fn complete(state: &State) -> bool {
+pub fn complete(state: &State) -> bool {
     matches!(state.at, At::Complete { .. })
 }
 
@@ -116,13 +117,25 @@ fn where_it_is_computed_does_not_matter() {
     assert_eq!(here, aside);
 }
 
-/// Eyes whose first scan takes until somebody lets it go on.
-struct Slow {
+/// Eyes with something about them.
+struct Odd {
     eyes: FakeEyes,
+    /// The first scan takes until somebody lets it go on.
     go_on: Option<Receiver<()>>,
+    /// What a check finds.
+    wrong: Vec<SightError>,
+    /// Pictures of each film that nobody takes over in time.
+    drops: Range<u64>,
+    taken: u64,
 }
 
-impl Eyes for Slow {
+impl Odd {
+    fn new(eyes: FakeEyes) -> Self {
+        Odd { eyes, go_on: None, wrong: vec![], drops: 0..0, taken: 0 }
+    }
+}
+
+impl Eyes for Odd {
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
         if let Some(go_on) = self.go_on.take() {
             // Far longer than the test takes: where the loop waits for this scan, it is not let go on.
@@ -132,8 +145,23 @@ impl Eyes for Slow {
         self.eyes.scan()
     }
 
-    fn picture(&mut self) -> Result<ColorPicture, SightError> {
+    fn picture(&mut self) -> Result<Picture2d, SightError> {
         self.eyes.picture()
+    }
+
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
+        self.taken = 0;
+        self.eyes.begin_film(pictures_per_second)
+    }
+
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+        let Some(picture) = self.eyes.next_of_film()? else { return Ok(None) };
+        self.taken += 1;
+        Ok(Some(picture).filter(|_| !self.drops.contains(&self.taken)))
+    }
+
+    fn end_film(&mut self) -> Result<u64, SightError> {
+        self.eyes.end_film().map(|none| none + self.drops.end - self.drops.start)
     }
 
     fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
@@ -141,8 +169,23 @@ impl Eyes for Slow {
     }
 
     fn check(&mut self) -> Vec<SightError> {
-        self.eyes.check()
+        self.wrong.clone()
     }
+}
+
+/// What the camera dropped is missing in its times: the film is no test, whatever it shows, and says how many.
+#[test]
+fn dropped_pictures_are_a_gap_in_time() {
+    let cell = Fake::new(Scene::Clean);
+    let held = |state: &State| matches!(state.at, At::Held(_) | At::Complete { .. });
+    let mut script = Script::default().reset().start(&cell).leave_when(held);
+    let record = cell.serve(|eyes| Odd { drops: 5..11, ..Odd::new(eyes) }, vec![], &mut script);
+    let film = record.findings.iter().find(|finding| finding.kind == Kind::Inspect).expect("watched");
+    let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
+    assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
+    assert_eq!(film.number("pictures that were dropped"), Some(6.0));
+    // By hand: one in two seconds; after the fourth, which came at six, the eleventh came at twenty.
+    assert_eq!(film.number("longest time between two of them"), Some(14.0));
 }
 
 /// A stop while the scan is under way ends in Stopped before the scan does; what the scan then finds is dropped, and
@@ -166,7 +209,7 @@ fn a_stop_does_not_wait_for_a_computation() {
         .when(stopped, Ask::For(Request::Reset))
         .start(&cell)
         .leave_when(complete);
-    let record = cell.serve(|eyes| Slow { eyes, go_on: Some(go_on) }, vec![], &mut script);
+    let record = cell.serve(|eyes| Odd { go_on: Some(go_on), ..Odd::new(eyes) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
@@ -187,27 +230,6 @@ fn an_order_out_of_turn_begins_nothing() {
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
 }
 
-/// Eyes that are blind.
-struct Blind(FakeEyes);
-
-impl Eyes for Blind {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        self.0.scan()
-    }
-
-    fn picture(&mut self) -> Result<ColorPicture, SightError> {
-        self.0.picture()
-    }
-
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        self.0.corner_picture()
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        vec![SightError { camera: "the scanner", why: "its cable is out".to_owned() }]
-    }
-}
-
 /// Each thing that is wrong is a reason, and the reset ends in Stopped.
 #[test]
 fn a_self_test_names_all_that_is_wrong() {
@@ -221,8 +243,9 @@ fn a_self_test_names_all_that_is_wrong() {
     };
     let cell = Fake::new(Scene::Clean);
     let unreadable = Reason::new("calibration", "scanner.toml: no such file");
+    let wrong = vec![SightError { camera: "the scanner", why: "its cable is out".to_owned() }];
     let mut script = Script::default().reset().leave_when(until(false));
-    cell.serve(Blind, vec![unreadable], &mut script);
+    cell.serve(|eyes| Odd { wrong, ..Odd::new(eyes) }, vec![unreadable], &mut script);
     assert!(failed(&script), "{:?}", script.refusals);
     assert_eq!(codes(&script), ["camera", "calibration"]);
 

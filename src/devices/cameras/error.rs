@@ -69,6 +69,12 @@ pub enum CameraError {
         /// Why not.
         reason: String,
     },
+    /// A picture of a clip that nobody began, or that has ended.
+    #[error("the {which} takes no clip of which this could be a picture")]
+    NoClip {
+        /// Which.
+        which: Which,
+    },
     /// A 3D shot with the arm before the camera.
     #[error("a 3D shot is taken with the arm standing parked; {axis_off_deg:.2}° is the farthest axis off, {}", if *moving { "and it moves" } else { "it stands" })]
     ArmInView {

@@ -67,6 +67,26 @@ pub trait Scanner: Send {
     /// Where the camera does not deliver.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
 
+    /// Begins a clip: such pictures one after the other, at most so many a second. Any other capture ends it. Gives the time,
+    /// on the clock of the pictures: what is missing from then on is missing in the clip.
+    ///
+    /// # Errors
+    /// Where the camera does not begin.
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
+
+    /// The clip's next picture; none where none is due yet. A camera that takes them by itself is waited for, and drops
+    /// the oldest of those that nobody takes over in time: what the times say is when each was taken.
+    ///
+    /// # Errors
+    /// Where the camera does not deliver, or no clip is being taken.
+    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError>;
+
+    /// Ends the clip; how many of its pictures were dropped.
+    ///
+    /// # Errors
+    /// Where the camera does not say so, or no clip is being taken.
+    fn end_clip(&mut self) -> Result<u64, CameraError>;
+
     /// Whether the camera would deliver. Takes no shot that a cycle needs.
     ///
     /// # Errors
@@ -99,6 +119,18 @@ impl<S: Scanner + ?Sized> Scanner for Box<S> {
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
         (**self).capture_2d()
+    }
+
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
+        (**self).begin_clip(pictures_per_second)
+    }
+
+    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+        (**self).next_of_clip()
+    }
+
+    fn end_clip(&mut self) -> Result<u64, CameraError> {
+        (**self).end_clip()
     }
 
     fn check(&mut self) -> Result<(), CameraError> {

@@ -56,6 +56,7 @@ pub struct RecordedScanner {
     camera: PinholeCamera,
     clouds: Reel<PathBuf>,
     pictures: Reel<ClipEntry>,
+    takes_clip: bool,
 }
 
 impl RecordedScanner {
@@ -74,12 +75,25 @@ impl RecordedScanner {
             false => Vec::new(),
         };
         let pictures = Reel::new(folder, "picture in its clip.csv", entries);
-        Ok(RecordedScanner { camera, clouds: Reel::new(folder, "3D shot", clouds), pictures })
+        Ok(RecordedScanner { camera, clouds: Reel::new(folder, "3D shot", clouds), pictures, takes_clip: false })
+    }
+}
+
+impl RecordedScanner {
+    fn picture(&mut self) -> Result<Picture, CameraError> {
+        let entry = self.pictures.next()?;
+        let file = self.pictures.folder.join(&entry.file);
+        Ok(Picture { picture: picture(&file, Which::Scanner, &self.camera)?, time_s: entry.time_s })
+    }
+
+    fn clip(&self) -> Result<(), CameraError> {
+        if self.takes_clip { Ok(()) } else { Err(CameraError::NoClip { which: Which::Scanner }) }
     }
 }
 
 impl Scanner for RecordedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
+        self.takes_clip = false;
         let file = self.clouds.next()?;
         let cloud = match files::read_cloud(&read(&file)?, &self.camera) {
             Err(CloudFileError::Size { width, height, .. }) => {
@@ -91,9 +105,26 @@ impl Scanner for RecordedScanner {
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
-        let entry = self.pictures.next()?;
-        let file = self.pictures.folder.join(&entry.file);
-        Ok(Picture { picture: picture(&file, Which::Scanner, &self.camera)?, time_s: entry.time_s })
+        self.takes_clip = false;
+        self.picture()
+    }
+
+    /// Each picture is there at once, with the time that was recorded.
+    fn begin_clip(&mut self, _: f64) -> Result<f64, CameraError> {
+        self.takes_clip = true;
+        self.pictures.check()?;
+        Ok(self.pictures.ahead.front().map_or(0.0, |next| next.time_s))
+    }
+
+    fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
+        self.clip()?;
+        self.picture().map(Some)
+    }
+
+    fn end_clip(&mut self) -> Result<u64, CameraError> {
+        self.clip()?;
+        self.takes_clip = false;
+        Ok(0)
     }
 
     fn check(&mut self) -> Result<(), CameraError> {

@@ -21,6 +21,10 @@ use std::time::Duration;
 pub const QUEUE: usize = 3;
 /// How long the next picture of a clip is waited for before the daemon is told that there is none.
 const NEXT_PICTURE: Duration = Duration::from_secs(4);
+/// So long nobody need ask for a clip's pictures before it ends by itself: whoever began it may have gone.
+const NOBODY_ASKS: Duration = Duration::from_secs(10);
+/// Pictures in a row that the camera may not give; each is a gap in the clip's times. One more ends the clip.
+const MOST_MISSED: u32 = 2;
 
 /// Room for what is under way, so that this end goes on while the other sums up a piece.
 const SOCKET_BYTES: usize = 1 << 20;
@@ -251,15 +255,35 @@ struct Queue {
     waiting: VecDeque<Photo>,
     taken: u64,
     dropped: u64,
+    /// Pictures in a row that the camera did not give.
+    missed: u32,
+    /// When somebody last asked for one.
+    asked_ns: u64,
     /// What ended the clip, told once.
     failed: Option<Refusal>,
     is_over: bool,
 }
 
 impl Queue {
+    /// What the camera gave, at this time.
+    fn take(&mut self, taken: Result<Photo, Refusal>, now_ns: u64) {
+        match taken {
+            Ok(photo) => self.push(photo),
+            Err(refusal) if refusal.trouble == Trouble::NoShot && self.missed < MOST_MISSED => self.missed += 1,
+            Err(refusal) => (self.failed, self.is_over) = (Some(refusal), true),
+        }
+        if now_ns.saturating_sub(self.asked_ns) > NOBODY_ASKS.as_nanos() as u64 {
+            let message =
+                format!("nobody asked for its pictures for {} s, so the clip has ended", NOBODY_ASKS.as_secs());
+            let ended = Refusal { trouble: Trouble::OutOfOrder, message };
+            (self.failed, self.is_over) = (Some(ended), true);
+            self.waiting.clear();
+        }
+    }
+
     /// The newest pictures stay.
     fn push(&mut self, photo: Photo) {
-        self.taken += 1;
+        (self.taken, self.missed) = (self.taken + 1, 0);
         self.waiting.push_back(photo);
         if self.waiting.len() > QUEUE {
             self.waiting.pop_front();
@@ -294,7 +318,8 @@ impl Clip {
             return Err(refused(format!("{pictures_per_second} pictures a second are none, or too many")));
         }
         let period_ns = (1e9 / pictures_per_second) as u64;
-        let shared = Arc::new((Mutex::new(Queue::default()), Condvar::new()));
+        let queue = Queue { asked_ns: now_ns(), ..Queue::default() };
+        let shared = Arc::new((Mutex::new(queue), Condvar::new()));
         let theirs = shared.clone();
         let run = move || {
             let (queue, news) = &*theirs;
@@ -302,10 +327,7 @@ impl Clip {
             loop {
                 let taken = lock(&camera).take(&settings, |sensor| sensor.picture(slot));
                 let mut queue = lock(queue);
-                match taken {
-                    Ok(photo) => queue.push(photo),
-                    Err(refusal) => (queue.failed, queue.is_over) = (Some(refusal), true),
-                }
+                queue.take(taken, now_ns());
                 news.notify_all();
                 // A camera that is late goes on from when it was, without hurrying after.
                 due_ns = (due_ns + period_ns).max(now_ns());
@@ -329,8 +351,10 @@ impl Clip {
     fn next(&mut self) -> Result<Photo, Refusal> {
         let (queue, news) = &*self.shared;
         let idle = |queue: &mut Queue| queue.waiting.is_empty() && !queue.is_over;
+        lock(queue).asked_ns = now_ns();
         let waited = news.wait_timeout_while(lock(queue), NEXT_PICTURE, idle);
         let mut queue = waited.unwrap_or_else(PoisonError::into_inner).0;
+        queue.asked_ns = now_ns();
         let late = || Refusal {
             trouble: Trouble::NoShot,
             message: format!("no picture of the clip within {} s", NEXT_PICTURE.as_secs()),
@@ -387,6 +411,36 @@ mod tests {
         let taken = std::iter::from_fn(|| queue.pop()).map(|(taken, _)| (taken.number, taken.dropped));
         assert_eq!(taken.collect::<Vec<_>>(), [(3, 2), (4, 2), (5, 2)]);
         assert_eq!((queue.taken, queue.dropped), (5, 2));
+    }
+
+    fn no_shot() -> Refusal {
+        Refusal { trouble: Trouble::NoShot, message: "no exposure".to_owned() }
+    }
+
+    /// Two pictures in a row may be missing, which the times of the others show; the third ends the clip.
+    #[test]
+    fn a_missing_picture_is_a_gap_and_three_are_the_end() {
+        let mut queue = Queue::default();
+        for taken in [Err(no_shot()), Err(no_shot()), Ok(photo(1)), Err(no_shot()), Err(no_shot())] {
+            queue.take(taken, 0);
+            assert!(!queue.is_over);
+        }
+        queue.take(Err(no_shot()), 0);
+        assert!(queue.is_over && queue.failed == Some(no_shot()));
+        let mut gone = Queue::default();
+        gone.take(Err(Refusal { trouble: Trouble::Gone, message: String::new() }), 0);
+        assert!(gone.is_over, "a camera that is gone ends it at once");
+    }
+
+    /// A clip of a film that was left goes on for ten seconds and no longer.
+    #[test]
+    fn a_clip_that_nobody_asks_for_ends() {
+        let mut queue = Queue { asked_ns: 5_000_000_000, ..Queue::default() };
+        queue.take(Ok(photo(1)), 15_000_000_000);
+        assert!(!queue.is_over);
+        queue.take(Ok(photo(2)), 15_000_000_001);
+        assert!(queue.is_over && queue.waiting.is_empty());
+        assert!(queue.failed.is_some_and(|why| why.message.contains("nobody asked for its pictures for 10 s")));
     }
 
     /// `printf 'a: 1\n' | sha256sum`

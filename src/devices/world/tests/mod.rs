@@ -262,6 +262,23 @@ fn the_simulated_scanner_does_what_every_scanner_does() {
     bench.switch(Output::Light, true);
     bench.pass_s(1.5);
     conform::pictures(&mut bench.scanner, &lens);
+    let mut scanner = bench.scanner.clone();
+    conform::clips(&mut scanner, &lens, || bench.pass_s(0.03));
+}
+
+/// By hand: of a clip of two pictures a second the third is due after one second, and what was missed is not taken twice.
+#[test]
+fn a_simulated_clip_keeps_the_worlds_time() {
+    let mut bench = Bench::new();
+    let mut scanner = bench.scanner.clone();
+    scanner.begin_clip(2.0).expect("begun");
+    let mut times_s = Vec::new();
+    for _ in 0..12 {
+        times_s.extend(scanner.next_of_clip().expect("it goes on").map(|picture| picture.time_s));
+        bench.pass_s(0.1);
+    }
+    let since: Vec<f64> = times_s.iter().map(|time_s| time_s - times_s[0]).collect();
+    assert!(since.len() == 3 && (since[1] - 0.5).abs() < 0.11 && (since[2] - 1.0).abs() < 0.11, "{since:?}");
 }
 
 #[test]

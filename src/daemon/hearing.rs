@@ -1,0 +1,125 @@
+//! What the robot tells: as events of the table, and as answers to what is pending.
+
+use super::DaemonError;
+use super::acts::{Pending, Waits};
+use super::run::Running;
+use super::sight::reason;
+use super::trace::Told;
+use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
+use crate::eki::{self, Mode, StopCause};
+use crate::record::Kind;
+use crate::verdict::Reason;
+
+impl Running<'_> {
+    /// What the robot tells, as events and as answers to what is pending.
+    pub(super) fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
+        use eki::Report as R;
+        match report {
+            R::Connected { state } | R::State(state) => self.hear_state(&state)?,
+            R::Rebooted { state } => {
+                self.becomes(cycle::Robot::Restarted);
+                self.hear_state(&state)?;
+            }
+            R::LinkLost { why } => {
+                self.robot_state = None;
+                self.becomes(cycle::Robot::LinkLost);
+                self.note(Kind::Robot, vec![reason("link_lost", &why)])?;
+            }
+            R::EpochOpened { epoch } => {
+                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Epoch(epoch.0))
+            }
+            R::EpochNotOpened { .. } => {
+                self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
+            }
+            R::Progress { done } => self.executed(done),
+            // The state says that it stands there.
+            R::PathDone { .. } => {}
+            R::Standstill { done } => self.stood_still(done),
+            R::Refused { refusal, id } => {
+                let words = Reason::new("refused", format!("the controller refused command {id}: {refusal}"));
+                self.trouble(Trouble::Refused, words)?;
+            }
+            R::EchoMismatch(mismatch) => self.trouble(Trouble::Protocol, reason("echo", &*mismatch))?,
+            // The others come as a condition.
+            R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
+                self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
+            }
+            R::Interrupted { .. } => {}
+            R::Slow { id, contact, waited } => {
+                let waited_s = waited.as_secs_f64();
+                let words = format!(
+                    "the robot is slower than its plan: command {id} has taken {waited_s:.1} s; is its override below \
+                     100 %, or in T1 the start key released?"
+                );
+                if contact {
+                    self.trouble(Trouble::Slow, Reason::new("slow", words))?;
+                } else {
+                    tracing::warn!("{words}");
+                    self.ports.requests.noted(&[Reason::new("slow", words)]);
+                    self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
+                }
+            }
+            R::SequenceError(error) => self.trouble(Trouble::Sequence, reason("sequence", &error))?,
+            R::WatchdogExpired { channel, silence } => {
+                let words = format!("the {channel} was silent for {} ms", silence.as_millis());
+                self.trouble(Trouble::Late, Reason::new("watchdog", words))?;
+            }
+        }
+        Ok(())
+    }
+
+    fn hear_state(&mut self, state: &eki::State) -> Result<(), DaemonError> {
+        self.robot_state = Some(*state);
+        self.follow(state);
+        self.becomes(condition(state));
+        self.look(state)
+    }
+
+    fn becomes(&mut self, condition: cycle::Robot) {
+        if condition != self.condition {
+            self.condition = condition;
+            self.events.push_back(Event::Told(Report::Robot(condition)));
+        }
+    }
+
+    fn answer_if(&mut self, fits: impl Fn(Act) -> bool, answer: Answer) {
+        let id: Option<Id> = self.pending.as_ref().filter(|pending| fits(pending.act)).map(|pending| pending.id);
+        if let Some(id) = id {
+            self.answer(id, answer);
+        }
+    }
+
+    fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
+        self.note(Kind::Robot, vec![words])?;
+        self.events.push_back(Event::Told(Report::Trouble(trouble)));
+        Ok(())
+    }
+
+    /// Where the tool is on a contact path.
+    fn follow(&mut self, state: &eki::State) {
+        let contact = |pending: &Pending| match (pending.act, &pending.waits) {
+            (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,
+            _ => false,
+        };
+        if self.pending.as_ref().is_some_and(contact)
+            && let Some(sent) = self.sent
+        {
+            self.trace.push(Told {
+                time_ms: state.time_ms,
+                tip: state.base_from_tcp,
+                done: sent.waypoints(state.done),
+            });
+        }
+    }
+}
+
+fn condition(state: &eki::State) -> cycle::Robot {
+    use cycle::Robot;
+    match state {
+        _ if state.emergency_stop => Robot::EmergencyStop,
+        _ if !state.guard_closed => Robot::GuardOpen,
+        _ if matches!(state.mode, Mode::T1 | Mode::T2) => Robot::NotAutomatic,
+        _ if !(state.drives_on && state.motion_possible) => Robot::DrivesOff,
+        _ => Robot::Ready,
+    }
+}

@@ -1,0 +1,238 @@
+//! Which cycle is recorded, and where: the one switch behind all taped ports.
+//!
+//! The command that runs one cycle records from its start on. The service goes on for months, so it records single
+//! cycles: from the moment at which the loop takes the order until it rests again, with what the loop remembered before.
+//! All that takes time — the file, its beginning, each entry — is the recording's own thread's.
+
+use super::super::Calibrations;
+use super::queue::{Bounds, Recorded, Recorder, Recording, Room};
+use crate::cycle::{Request, State};
+use crate::geometry::KukaPose;
+use crate::record::CycleId;
+use crate::tape::{Begin, Entry, Mounted, Start, TapeError, Topic, Writer};
+use serde_json::{Value, json};
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What a recording begins with, and where it goes.
+#[derive(Debug, Clone)]
+pub struct ToRecord {
+    /// A new file; none where the store names it by the cycle's number.
+    pub file: Option<PathBuf>,
+    /// The files that the cycle works by, by their names in the recording.
+    pub files: Vec<(String, Vec<u8>)>,
+    /// The calibrations.
+    pub calibrations: Calibrations,
+}
+
+/// Whether what passes through the ports is recorded now. Clones are the same one.
+#[derive(Debug, Clone)]
+pub struct Taping(Arc<Mutex<Inside>>);
+
+#[derive(Debug)]
+struct Inside {
+    folder: PathBuf,
+    lock_step: bool,
+    /// What the order that is being taken asks for, how the table is asked, and where that was.
+    wanted: Option<(ToRecord, Request, State)>,
+    recorder: Option<Recorder>,
+    /// The cycle is over; what still waits to be heard belongs to it.
+    is_over: bool,
+    /// Until somebody takes it.
+    recording: Option<Recording>,
+    /// The last one, for who asks.
+    last: Option<(String, Recorder)>,
+}
+
+/// Where the recordings of a store are.
+pub fn recordings(store: &Path) -> PathBuf {
+    store.join("recordings")
+}
+
+impl Taping {
+    /// Nothing is recorded yet; recordings without a name of their own go where this store has them.
+    pub fn new(store: &Path, lock_step: bool) -> Self {
+        Taping(Arc::new(Mutex::new(Inside {
+            folder: recordings(store),
+            lock_step,
+            wanted: None,
+            recorder: None,
+            is_over: false,
+            recording: None,
+            last: None,
+        })))
+    }
+
+    /// Records from now on in this file, which is new, until [`Taping::finish`].
+    ///
+    /// # Errors
+    /// Where there is such a file already, or the disk refuses.
+    pub fn begin(&self, file: &Path, to: ToRecord, state: State) -> io::Result<()> {
+        let out = OpenOptions::new().write(true).create_new(true).open(file)?;
+        self.lock().start((file, to), state, Begin::Boot, move || Ok(out))
+    }
+
+    /// Ends the recording and waits until it is written; none where nothing was recorded.
+    pub fn finish(&self) -> Option<Recorded> {
+        let recording = {
+            let mut inside = self.lock();
+            inside.recorder = None;
+            inside.recording.take()?
+        };
+        Some(recording.finish())
+    }
+
+    /// How the last recording stands, or why there is none.
+    pub fn told(&self) -> Option<Recorded> {
+        let inside = self.lock();
+        inside.last.as_ref().map(|(file, recorder)| recorder.told(file))
+    }
+
+    /// The recording of the cycle that has ended, where it has one that nobody took.
+    pub fn take(&self) -> Option<Recording> {
+        let mut inside = self.lock();
+        if inside.recorder.is_some() { None } else { inside.recording.take() }
+    }
+
+    pub(super) fn recorder(&self) -> Option<Recorder> {
+        self.lock().recorder.clone()
+    }
+
+    /// An order comes to the loop.
+    pub(super) fn wants(&self, to: Option<ToRecord>, request: Request, state: &State) {
+        let mut inside = self.lock();
+        if inside.recorder.is_none() {
+            inside.wanted = to.map(|to| (to, request, *state));
+        }
+    }
+
+    /// The order's cycle begins.
+    pub(super) fn begins(&self, cycle: CycleId, before: Begin) {
+        let mut inside = self.lock();
+        inside.last = None;
+        let Some((to, request, state)) = inside.wanted.take() else { return };
+        let file = to.file.clone().unwrap_or_else(|| inside.folder.join(format!("cycle-{:06}.mcap", cycle.0)));
+        let made = file.clone();
+        let open = move || {
+            made.parent().map_or(Ok(()), fs::create_dir_all)?;
+            OpenOptions::new().write(true).create_new(true).open(&made)
+        };
+        match inside.start((&file, to), state, before, open) {
+            Ok(()) => inside.heard_request(json!({ "for": request })),
+            Err(error) => tracing::warn!("cycle {cycle} is not recorded: {error}"),
+        }
+    }
+
+    /// The cycle has ended, as far as it is known.
+    pub(super) fn is_over(&self) {
+        let mut inside = self.lock();
+        inside.is_over = inside.recorder.is_some();
+    }
+
+    /// The loop listens for what is asked: what the cycle left behind has been heard, and who recorded it leaves.
+    pub(super) fn listens(&self) {
+        let mut inside = self.lock();
+        if std::mem::take(&mut inside.is_over) {
+            inside.heard_request(json!("leave"));
+            if let Some(recorder) = inside.recorder.take() {
+                recorder.close();
+            }
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Inside {
+    fn start(
+        &mut self,
+        (file, to): (&Path, ToRecord),
+        state: State,
+        begin: Begin,
+        open: impl FnOnce() -> io::Result<File> + Send + 'static,
+    ) -> io::Result<()> {
+        let ToRecord { files, calibrations, .. } = to;
+        let start = Start {
+            program: env!("CARGO_PKG_VERSION").to_owned(),
+            unix_ns: unix_ns(),
+            state,
+            lock_step: self.lock_step,
+            begin,
+            hand_eye_mm: calibrations.hand_eye_mm,
+            robot_mm: calibrations.robot_mm,
+        };
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
+        let begun = move || {
+            let made = open().and_then(|out| {
+                // Its name is on the disk too.
+                folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
+                Ok(out)
+            });
+            let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
+            Writer::begin(BufWriter::new(OnDisk(out)), &start, &files, &mounted(&calibrations))
+        };
+        let name = file.display().to_string();
+        let recording = Recording::start(name.clone(), begun, Bounds::of(self.lock_step), room(file))?;
+        (self.recorder, self.is_over) = (Some(recording.recorder()), false);
+        self.last = Some((name, recording.recorder()));
+        self.recording = Some(recording);
+        Ok(())
+    }
+
+    fn heard_request(&self, heard: Value) {
+        if let Some(recorder) = &self.recorder {
+            recorder.put(Entry { topic: Topic::Request, at_ns: 0, said: Value::Null, heard, shot: None });
+        }
+    }
+}
+
+/// A file that is flushed to the disk, and not to the system's memory alone: that ends with the power.
+struct OnDisk(File);
+
+impl Write for OnDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.sync_data()
+    }
+}
+
+/// Where cameras and tool are, for who looks at the recording.
+fn mounted(values: &Calibrations) -> [Mounted; 3] {
+    let mounted = |parent, child, pose| Mounted { parent, child, pose };
+    [
+        mounted("base", "scanner", KukaPose::from_rigid(&values.base_from_camera)),
+        mounted("flange", "flange_camera", KukaPose::from_rigid(&values.flange_from_camera)),
+        mounted("flange", "tool", KukaPose::from_rigid(&values.flange_from_tool)),
+    ]
+}
+
+/// Free space on the disk of this file, MB.
+fn room(file: &Path) -> Room {
+    let file = file.to_owned();
+    Box::new(move || free_mb(&file))
+}
+
+/// Free space on the disk where this file is, or will be, MB.
+///
+/// # Errors
+/// Where no part of the path is there.
+pub fn free_mb(file: &Path) -> io::Result<u64> {
+    let there = std::path::absolute(file)?;
+    let there = there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
+    let disk = rustix::fs::statvfs(there)?;
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+}
+
+/// By the wall clock, a label; a clock that stands before 1970 has none.
+fn unix_ns() -> u64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or_default()
+}

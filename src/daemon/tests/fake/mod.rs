@@ -1,0 +1,376 @@
+//! The scripted cell: what is true of it, and what came of its cycle.
+
+mod asks;
+mod cameras;
+mod record;
+mod robot;
+
+pub use asks::Asks;
+pub use cameras::FakeEyes;
+pub use record::Memory;
+use robot::FakeRobot;
+
+use super::super::*;
+use crate::cell;
+use crate::cycle::{Event, Motion, Outcome, Path, Refusal, Request};
+use crate::devices::mock::Arm;
+use crate::eki::{Command, Report, SetTcp};
+use crate::geometry::{Base, KukaPose};
+use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
+use crate::record::{Budget, Kind};
+use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth};
+use crate::store::CycleStart;
+use crate::tape::{Entries, check};
+use crate::verdict::Reason;
+use std::collections::{BTreeMap, VecDeque};
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+/// What is true of the cell.
+struct World {
+    sim: sim::Cell,
+    time_ms: u64,
+    epoch: u32,
+    open: bool,
+    next_id: u32,
+    done: u32,
+    queue: VecDeque<(u32, Command)>,
+    /// Commands executed in 100 ms.
+    pace: usize,
+    base: Option<KukaPose>,
+    tool: Option<SetTcp>,
+    base_from_flange: Rigid<Base, Flange>,
+    arm: Arm,
+    joints: Joints,
+    outputs: BTreeMap<u16, bool>,
+    water_off_ms: u64,
+    rubbed: usize,
+    healed: bool,
+    /// The panel turns about its first corner once it is wet, by so much.
+    turns_when_wet_deg: f64,
+    waypoints: usize,
+    reports: VecDeque<Report>,
+    lines: usize,
+    feeds_m_s: Vec<f64>,
+    blends_mm: Vec<f64>,
+    intent: Option<Motion>,
+    moved_without_intent: usize,
+}
+
+/// The world, for the loop's thread and the one that computes.
+#[derive(Clone)]
+struct Shared(Arc<Mutex<World>>);
+
+impl Shared {
+    fn borrow(&self) -> MutexGuard<'_, World> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn borrow_mut(&self) -> MutexGuard<'_, World> {
+        self.borrow()
+    }
+}
+
+/// Where the arm stands before a cycle.
+const START: Joints =
+    Joints { a1_deg: 0.0, a2_deg: -120.0, a3_deg: 145.0, a4_deg: 0.0, a5_deg: -25.0, a6_deg: 90.0 };
+
+const CELL: &str = "[poses]\npark = { a1_deg = -120, a2_deg = -75, a3_deg = 110, a4_deg = 0, a5_deg = 55, a6_deg = 90 }\n\
+     ready = { a1_deg = 0, a2_deg = -120, a3_deg = 145, a4_deg = 0, a5_deg = -25, a6_deg = 90 }\n\
+     [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
+     [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\nlight_on = 5\n";
+
+/// A cell before its cycle.
+pub struct Cell {
+    world: Shared,
+    box_to_mm: f64,
+    fails_at: usize,
+    is_full: bool,
+    /// Tables at the end of the recipe.
+    pub more_recipe: &'static str,
+    /// Tables at the end of the cell's file.
+    pub more_cell: &'static str,
+    /// What the disc has worn before, mm².
+    pub worn_mm2: f64,
+    /// Where the service's orders are to be recorded.
+    pub record: Option<PathBuf>,
+    /// Time passes by itself, and not only while the robot is listened to.
+    pub by_the_wall: bool,
+}
+
+/// What came of it.
+pub struct Story {
+    pub outcome: CycleOutcome,
+    pub truth: Truth,
+    pub findings: Vec<Finding>,
+    pub figures: Vec<String>,
+    pub budget: Budget,
+    pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
+    pub events: Vec<Event>,
+    pub refusals: Vec<(Request, Refusal)>,
+    pub contact_points: usize,
+    pub lines: usize,
+    /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
+    pub feeds: Vec<(f64, f64)>,
+    pub worn_mm2: f64,
+    pub wears: Vec<(f64, bool)>,
+    pub moved_without_intent: usize,
+}
+
+impl Story {
+    /// The stages that found something.
+    pub fn stages(&self) -> Vec<Kind> {
+        self.findings.iter().map(|finding| finding.kind).collect()
+    }
+
+    /// The closed motions along this path.
+    pub fn motions(&self, path: Path) -> Vec<(Motion, Outcome, u32)> {
+        let closed = self.intents.iter().filter(|(motion, _)| motion.path == path);
+        closed.filter_map(|(motion, end)| end.map(|(outcome, done)| (*motion, outcome, done))).collect()
+    }
+}
+
+impl std::fmt::Display for Story {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        writeln!(f, "{:?} {:?}", self.outcome.state.at, self.refusals)?;
+        for event in self.events.iter().filter(|e| !matches!(e, Event::Told(crate::cycle::Report::Progress { .. })))
+        {
+            writeln!(f, "{event:?}")?;
+        }
+        for finding in &self.findings {
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
+        }
+        Ok(())
+    }
+}
+
+impl Cell {
+    pub fn new(scene: Scene) -> Self {
+        let sim = sim::Cell::new(3, scene, 4);
+        let world = World {
+            base_from_flange: Arm::kr6_r700_2().base_from_flange(&START),
+            sim,
+            time_ms: 0,
+            epoch: 5,
+            open: false,
+            next_id: 1,
+            done: 0,
+            queue: VecDeque::new(),
+            pace: 1_000,
+            base: None,
+            tool: None,
+            joints: START,
+            arm: Arm::kr6_r700_2(),
+            outputs: BTreeMap::new(),
+            water_off_ms: 0,
+            rubbed: 0,
+            healed: false,
+            turns_when_wet_deg: 0.0,
+            waypoints: 0,
+            reports: VecDeque::new(),
+            lines: 0,
+            feeds_m_s: Vec::new(),
+            blends_mm: Vec::new(),
+            intent: None,
+            moved_without_intent: 0,
+        };
+        let world = Shared(Arc::new(Mutex::new(world)));
+        Cell {
+            world,
+            box_to_mm: 700.0,
+            fails_at: usize::MAX,
+            is_full: false,
+            more_recipe: "",
+            more_cell: "",
+            worn_mm2: 0.0,
+            record: None,
+            by_the_wall: false,
+        }
+    }
+
+    pub fn with_box_to(self, x_mm: f64) -> Self {
+        Cell { box_to_mm: x_mm, ..self }
+    }
+
+    /// Ten commands in 100 ms.
+    pub fn slow(self) -> Self {
+        self.world.borrow_mut().pace = 10;
+        self
+    }
+
+    pub fn whose_panel_turns_when_wet(self, degrees: f64) -> Self {
+        self.world.borrow_mut().turns_when_wet_deg = degrees;
+        self
+    }
+
+    pub fn with_record_that_fails_at(self, writes: usize) -> Self {
+        Cell { fails_at: writes, ..self }
+    }
+
+    pub fn with_full_disk(self) -> Self {
+        Cell { is_full: true, ..self }
+    }
+
+    pub fn fails(self, asks: Asks) -> DaemonError {
+        let world = self.world.clone();
+        let error = self.tried(asks).err().expect("an error");
+        assert!(!world.borrow().open, "the epoch is ended");
+        error
+    }
+
+    pub fn run(self, asks: Asks) -> Story {
+        self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
+    }
+
+    /// The cell's file, recipe, what was taught, and the calibrations.
+    pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
+        let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
+        let text = format!(
+            "{CELL}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",
+            self.box_to_mm, self.more_cell
+        );
+        let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+        let calibrations = calibrations(&self.world.borrow().sim);
+        (cell, recipe, taught, calibrations)
+    }
+
+    /// Serves until `asks` leaves; `eyes` may stand before the cell's own.
+    pub fn serve<E: Eyes + Send + 'static>(
+        &self,
+        eyes: impl FnOnce(FakeEyes) -> E,
+        readable: Vec<Reason>,
+        asks: &mut dyn Requests,
+    ) -> Memory {
+        let mut record = Memory {
+            fails_at: self.fails_at,
+            is_full: self.is_full,
+            worn_mm2: self.worn_mm2,
+            ..Memory::default_of(&self.world)
+        };
+        let taping = Taping::new("store".as_ref(), !self.by_the_wall);
+        let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
+        let service = Service {
+            robot: &mut Taped::new(&mut robot, taping.clone()),
+            eyes: Box::new(Taped::new(Box::new(eyes(FakeEyes::new(self.world.clone()))), taping.clone())),
+            readable: Box::new(move || readable.clone()),
+            keep: Box::new(|_| {
+                // Never on the loop, whose deadlines and watchdog would wait for it.
+                assert_eq!(std::thread::current().name(), Some("computing"));
+                Ok(String::new())
+            }),
+            record: &mut Taped::new(&mut record, taping.clone()),
+            requests: &mut Taped::new(asks, taping.clone()),
+        };
+        let site = Site::new(&self.files().0).expect("complete");
+        serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
+        if let Some(recorded) = taping.finish() {
+            assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
+        }
+        record
+    }
+
+    /// Runs what was recorded again.
+    pub fn replay(&self, file: &std::path::Path) -> (CycleOutcome, Played) {
+        let bytes = std::fs::read(file).expect("a recording");
+        let start = check(&bytes[..]).expect("whole").start;
+        let (cell, recipe, taught, calibrations) = self.files();
+        let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations).expect("complete");
+        let player = Player::new(Entries::new(&bytes[..], start.unix_ns), start.lock_step);
+        let ports = Ports {
+            robot: &mut player.clone(),
+            eyes: &mut player.clone(),
+            record: &mut player.clone(),
+            requests: &mut player.clone(),
+        };
+        let ended = run_cycle_from((start.state, start.begin), &job, ports);
+        let played = player.played();
+        (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
+    }
+
+    /// A cycle to begin.
+    pub fn order(&self) -> Order {
+        let (_, recipe, taught, calibrations) = self.files();
+        let start = CycleStart {
+            panel: "p".to_owned(),
+            taught_version: String::new(),
+            recipe_text: String::new(),
+            file_texts: Vec::new(),
+        };
+        let request = Request::Start { max_passes: 2, max_moves: 3 };
+        let record = self.record.clone().map(|file| ToRecord { file: Some(file), files: vec![], calibrations });
+        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start, record }
+    }
+
+    fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
+        let (cell, recipe, taught, calibrations) = self.files();
+        let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
+        let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: false };
+        let mut eyes = FakeEyes::new(self.world.clone());
+        let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
+        let mut record = Memory { fails_at, worn_mm2, ..Memory::default_of(&self.world) };
+        let ports = Ports { robot: &mut robot, eyes: &mut eyes, record: &mut record, requests: &mut asks };
+        let outcome = run_cycle(&job, ports, [])?;
+        let world = self.world.borrow();
+        Ok(Story {
+            outcome,
+            truth: world.sim.truth(),
+            findings: record.findings,
+            figures: record.figures,
+            budget: record.budget,
+            intents: record.intents,
+            events: record.events,
+            refusals: asks.refusals,
+            contact_points: world.waypoints,
+            lines: world.lines,
+            feeds: world.feeds_m_s.iter().copied().zip(world.blends_mm.iter().copied()).collect(),
+            worn_mm2: record.worn_mm2,
+            wears: record.wears,
+            moved_without_intent: world.moved_without_intent,
+        })
+    }
+}
+
+type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
+
+fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
+    let region = sim.region();
+    let text = format!(
+        "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
+         [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
+         [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
+         {more_recipe}",
+        region.corners_px.map(|px| [px.u, px.v]),
+        region.rows,
+        region.columns,
+        SEARCH_BOX_MM[0],
+        SEARCH_BOX_MM[1]
+    );
+    let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|e| panic!("{e}"));
+    let base_from_camera = sim.calibrated_base_from_camera();
+    let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
+    let camera = sim.flange_camera();
+    let teach = |(index, view): (usize, sim::CornerView)| {
+        let picture = sim.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
+        let panel_from_camera =
+            panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
+        let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
+        let (settings, px_per_mm) = (recipe.corner(), camera.px_per_mm_at(depth_mm).0);
+        let found = crate::locate::corner::find(&picture, settings, settings.which().of(index), px_per_mm);
+        let teaching = CornerTeaching { reference_px: found.expect("a corner").corner_px, panel_from_camera };
+        panel.corner(teaching, camera).expect("on the panel")
+    };
+    let corners = sim.corner_views().into_iter().enumerate().map(teach).collect();
+    ((panel, corners), recipe)
+}
+
+fn calibrations(sim: &sim::Cell) -> Calibrations {
+    Calibrations {
+        scanner: *sim.scanner(),
+        base_from_camera: sim.calibrated_base_from_camera(),
+        flange_camera: *sim.flange_camera(),
+        flange_from_camera: sim.calibrated_flange_from_camera(),
+        flange_from_tool: KukaPose { z_mm: 160.0, ..KukaPose::default() }.to_rigid(),
+        hand_eye_mm: None,
+        robot_mm: None,
+    }
+}

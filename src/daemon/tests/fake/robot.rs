@@ -1,0 +1,161 @@
+//! A robot that executes what it is told, so many commands in each tenth of a second.
+
+use super::super::super::*;
+use super::{Shared, World};
+use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, Time};
+use crate::geometry::{KukaPose, Panel};
+
+impl World {
+    fn queue(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        if !self.open {
+            return Err(QueueError::NoEpoch);
+        }
+        let id = self.next_id;
+        self.next_id += 1;
+        self.queue.push_back((id, command));
+        Ok(CommandId(id))
+    }
+
+    fn execute(&mut self, command: Command) {
+        let moves = matches!(command, Command::MoveJ(_) | Command::MoveLin(_));
+        self.moved_without_intent += usize::from(moves && self.intent.is_none());
+        match command {
+            Command::SetBase(base) => self.base = Some(base),
+            Command::SetTcp(tool) => self.tool = Some(tool),
+            Command::SetDigout(signal) => {
+                if signal.number == 2 && !signal.on && self.outputs.get(&2) == Some(&true) {
+                    self.water_off_ms = self.time_ms;
+                    self.healed = self.rubbed > 0;
+                }
+                self.outputs.insert(signal.number, signal.on);
+            }
+            Command::MoveJ(target) => {
+                self.joints = target.joints;
+                self.base_from_flange = self.arm.base_from_flange(&target.joints);
+            }
+            Command::MoveLin(MoveLin { pose, contact, speed_m_s, blend_mm }) => {
+                let (base, tool) = (self.base.expect("set"), self.tool.expect("set"));
+                let base_from_tool = base.to_rigid::<Base, Panel>() * pose.to_rigid::<Panel, Tool>();
+                self.base_from_flange = base_from_tool * tool.flange_from_tool.to_rigid::<Flange, Tool>().inverse();
+                self.joints = self.arm.nearest(&self.base_from_flange, &self.joints).expect("within reach");
+                self.lines += 1;
+                self.feeds_m_s.extend(speed_m_s);
+                self.blends_mm.extend(speed_m_s.map(|_| blend_mm));
+                if self.outputs.get(&5) == Some(&true) {
+                    self.waypoints += 1;
+                    self.rubbed += usize::from(contact);
+                }
+            }
+            _ => {}
+        }
+    }
+
+    fn state(&self) -> eki::State {
+        let is_on = |output: u16| u32::from(self.outputs.get(&output) == Some(&true));
+        let base = self.base.unwrap_or_default();
+        let flange_from_tool = self.tool.map_or(KukaPose::default(), |tool| tool.flange_from_tool);
+        let tip = base.to_rigid::<Base, Panel>().inverse()
+            * (self.base_from_flange * flange_from_tool.to_rigid::<Flange, Tool>());
+        eki::State {
+            time_ms: self.time_ms as u32,
+            sequence: 0,
+            answered: 0,
+            epoch: Epoch(self.epoch),
+            boot: 1,
+            programs_checksum: 1,
+            mode: Mode::External,
+            drives_on: true,
+            emergency_stop: false,
+            guard_closed: true,
+            moving: !self.queue.is_empty(),
+            motion_possible: true,
+            base_set: self.base.is_some(),
+            tool_set: self.tool.is_some(),
+            stopped: false,
+            inputs: (1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4,
+            outputs: 0,
+            done: CommandId(self.done),
+            underruns: 0,
+            joints: self.joints,
+            base_from_tcp: KukaPose::from_rigid(&tip),
+            active_base: base,
+            flange_from_tool,
+        }
+    }
+
+    fn end_epoch(&mut self) -> u32 {
+        let done = self.done;
+        (self.open, self.done, self.next_id) = (false, 0, 1);
+        (self.base, self.tool) = (None, None);
+        self.queue.clear();
+        self.outputs.insert(5, false);
+        self.epoch += 1;
+        done
+    }
+}
+
+pub struct FakeRobot {
+    pub(super) world: Shared,
+    pub(super) by_the_wall: bool,
+}
+
+impl Robot for FakeRobot {
+    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        self.world.borrow_mut().queue(command)
+    }
+
+    fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+        let mut world = self.world.borrow_mut();
+        points.into_iter().try_fold(CommandId(0), |_, point| world.queue(Command::MoveLin(point)))
+    }
+
+    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+        let mut world = self.world.borrow_mut();
+        world.end_epoch();
+        world.epoch = world.epoch.max(above.0 + 1);
+        world.open = true;
+        let epoch = Epoch(world.epoch);
+        world.reports.push_back(Report::EpochOpened { epoch });
+        Ok(epoch)
+    }
+
+    fn abort(&mut self) -> Result<(), QueueError> {
+        let mut world = self.world.borrow_mut();
+        let done = CommandId(world.end_epoch());
+        world.reports.push_back(Report::Standstill { done });
+        Ok(())
+    }
+
+    fn next(&mut self) -> Option<Report> {
+        if self.by_the_wall {
+            // Fifty times as fast as it says: what is computed aside takes some of these rounds.
+            std::thread::sleep(std::time::Duration::from_millis(2));
+        }
+        let mut world = self.world.borrow_mut();
+        if let Some(report) = world.reports.pop_front() {
+            return Some(report);
+        }
+        world.time_ms += 100;
+        let before = world.done;
+        for _ in 0..world.pace {
+            let Some((id, command)) = world.queue.pop_front() else { break };
+            world.execute(command);
+            world.done = id;
+        }
+        if world.done > before {
+            let done = CommandId(world.done);
+            world.reports.push_back(Report::Progress { done });
+        }
+        let state = Report::State(Box::new(world.state()));
+        world.reports.push_back(state);
+        world.reports.pop_front()
+    }
+
+    fn now(&self) -> Time {
+        Time::at_ms(self.world.borrow().time_ms)
+    }
+
+    fn is_lock_step(&self) -> bool {
+        !self.by_the_wall
+    }
+}

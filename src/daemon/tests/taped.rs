@@ -1,0 +1,97 @@
+//! Cycles of the service, recorded and run again.
+
+use super::fake::Cell as Fake;
+use super::serving::{Script, complete};
+use super::*;
+use crate::cycle::State;
+use crate::tape::{Begin, Entries, Entry, Topic, check};
+use std::path::Path as File;
+
+/// Serves by this script, the second order of which is recorded, and runs that again: what passed, and the verdict.
+fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script) -> (Vec<Entry>, Option<Verdict>) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("cycle.mcap");
+    let mut plain = Fake::new(Scene::Clean);
+    (plain.more_recipe, plain.more_cell) = (fake.more_recipe, fake.more_cell);
+    fake.record = Some(file.clone());
+    let mut script = script(Script::default(), &plain, &fake);
+    fake.serve(|eyes| eyes, vec![], &mut script);
+    let (ended, played) = fake.replay(&file);
+    assert!(played.differences.is_empty() && played.to_the_end && played.error.is_none(), "{played:?}");
+    assert_eq!(ended.verdict.as_ref(), script.verdicts.last());
+    (entries(&file), ended.verdict)
+}
+
+fn entries(file: &File) -> Vec<Entry> {
+    let bytes = std::fs::read(file).expect("a recording");
+    let start = check(&bytes[..]).expect("whole").start;
+    assert!(matches!(start.begin, Begin::Cycle { robot: Some(_), .. }), "{start:?}");
+    Entries::new(&bytes[..], start.unix_ns).collect::<Result<_, _>>().expect("read")
+}
+
+fn asked(entries: &[Entry]) -> Vec<String> {
+    let heard = entries.iter().filter(|entry| entry.topic == Topic::Request && !entry.heard.is_null());
+    heard.map(|entry| entry.heard.to_string()).collect()
+}
+
+/// The first cycle is not recorded and leaves its deadlines; of the second all is, contact and second film included.
+#[test]
+fn a_cycle_of_the_service_replays_without_a_difference() {
+    let (entries, verdict) = recorded(Fake::new(Scene::Good), |script, plain, taped| {
+        script.reset().start(plain).reset().start(taped).leave_when(complete)
+    });
+    assert_eq!(verdict, Some(Verdict::Pass));
+    let asked = asked(&entries);
+    assert!(asked.len() == 2 && asked[0].contains("start") && asked[1].contains("leave"), "{asked:?}");
+}
+
+/// Who asks from outside is part of what was heard: a new disc, a review that a person accepts, an order out of turn, a
+/// hold.
+#[test]
+fn what_is_asked_meanwhile_is_replayed_too() {
+    let mut fake = Fake::new(Scene::Good);
+    (fake.more_recipe, fake.worn_mm2) = ("[path]\ndisc_life_mm2 = 1000000\n", 999_900.0);
+    let held = |state: &State| matches!(state.at, At::Held(_));
+    let films = |state: &State| matches!(state.at, At::Execute(crate::cycle::Phase::Inspect));
+    let (entries, verdict) = recorded(fake, |script, plain, taped| {
+        script
+            .reset()
+            .start(taped)
+            .when(held, Ask::NewDisc)
+            .when(held, Ask::For(Request::Accept))
+            .when(films, Ask::Begin(Box::new(plain.order())))
+            .when(films, Ask::For(Request::Hold))
+            .when(held, Ask::For(Request::Unhold { dried: true }))
+            .leave_when(complete)
+    });
+    assert_eq!(verdict, Some(Verdict::Pass));
+    let asked = asked(&entries);
+    assert_eq!(asked.len(), 7, "{asked:?}");
+    for (word, heard) in ["start", "new_disc", "accept", "start", "hold", "unhold", "leave"].iter().zip(&asked) {
+        assert!(heard.contains(word), "{word}: {asked:?}");
+    }
+}
+
+/// By the wall clock the robot goes on telling while something is computed; the result comes in where it came in. The
+/// cycle is stopped in the middle of its film.
+#[test]
+fn by_the_wall_clock_results_come_when_they_came() {
+    let mut fake = Fake::new(Scene::Clean);
+    fake.by_the_wall = true;
+    let mut pictures = 0;
+    let films = move |state: &State| {
+        pictures += u32::from(matches!(state.at, At::Execute(crate::cycle::Phase::Inspect)));
+        pictures > 150
+    };
+    let (entries, verdict) = recorded(fake, |script, _, taped| {
+        script.reset().start(taped).when(films, Ask::For(Request::Stop)).leave_when(|state| state.at == At::Stopped)
+    });
+    assert_eq!(verdict, Some(Verdict::Aborted));
+    // While the scan was looked at, the robot told its state.
+    let results: Vec<usize> =
+        entries.iter().enumerate().filter(|(_, e)| e.topic == Topic::Result).map(|(i, _)| i).collect();
+    let scan = entries.iter().position(|entry| entry.said == "scan").expect("a scan");
+    let located = results.iter().find(|result| **result > scan).expect("it came");
+    let told = entries[scan..*located].iter().filter(|entry| entry.topic == Topic::Report).count();
+    assert!(told > 0, "{scan} {located}");
+}
