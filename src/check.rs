@@ -6,7 +6,7 @@
 mod eki;
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
     TargetMount, ToolMount, ZividCamera,
 };
 use crate::config::{self, Problem, Problems};
@@ -136,17 +136,23 @@ fn say_zivid(zivid: &ZividCamera, device: &str) -> String {
     }
 }
 
-fn say_cell(cell: &Cell) -> Vec<String> {
-    let camera = |camera: &Camera, device: &str| match camera {
+fn say_gige(gige: &Gige, device: &str) -> String {
+    match (&gige.serial, &gige.address) {
+        (Some(serial), _) => format!("{device} {serial}"),
+        (None, Some(address)) => format!("{device} at {address}"),
+        (None, None) => format!("{device}, the only one found"),
+    }
+}
+
+fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> String) -> String {
+    match camera {
         Camera::Simulated => "simulated".to_owned(),
         Camera::Recorded { folder } => format!("recorded, from {}", folder.display()),
-        Camera::Zivid(zivid) => say_zivid(zivid, device),
-        Camera::Gige(gige) => match (&gige.serial, &gige.address) {
-            (Some(serial), _) => format!("{device} {serial}"),
-            (None, Some(address)) => format!("{device} at {address}"),
-            (None, None) => format!("{device}, the only one found"),
-        },
-    };
+        Camera::Device(camera) => device(camera),
+    }
+}
+
+fn say_cell(cell: &Cell) -> Vec<String> {
     let robot = cell.robot();
     let controller = match robot.kind() {
         RobotKind::Mock => "mock".to_owned(),
@@ -171,8 +177,8 @@ fn say_cell(cell: &Cell) -> Vec<String> {
         None => "no box for the tool is stated".to_owned(),
     };
     vec![
-        format!("scanner: {}", camera(cell.scanner(), "Zivid")),
-        format!("flange camera: {}", camera(cell.flange_camera(), "GigE Vision camera")),
+        format!("scanner: {}", say_camera(cell.scanner(), |zivid| say_zivid(zivid, "Zivid"))),
+        format!("flange camera: {}", say_camera(cell.flange_camera(), |gige| say_gige(gige, "GigE Vision camera"))),
         format!(
             "robot: {controller}, commands on port {}, state on port {}",
             robot.command_port(),

@@ -1,13 +1,11 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
 
-use super::gige::{self, Gige};
-use super::zivid::ZividCamera;
 use crate::config::{Choice, Section};
 use std::path::{Path, PathBuf};
 
-/// Where a camera's shots come from. The default is simulated.
+/// Where a camera's shots come from; `Device` is what a real one must be told. The default is simulated.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Camera {
+pub enum Camera<Device> {
     /// `kind = "simulated"`: the renderer.
     Simulated,
     /// `kind = "recorded"`: a folder played in file order.
@@ -15,25 +13,33 @@ pub enum Camera {
         /// The folder.
         folder: PathBuf,
     },
-    /// `kind = "zivid"`: the camera behind its SDK.
-    Zivid(ZividCamera),
-    /// `kind = "gige"`: a GigE Vision camera.
-    Gige(Gige),
+    /// A camera, by the kind that names it.
+    Device(Device),
 }
 
-pub(super) fn take_flange_camera(cell_folder: &Path, section: &Section<'_, '_>) -> Option<Camera> {
-    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", "gige"], Some("simulated"));
+/// What makes a device of one kind: the word for it, the keys that it alone has, and how they are taken.
+pub(super) struct Kind<'k, Take> {
+    pub word: &'static str,
+    pub keys: &'k [&'static str],
+    pub take: Take,
+}
+
+/// A camera of this kind, a recorded or a simulated one; a key that has no effect is a problem.
+pub(super) fn take_camera<Device>(
+    cell_folder: &Path,
+    section: &Section<'_, '_>,
+    device: Kind<'_, impl FnOnce(&Section<'_, '_>) -> Option<Device>>,
+) -> Option<Camera<Device>> {
+    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", device.word], Some("simulated"));
     let folder = section.take::<Option<String>>("folder", (), Some(None));
-    let serial = section.take::<Option<String>>("serial", (), Some(None));
-    let gige = gige::take(section, kind, serial.clone().flatten());
+    let taken = (device.take)(section);
     section.done();
-    let (kind, folder, serial) = (kind?, folder?, serial?);
+    let (kind, folder) = (kind?, folder?);
+    let needs = device.keys.iter().map(|key| (*key, device.word)).chain([("folder", "recorded")]);
     let mut right = true;
-    for (key, given, needs) in [("folder", folder.is_some(), "recorded"), ("serial", serial.is_some(), "gige")] {
-        if given && kind != needs {
-            section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
-            right = false;
-        }
+    for (key, needs) in needs.filter(|(key, needs)| section.has(key) && kind != *needs) {
+        section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
+        right = false;
     }
     let camera = match (kind, folder) {
         ("simulated", _) => Camera::Simulated,
@@ -42,7 +48,7 @@ pub(super) fn take_flange_camera(cell_folder: &Path, section: &Section<'_, '_>) 
             section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
             return None;
         }
-        _ => Camera::Gige(gige?),
+        _ => Camera::Device(taken?),
     };
     right.then_some(camera)
 }

@@ -1,5 +1,6 @@
 //! `[flange_camera]` with `kind = "gige"`: which camera, and what it is set to.
 
+use super::devices::Kind;
 use crate::config::Section;
 
 /// The pixel formats that a cell may name: brightness, and the four orders of a colour sensor's filters, one byte a pixel.
@@ -24,26 +25,22 @@ pub struct Gige {
     pub packet_bytes: u16,
 }
 
-/// The keys besides `kind`, each only with `kind = "gige"`.
-const KEYS: [&str; 6] = ["address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"];
+pub(super) const KIND: Kind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = Kind {
+    word: "gige",
+    keys: &["serial", "address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"],
+    take,
+};
 
-/// Takes the keys; where another kind is meant, each that is there is a problem.
-pub(super) fn take(section: &Section<'_, '_>, kind: Option<&str>, serial: Option<String>) -> Option<Gige> {
+fn take(section: &Section<'_, '_>) -> Option<Gige> {
     let text = |key| section.take::<Option<String>>(key, (), Some(None));
-    let address = text("address");
+    let (serial, address) = (text("serial"), text("address"));
     let user_set = section.take::<String>("user_set", (), Some("Default".to_owned()));
     let pixel_format = section.take::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
     let exposure_us = section.take::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.take::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
     // From GigE Vision's least to the largest of an ordinary jumbo frame.
     let packet_bytes = section.take("packet_bytes", 576..=9_000, Some(1_400));
-    if let Some(kind) = kind.filter(|kind| *kind != "gige") {
-        for key in KEYS.into_iter().filter(|key| section.has(key)) {
-            section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"gige\""));
-        }
-        return None;
-    }
-    let address = address?;
+    let (serial, address) = (serial?, address?);
     if serial.is_some() && address.is_some() {
         section.problem("address", "serial names a camera already; name it by one of the two");
         return None;

@@ -73,8 +73,8 @@ impl CalibrationFiles {
 pub struct Cell {
     store: PathBuf,
     socket: Option<PathBuf>,
-    scanner: Camera,
-    flange_camera: Camera,
+    scanner: Camera<ZividCamera>,
+    flange_camera: Camera<Gige>,
     robot: Robot,
     poses: BTreeMap<String, Joints>,
     io: InputsOutputs,
@@ -113,8 +113,8 @@ impl Cell {
     fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
         let store = top.take::<String>("store", (), Some("store".to_owned()));
         let socket = top.take::<Option<String>>("socket", (), Some(None));
-        let scanner = zivid::take_scanner(folder, &top.section("scanner"));
-        let flange_camera = devices::take_flange_camera(folder, &top.section("flange_camera"));
+        let scanner = devices::take_camera(folder, &top.section("scanner"), zivid::kind(folder));
+        let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), gige::KIND);
         let robot = devices::take_robot(&top.section("robot"));
         let poses = names::take_poses(&top.section("poses"));
         let io = names::take_io(&top.section("io"));
@@ -149,12 +149,12 @@ impl Cell {
     }
 
     /// The fixed 3D camera.
-    pub fn scanner(&self) -> &Camera {
+    pub fn scanner(&self) -> &Camera<ZividCamera> {
         &self.scanner
     }
 
     /// The camera on the flange; a device is a GigE Vision camera.
-    pub fn flange_camera(&self) -> &Camera {
+    pub fn flange_camera(&self) -> &Camera<Gige> {
         &self.flange_camera
     }
 

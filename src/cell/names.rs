@@ -170,11 +170,9 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
     let mapped = section.section("mapped_inputs");
     section.done();
-    let io = InputsOutputs {
-        outputs: take_numbers(&outputs)?,
-        feedbacks: take_numbers(&feedbacks)?,
-        mapped_inputs: take_numbers(&mapped)?,
-    };
+    let (outputs, feedbacks_taken, mapped_taken) =
+        (take_numbers(&outputs), take_numbers(&feedbacks), take_numbers(&mapped));
+    let io = InputsOutputs { outputs: outputs?, feedbacks: feedbacks_taken?, mapped_inputs: mapped_taken? };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
@@ -185,15 +183,14 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     for (name, number) in &feigned {
         mapped.problem(name, format!("found {number}, which is a feedback's; a feedback is read and never set"));
     }
-    if io.mapped_inputs.len() > MOST_MAPPED {
-        let found = io.mapped_inputs.len();
-        section.problem("mapped_inputs", format!("found {found} names, allowed are {MOST_MAPPED}"));
-        return None;
-    }
-    let right = constant.is_empty() && feigned.is_empty();
-    if io.feedbacks.len() > MOST_FEEDBACKS {
-        section.problem("feedbacks", format!("found {} names, allowed are {MOST_FEEDBACKS}", io.feedbacks.len()));
-        return None;
+    let mut right = constant.is_empty() && feigned.is_empty();
+    for (key, found, most) in
+        [("mapped_inputs", io.mapped_inputs.len(), MOST_MAPPED), ("feedbacks", io.feedbacks.len(), MOST_FEEDBACKS)]
+    {
+        if found > most {
+            section.problem(key, format!("found {found} names, allowed are {most}"));
+            right = false;
+        }
     }
     right.then_some(io)
 }

@@ -58,7 +58,7 @@ fn a_gige_camera_is_set_by_the_cell() {
         gain_db: None,
         packet_bytes: 1_400,
     };
-    assert_eq!(cell.flange_camera(), &Camera::Gige(gige));
+    assert_eq!(cell.flange_camera(), &Camera::Device(gige));
 }
 
 #[test]
@@ -71,6 +71,14 @@ fn names_that_the_user_chose_are_kept() {
     assert_eq!(cell.park().map(|park| (park.a1_deg, park.a6_deg)), Some((1.0, 350.0)));
     assert_eq!((cell.pose("wash"), cell.pose("dry")), (cell.park(), None));
     assert_eq!((cell.io().outputs().get("light"), cell.io().feedbacks().get("flow")), (Some(&4096), Some(&1)));
+}
+
+/// One mistake does not hide the next.
+#[test]
+fn the_signals_mistakes_are_told_together() {
+    let told = says("[io.outputs]\ntool = 3\nlight = 3\n[io.feedbacks]\na = 5\nb = 5");
+    let (tool, b) = ("2: io.outputs.tool: found 3, which is light's", "6: io.feedbacks.b: found 5, which is a's");
+    assert!(told.len() == 2 && told[0].starts_with(tool) && told[1].starts_with(b), "{told:?}");
 }
 
 #[test]

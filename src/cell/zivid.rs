@@ -1,6 +1,6 @@
 //! `[scanner]`: the fixed 3D camera, and what a Zivid needs to be told.
 
-use super::devices::Camera;
+use super::devices::Kind;
 use crate::config::Section;
 use std::path::{Path, PathBuf};
 
@@ -19,52 +19,28 @@ pub struct ZividCamera {
     pub library: Option<PathBuf>,
 }
 
-pub(super) fn take_scanner(cell_folder: &Path, section: &Section<'_, '_>) -> Option<Camera> {
-    let kind = section.take::<&str>("kind", vec!["simulated", "recorded", "zivid"], Some("simulated"));
+/// The keys that a Zivid alone has, and how they are taken; its files start at the cell's folder.
+pub(super) fn kind(cell_folder: &Path) -> Kind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
+    let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
+    Kind { word: "zivid", keys, take: |section: &Section<'_, '_>| take(cell_folder, section) }
+}
+
+fn take(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {
     let text = |key| section.take::<Option<String>>(key, (), Some(None));
-    let [folder, serial, file_camera] = ["folder", "serial", "file_camera"].map(text);
-    let [settings, settings_2d, library] = ["settings", "settings_2d", "library"].map(text);
-    section.done();
-    let (kind, folder, serial, file_camera) = (kind?, folder?, serial?, file_camera?);
-    let (settings, settings_2d, library) = (settings?, settings_2d?, library?);
-    let given = [
-        ("folder", folder.is_some(), "recorded"),
-        ("serial", serial.is_some(), "zivid"),
-        ("file_camera", file_camera.is_some(), "zivid"),
-        ("settings", settings.is_some(), "zivid"),
-        ("settings_2d", settings_2d.is_some(), "zivid"),
-        ("library", library.is_some(), "zivid"),
-    ];
-    let wrong: Vec<_> = given.into_iter().filter(|(_, given, needs)| *given && kind != *needs).collect();
-    for (key, _, needs) in &wrong {
-        section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
-    }
+    let file = |key| Some(text(key)?.map(|name| cell_folder.join(name)));
+    let (serial, file_camera) = (text("serial"), file("file_camera"));
+    let (settings, settings_2d, library) = (file("settings"), file("settings_2d"), file("library"));
+    let (serial, file_camera) = (serial?, file_camera?);
     if serial.is_some() && file_camera.is_some() {
         section.problem("file_camera", "goes without serial: it is either a camera or a file that plays one");
         return None;
     }
-    let file = |name: Option<String>| name.map(|name| cell_folder.join(name));
-    let camera = match (kind, folder) {
-        ("simulated", _) => Camera::Simulated,
-        ("recorded", Some(folder)) => Camera::Recorded { folder: cell_folder.join(folder) },
-        ("recorded", None) => {
-            section.problem("folder", "is missing; kind = \"recorded\" needs the folder to play");
-            return None;
-        }
-        _ => Camera::Zivid(ZividCamera {
-            serial,
-            file_camera: file(file_camera),
-            settings: file(settings),
-            settings_2d: file(settings_2d),
-            library: file(library),
-        }),
-    };
-    wrong.is_empty().then_some(camera)
+    Some(ZividCamera { serial, file_camera, settings: settings?, settings_2d: settings_2d?, library: library? })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::Cell;
+    use super::super::{Camera, Cell};
     use super::*;
 
     #[test]
@@ -78,7 +54,7 @@ mod tests {
             settings_2d: Some("/etc/film.yml".into()),
             ..ZividCamera::default()
         };
-        assert_eq!(cell.scanner(), &Camera::Zivid(zivid));
+        assert_eq!(cell.scanner(), &Camera::Device(zivid));
     }
 
     #[test]

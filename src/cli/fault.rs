@@ -55,17 +55,12 @@ pub enum Fault {
         /// The camera's table.
         table: &'static str,
     },
-    /// A camera that this program cannot open.
+    /// A flange camera that this program cannot open.
     #[error(
-        "[{table}] kind = \"{kind}\": this program was built without that camera's driver; allowed are \"simulated\" \
-         and \"recorded\""
+        "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use one that was built with \
+         it; without, \"simulated\" and \"recorded\" are allowed"
     )]
-    NoDriver {
-        /// The camera's table.
-        table: &'static str,
-        /// Its kind.
-        kind: &'static str,
-    },
+    BuiltWithoutGige,
     /// A camera that was not told how to take a shot.
     #[error(
         "[scanner] {key} is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
@@ -75,11 +70,12 @@ pub enum Fault {
         /// The key.
         key: &'static str,
     },
-    /// Settings that are not the ones in use.
+    /// Cameras that are not the ones in use.
     #[error(
-        "the camera's settings have changed since the service started, and it takes shots by those of then; restart it"
+        "a camera's settings, or the serial number or size in its calibration, have changed since the service started, and it \
+         takes shots by those of then; restart it"
     )]
-    CameraSettingsChanged,
+    CamerasChanged,
     /// A calibration that no simulated scanner fits.
     #[error(
         "the scanner's calibration is for {}×{} px, which the simulated scanner does not deliver; the nearest is {}×{} \

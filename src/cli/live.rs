@@ -5,6 +5,8 @@
 
 use super::args::Simulation;
 use super::fault::Fault;
+#[cfg(feature = "gige")]
+use super::load::calibrated_serial;
 use super::zivid;
 use crate::cell::{self, Cell, RobotKind};
 use crate::daemon::{Calibrations, Cameras, LinkedRobot};
@@ -138,13 +140,14 @@ fn flange_sensor(simulated: &Simulated, _: &Calibrations) -> (Box<dyn FlangeCame
 
 /// The GigE Vision camera that the cell's file names.
 #[cfg(feature = "gige")]
-fn gige_camera(gige: &cell::Gige, calibrations: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
-    Ok(Box::new(GigeFlangeCamera::open(gige, &calibrations.flange_camera).map_err(Fault::stage)?))
+fn gige_camera(cell: &Cell, gige: &cell::Gige, values: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+    let serial = calibrated_serial(cell.calibration().flange_camera.as_deref())?;
+    Ok(Box::new(GigeFlangeCamera::open(gige, &values.flange_camera, serial).map_err(Fault::stage)?))
 }
 
 #[cfg(not(feature = "gige"))]
-fn gige_camera(_: &cell::Gige, _: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
-    Err(Fault::NoDriver { table: "flange_camera", kind: "gige" })
+fn gige_camera(_: &Cell, _: &cell::Gige, _: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+    Err(Fault::BuiltWithoutGige)
 }
 
 /// The robot alone, as the cell's file names it; a mock one with the simulated world around it.
@@ -214,16 +217,14 @@ fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>)
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
-        cell::Camera::Zivid(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
-        cell::Camera::Gige(_) => return Err(Fault::NoDriver { table: "scanner", kind: "gige" }),
+        cell::Camera::Device(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
         cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("flange_camera"))?.cameras().1),
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }
-        cell::Camera::Gige(gige) => gige_camera(gige, calibrations)?,
-        cell::Camera::Zivid(_) => return Err(Fault::NoDriver { table: "flange_camera", kind: "zivid" }),
+        cell::Camera::Device(gige) => gige_camera(cell, gige, calibrations)?,
     };
     Ok(Cameras { scanner, flange })
 }

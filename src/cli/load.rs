@@ -38,6 +38,15 @@ pub struct Calibrated<T> {
     pub text: String,
 }
 
+/// The serial number of the camera that such a file is the calibration of, where it names one.
+///
+/// # Errors
+/// Where it cannot be read or has problems.
+pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
+    let Some(file) = intrinsics else { return Ok(None) };
+    Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
+}
+
 impl CellFiles {
     /// Reads and checks the cell's file.
     ///

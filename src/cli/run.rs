@@ -5,7 +5,7 @@ use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
 use super::live::Live;
-use super::load::CellFiles;
+use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
 use super::person::Person;
 use super::recording;
@@ -43,7 +43,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events = journal.len(),
         "starts in {}", recovered.at.word()
     );
-    let taken_by = zivid::settings(&files.cell)?;
+    let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
@@ -111,8 +111,23 @@ fn write_pages(files: Arc<CellFiles>, ended: Receiver<EndedCycle>) -> Result<Joi
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
 }
 
-/// Reads all that a cycle works by, anew for each one. The camera goes on by the settings that it was started with, so
-/// those in the files must be the same.
+/// What the cameras were started by and hold what comes against: settings, and which cameras were calibrated at which size.
+fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
+    let mut all = zivid::settings(&files.cell)?;
+    let calibration = files.cell.calibration();
+    let lenses = [
+        ("scanner", files.scanner()?, &calibration.scanner),
+        ("flange_camera", files.flange_camera()?, &calibration.flange_camera),
+    ];
+    for (which, lens, file) in lenses {
+        let size_px = [lens.value.width_px, lens.value.height_px];
+        all.push((which, format!("{:?} {size_px:?}", calibrated_serial(file.as_deref())?)));
+    }
+    Ok(all)
+}
+
+/// Reads all that a cycle works by, anew for each one. The cameras go on by what they were started with, so that in the
+/// files must be the same.
 fn loader(
     (files, common): (Arc<CellFiles>, Common),
     taken_by: Vec<(&'static str, String)>,
@@ -124,8 +139,8 @@ fn loader(
             return Err(health.reasons);
         }
         let load = || -> Result<_, Fault> {
-            if zivid::settings(&files.cell)? != taken_by {
-                return Err(Fault::CameraSettingsChanged);
+            if cameras_by(&files)? != taken_by {
+                return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
             let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;

@@ -3,7 +3,8 @@
 use super::args::ZividWorker;
 use super::disk;
 use super::fault::Fault;
-use crate::cell::{Camera, Cell, Intrinsics, ZividCamera};
+use super::load::calibrated_serial;
+use crate::cell::{Camera, Cell, ZividCamera};
 use crate::devices::zivid::library::Sdk;
 use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividScanner, launcher, process, worker};
 use crate::geometry::PinholeCamera;
@@ -29,7 +30,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
     let setup = Setup {
         source,
         // A file plays a camera that may be another.
-        serial: calibrated_serial(cell)?.filter(|_| zivid.file_camera.is_none()),
+        serial: calibrated_serial(cell.calibration().scanner.as_deref())?.filter(|_| zivid.file_camera.is_none()),
         size: Size { width: camera.width_px, height: camera.height_px },
         scan_yaml,
         picture_yaml,
@@ -49,7 +50,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
 /// Where a file cannot be read.
 pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
     match cell.scanner() {
-        Camera::Zivid(zivid) => Ok(texts(zivid)?.into()),
+        Camera::Device(zivid) => Ok(texts(zivid)?.into()),
         _ => Ok(Vec::new()),
     }
 }
@@ -59,12 +60,6 @@ fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
         |key, file: &Option<PathBuf>| disk::read_text(file.as_deref().ok_or(Fault::NoCameraSettings { key })?);
     let (scan, picture) = (read("settings", &zivid.settings)?, read("settings_2d", &zivid.settings_2d)?);
     Ok([("zivid_settings", scan), ("zivid_settings_2d", picture)])
-}
-
-/// The serial number in the camera's calibration.
-fn calibrated_serial(cell: &Cell) -> Result<Option<String>, Fault> {
-    let Some(file) = &cell.calibration().scanner else { return Ok(None) };
-    Ok(Intrinsics::check(&file.display().to_string(), &disk::read_text(file)?)?.serial)
 }
 
 /// Serves the daemon at the other end of standard input until it hangs up.

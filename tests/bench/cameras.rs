@@ -53,6 +53,7 @@ fn run(span: Duration) -> Result<(), String> {
         LoopbackCamera::start("BENCH", size_px, FORMAT, Box::new(fill)).map_err(|error| error.to_string())?;
     let settings = Settings {
         which: Which::Address(ADDRESS.to_owned()),
+        serial: None,
         user_set: "Default".to_owned(),
         size_px,
         format: FORMAT,

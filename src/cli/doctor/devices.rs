@@ -3,6 +3,8 @@
 use super::{Check, machine};
 use crate::cell::{Camera, Cell, Gige, RobotKind, ZividCamera};
 use crate::cli::fault::Fault;
+#[cfg(feature = "gige")]
+use crate::cli::load::calibrated_serial;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::{ctl, live};
 use crate::daemon::{Single, SingleError};
@@ -20,8 +22,7 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
         Camera::Recorded { folder } => {
             recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))
         }
-        Camera::Zivid(camera) => zivid(files, camera),
-        Camera::Gige(gige) => absent("scanner", "GigE Vision", gige.serial.as_deref()),
+        Camera::Device(camera) => zivid(files, camera),
     };
     let flange_camera = match files.cell.flange_camera() {
         Camera::Simulated => vec![simulated("flange camera")],
@@ -29,8 +30,7 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
             let open = |lens| RecordedFlangeCamera::open(folder, lens).map(drop);
             vec![recorded("flange camera", files.flange_camera(), open)]
         }
-        Camera::Gige(gige) => vec![machine::receive_buffer(), gige_camera(files, gige)],
-        Camera::Zivid(camera) => vec![absent("flange camera", "Zivid", camera.serial.as_deref())],
+        Camera::Device(gige) => vec![machine::receive_buffer(), gige_camera(files, gige)],
     };
     std::iter::once(scanner).chain(flange_camera).collect()
 }
@@ -49,7 +49,11 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
             "calibrate first",
         );
     };
-    let opened = GigeFlangeCamera::open(gige, &lens.value);
+    let serial = match calibrated_serial(files.cell.calibration().flange_camera.as_deref()) {
+        Ok(serial) => serial,
+        Err(fault) => return Check::wrong(name, fault.to_string(), "calibrate first"),
+    };
+    let opened = GigeFlangeCamera::open(gige, &lens.value, serial);
     let whole = opened.and_then(|mut camera| camera.check());
     match whole {
         Ok(()) => {
@@ -66,7 +70,9 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
 
 #[cfg(not(feature = "gige"))]
 fn gige_camera(_: &CellFiles, gige: &Gige) -> Check {
-    absent("flange camera", "GigE Vision", gige.serial.as_deref())
+    let which = gige.serial.as_ref().map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
+    let found = format!("a GigE Vision camera, {which}: this program was built without its driver");
+    Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\"")
 }
 
 fn simulated(name: &str) -> Check {
@@ -119,12 +125,6 @@ fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
             Check::wrong("scanner", fault.to_string(), "the page on the Zivid camera in README says what it needs")
         }
     }
-}
-
-fn absent(name: &str, kind: &str, serial: Option<&str>) -> Check {
-    let which = serial.map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
-    let found = format!("a {kind} camera, {which}: this program was built without its driver");
-    Check::wrong(name, found, "use a program that was built with it, or kind = \"recorded\"")
 }
 
 /// Whether the service runs, and whether the robot answers: where the service holds its ports, the service is asked.

@@ -19,12 +19,12 @@ pub struct GigeFlangeCamera {
 }
 
 impl GigeFlangeCamera {
-    /// Begins to look for the camera that the cell's file names; `calibrated` is the size that its pictures must have. That
-    /// it is not there yet is told by [`FlangeCamera::check`].
+    /// Begins to look for the camera that the cell's file names; its pictures must have the size of `calibrated`,
+    /// the camera with this `serial`, where that is known. That it is not there yet is told by [`FlangeCamera::check`].
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn open(cell: &Gige, calibrated: &PinholeCamera) -> Result<Self, CameraError> {
+    pub fn open(cell: &Gige, calibrated: &PinholeCamera, serial: Option<String>) -> Result<Self, CameraError> {
         let which = match (&cell.serial, &cell.address) {
             (_, Some(address)) => gige::Which::Address(address.clone()),
             (Some(serial), None) => gige::Which::Serial(serial.clone()),
@@ -36,6 +36,7 @@ impl GigeFlangeCamera {
         })?;
         let settings = Settings {
             which,
+            serial,
             user_set: cell.user_set.clone(),
             size_px: [calibrated.width_px, calibrated.height_px],
             format,
@@ -45,7 +46,8 @@ impl GigeFlangeCamera {
             packet_bytes: cell.packet_bytes,
             may_repeat: false,
         };
-        if let Some(short) = socket_buffer_short_of(gige::SOCKET_BUFFER_BYTES) {
+        let needed = gige::socket_buffer_bytes(settings.size_px, settings.packet_bytes);
+        if let Some(short) = socket_buffer_short_of(needed) {
             tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
         }
         Ok(GigeFlangeCamera { camera: opened(settings)?, began: Instant::now() })
@@ -105,6 +107,7 @@ impl LoopbackFlangeCamera {
         let loopback = LoopbackCamera::start(SERIAL, size_px, FORMAT, Box::new(fill)).map_err(not_there)?;
         let settings = Settings {
             which: gige::Which::Address(gige::ADDRESS.to_owned()),
+            serial: Some(SERIAL.to_owned()),
             user_set: "Default".to_owned(),
             size_px,
             format: FORMAT,
@@ -172,10 +175,12 @@ fn failed(error: GigeError) -> CameraError {
         GigeError::NotFound { .. }
         | GigeError::NotOpened { .. }
         | GigeError::Controlled { .. }
+        | GigeError::WrongCamera { .. }
         | GigeError::Lost { .. } => CameraError::NotThere { which, reason: error.to_string() },
         GigeError::NoNode(_)
         | GigeError::NotTaken { .. }
         | GigeError::NothingWhole { .. }
+        | GigeError::NotArmed { .. }
         | GigeError::Refused { .. }
         | GigeError::Frozen { .. } => CameraError::Unusable { which, reason: error.to_string() },
     }

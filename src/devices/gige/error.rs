@@ -41,6 +41,17 @@ pub enum GigeError {
         /// What it allows, or says.
         why: String,
     },
+    /// It is another one than the calibrated camera.
+    #[error(
+        "the camera found is {found}, expected is {expected}: its calibration is for that one; calibrate this one, or put the \
+         other back"
+    )]
+    WrongCamera {
+        /// Its serial number.
+        found: String,
+        /// The calibration's.
+        expected: String,
+    },
     /// It is another size than the calibrated camera.
     #[error("the camera's picture is {}×{}, its calibration says {}×{}", found_px[0], found_px[1], expected_px[0], expected_px[1])]
     WrongSize {
@@ -52,7 +63,8 @@ pub enum GigeError {
     /// No whole picture came when it was opened.
     #[error(
         "no whole picture came in {tries} tries; are packets of {packet_bytes} bytes too large for a port on the way, is \
-         net.core.rmem_max (now {rmem_max}) below {wanted_bytes}? Last: {last}"
+         net.core.rmem_max (now {rmem_max}) below {wanted_bytes}, does a firewall of this computer drop UDP from the camera? \
+         Last: {last}"
     )]
     NothingWhole {
         /// How many were asked for.
@@ -71,6 +83,12 @@ pub enum GigeError {
     Lost {
         /// How that shows.
         why: String,
+    },
+    /// Its sensor is not ready for a trigger.
+    #[error("the camera is not ready for its trigger within {waited_ms} ms (node TriggerArmed)")]
+    NotArmed {
+        /// How long was waited.
+        waited_ms: u64,
     },
     /// It does not answer in time.
     #[error("no picture within {waited_ms} ms")]

@@ -4,19 +4,22 @@
 //! program's log; meanwhile every picture that is asked for is refused at once with the reason. Nobody waits for a camera
 //! that is known to be away.
 
-use super::camera::{Connected, Frame};
+use super::camera::{Connected, Frame, WARM_UP};
 use super::error::GigeError;
 use super::settings::{Exposing, Settings};
 use super::statistics::Statistics;
+use super::still::TRIES;
+use super::whole_ms;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// How long the first search may take before a picture is refused.
+/// How long the first search may take before a picture is refused, besides the first pictures.
 const SEARCH: Duration = Duration::from_secs(5);
-/// How long one picture may take in all: three tries of a second's patience, new streams between.
-const LONGEST: Duration = Duration::from_secs(20);
+/// How long a camera that does not answer may take to be let go, besides the tries of one picture.
+const SLACK: Duration = Duration::from_secs(15);
 /// Between looks at a camera that nobody asks anything of.
 const TICK: Duration = Duration::from_millis(100);
 /// From one search for a lost camera to the next, at first and at most.
@@ -55,6 +58,10 @@ pub struct GigeCamera {
     opened: Instant,
     /// Which camera, in words.
     which: String,
+    /// How long the first search may take, and one picture in all.
+    search: Duration,
+    longest: Duration,
+    is_ending: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -67,8 +74,13 @@ impl GigeCamera {
         let (asks, asked) = mpsc::channel();
         let standing = Standing::Searching;
         let shared = Arc::new(Mutex::new(Shared { standing, statistics: Statistics::default() }));
+        let search = SEARCH + WARM_UP * settings.patience();
+        let longest = SLACK + TRIES * settings.patience();
+        let is_ending = Arc::new(AtomicBool::new(false));
         let mut link = Link {
             settings,
+            is_ending: is_ending.clone(),
+            longest,
             shared: shared.clone(),
             connected: None,
             before: Statistics::default(),
@@ -78,7 +90,8 @@ impl GigeCamera {
         };
         let which = link.settings.which.to_string();
         let thread = std::thread::Builder::new().name("gige".to_owned()).spawn(move || link.serve(&asked))?;
-        Ok(GigeCamera { asks: Some(asks), shared, opened: Instant::now(), which, thread: Some(thread) })
+        let (asks, opened, thread) = (Some(asks), Instant::now(), Some(thread));
+        Ok(GigeCamera { asks, shared, opened, which, search, longest, is_ending, thread })
     }
 
     /// A still; of a free running camera the next picture.
@@ -99,8 +112,8 @@ impl GigeCamera {
                     if let Standing::Away(why) = self.standing() {
                         return Err(why);
                     }
-                    if asked.elapsed() > LONGEST {
-                        return Err(GigeError::Timeout { waited_ms: LONGEST.as_millis() as u64 });
+                    if asked.elapsed() > self.longest {
+                        return Err(GigeError::Timeout { waited_ms: whole_ms(self.longest) });
                     }
                 }
             }
@@ -116,8 +129,8 @@ impl GigeCamera {
             match self.standing() {
                 Standing::Connected => return Ok(()),
                 Standing::Away(why) => return Err(why),
-                Standing::Searching if self.opened.elapsed() > SEARCH => {
-                    let found = format!("it has been searched for {} s", SEARCH.as_secs());
+                Standing::Searching if self.opened.elapsed() > self.search => {
+                    let found = format!("it has been searched for {} s", self.search.as_secs());
                     return Err(GigeError::NotFound { wanted: self.which.clone(), found });
                 }
                 Standing::Searching => std::thread::sleep(Duration::from_millis(5)),
@@ -159,6 +172,7 @@ impl Gauge {
 
 impl Drop for GigeCamera {
     fn drop(&mut self) {
+        self.is_ending.store(true, Ordering::Relaxed);
         self.asks = None;
         if let Some(thread) = self.thread.take() {
             // A panic in there was reported where it happened.
@@ -174,6 +188,8 @@ fn lock(shared: &Mutex<Shared>) -> MutexGuard<'_, Shared> {
 /// The thread's own.
 struct Link {
     settings: Settings,
+    is_ending: Arc<AtomicBool>,
+    longest: Duration,
     shared: Arc<Mutex<Shared>>,
     connected: Option<Connected>,
     /// What earlier connections counted.
@@ -190,20 +206,23 @@ impl Link {
                 self.search();
             }
             match asked.recv_timeout(TICK) {
-                Ok(Ask::Picture { asked, reply }) if asked.elapsed() < LONGEST => {
+                Ok(Ask::Picture { asked, reply }) if asked.elapsed() < self.longest => {
                     let picture = self.picture();
-                    let gone =
-                        picture.as_ref().err().filter(|error| matches!(error, GigeError::Lost { .. })).cloned();
+                    if let Some(why) = picture.as_ref().err().filter(|_| self.connected.is_some()) {
+                        self.lost(why.clone());
+                    }
+                    let is_lost = picture.is_err();
                     // Who asked may have given up meanwhile.
                     let _ = reply.send(picture);
-                    if let Some(why) = gone {
-                        self.lose(why);
+                    if is_lost {
+                        self.let_go();
                     }
                 }
                 Ok(Ask::Picture { .. }) => {}
                 Err(RecvTimeoutError::Timeout) => {
                     if let Some(why) = self.connected.as_ref().and_then(|connected| connected.check().err()) {
-                        self.lose(why);
+                        self.lost(why);
+                        self.let_go();
                     }
                 }
                 Err(RecvTimeoutError::Disconnected) => {
@@ -232,7 +251,7 @@ impl Link {
     }
 
     fn search(&mut self) {
-        match Connected::open(&self.settings) {
+        match Connected::open(&self.settings, self.is_ending.clone()) {
             Ok(connected) => {
                 self.connected = Some(connected);
                 self.before.connections += 1;
@@ -252,16 +271,20 @@ impl Link {
         }
     }
 
-    fn lose(&mut self, why: GigeError) {
+    /// The camera that was there gives no picture.
+    fn lost(&mut self, why: GigeError) {
         self.before.losses += 1;
-        self.away(why);
         self.publish();
+        self.away(why);
+    }
+
+    /// Lets a camera go that gives no picture: opened anew it is set anew, whatever it was that had changed.
+    fn let_go(&mut self) {
+        let Some(connected) = self.connected.take() else { return };
+        self.before = self.before.and(connected.statistics());
         self.next_search = Instant::now() + self.pause;
-        if let Some(connected) = self.connected.take() {
-            self.before = self.before.and(connected.statistics());
-            // Takes seconds, since a camera that is gone answers nothing.
-            drop(connected);
-        }
+        // Takes seconds where it is gone and answers nothing.
+        drop(connected);
     }
 
     /// Tells once that the camera is away; why may change meanwhile.

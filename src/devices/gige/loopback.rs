@@ -3,7 +3,8 @@
 //!
 //! It answers control packets and sends stream packets as a camera does, at UDP port 3956 of one address of this machine, so
 //! that there is one of them at a time. Aravis shares that port with whoever asks, and a client would then speak to either; so the
-//! TCP port of the same number, which GigE Vision does not use, is held as a lock between programs. Its pictures come from a function that is called for each exposure, in its thread.
+//! TCP port of the same number, which GigE Vision does not use, is held as a lock between programs. Its pictures come from
+//! a function that is called for each exposure, in its thread.
 //! It offers neither user sets nor automatics, and does not send packets again.
 
 use super::format::PixelFormat;

@@ -16,6 +16,8 @@ mod acceptance;
 mod bayer;
 #[cfg(feature = "gige")]
 mod camera;
+#[cfg(feature = "gige")]
+mod configure;
 mod error;
 mod format;
 #[cfg(feature = "gige")]
@@ -23,13 +25,16 @@ mod link;
 #[cfg(feature = "gige")]
 mod loopback;
 mod settings;
+mod sockets;
 mod statistics;
 mod still;
+#[cfg(feature = "gige")]
+mod streaming;
 
 pub use acceptance::{Acceptance, Delivery, Expected, Facts, Gaps, Refused, ahead};
 pub use bayer::{demosaic, mosaic};
 #[cfg(feature = "gige")]
-pub use camera::{Frame, SOCKET_BUFFER_BYTES, burst_bytes, rmem_max};
+pub use camera::Frame;
 pub use error::GigeError;
 pub use format::PixelFormat;
 #[cfg(feature = "gige")]
@@ -37,8 +42,15 @@ pub use link::{Gauge, GigeCamera, Standing};
 #[cfg(feature = "gige")]
 pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback};
 pub use settings::{Exposing, NoNode, PACKET_BYTES, Settings, Step, Which, plan};
+pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;
 pub use still::{NoStill, Shutter, TRIES, take};
+
+/// For messages.
+#[cfg(feature = "gige")]
+fn whole_ms(time: std::time::Duration) -> u64 {
+    u64::try_from(time.as_millis()).unwrap_or(u64::MAX)
+}
 
 #[cfg(all(test, feature = "gige"))]
 pub(super) mod tests;

@@ -6,6 +6,7 @@
 //! changed: they are part of what was calibrated.
 
 use super::format::PixelFormat;
+use std::time::Duration;
 
 /// Which camera.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,6 +46,8 @@ pub enum Exposing {
 pub struct Settings {
     /// Which camera.
     pub which: Which,
+    /// The serial number that its calibration is of, where that is known.
+    pub serial: Option<String>,
     /// The set of values kept in the camera that all else starts from.
     pub user_set: String,
     /// Width and height of the calibrated camera, px.
@@ -61,6 +64,16 @@ pub struct Settings {
     pub packet_bytes: u16,
     /// Whether the same picture may come twice in a row: of a simulated sensor.
     pub may_repeat: bool,
+}
+
+/// From trigger to picture, besides the exposure.
+const PATIENCE: Duration = Duration::from_millis(1_000);
+
+impl Settings {
+    /// How long one picture is waited for.
+    pub fn patience(&self) -> Duration {
+        PATIENCE + Duration::from_micros(self.exposure_us.unwrap_or_default() as u64)
+    }
 }
 
 /// The packet size that every network lets through: Ethernet's 1500 less what tunnels and tags may need.
@@ -154,6 +167,7 @@ mod tests {
     fn settings() -> Settings {
         Settings {
             which: Which::Only,
+            serial: None,
             user_set: "Default".to_owned(),
             size_px: [2048, 1536],
             format: PixelFormat::BayerRG8,

@@ -36,6 +36,7 @@ fn loopback<F: Fn(u64, &mut [u8]) + Send + Sync + Clone + 'static>(
 fn settings(size_px: [usize; 2], format: PixelFormat) -> Settings {
     Settings {
         which: Which::Address(ADDRESS.to_owned()),
+        serial: Some("T1".to_owned()),
         user_set: "Default".to_owned(),
         size_px,
         format,

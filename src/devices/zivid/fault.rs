@@ -32,6 +32,17 @@ pub enum ZividFault {
         /// What happens now.
         next: Next,
     },
+    /// No answer in time, and nothing of the worker's end either.
+    #[error(
+        "C3 no answer within {} s to {during}, and the worker does not end: a driver holds it; restart the cell's computer",
+        waited.as_secs()
+    )]
+    Stuck {
+        /// What was asked.
+        during: &'static str,
+        /// How long was waited.
+        waited: Duration,
+    },
     /// The camera gave no shot, time after time.
     #[error("C3 the 3D camera gave nothing for {during} in {tries} tries: {message}")]
     NoShot {
@@ -206,7 +217,7 @@ impl ZividFault {
         match self {
             F::NotFound(_) | F::NoWorker(_) => "C1",
             F::Lost { .. } => "C2",
-            F::Timeout { .. } | F::NoShot { .. } | F::Throttled { .. } => "C3",
+            F::Timeout { .. } | F::Stuck { .. } | F::NoShot { .. } | F::Throttled { .. } => "C3",
             F::Damaged { .. } | F::NotFinite(_) => "C4",
             F::WrongSize { .. } | F::WrongCamera { .. } | F::WrongVersion { .. } | F::Settings { .. } => "C5",
             F::NoPoints { .. } => "C6",

@@ -1,12 +1,14 @@
 //! The worker as a process: the same program in another role, with one end of a socket as its standard input.
 //!
-//! What the SDK prints goes to standard error, with the service's own log. A worker that is let go hangs up by itself; one that
-//! does not within a moment is killed, and so is one whose daemon ends without a word.
+//! What the SDK prints goes to standard error, with the service's own log. A worker that is let go closes its camera and ends; one
+//! that does not within a moment is killed, and so is one whose daemon ends without a word. A killed one that a driver
+//! keeps in the kernel is left to a thread: nobody waits for it.
 
 use std::ffi::OsString;
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 use std::os::unix::net::UnixStream;
+use std::os::unix::process::CommandExt;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -33,29 +35,43 @@ pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::from(io::stderr().as_fd().try_clone_to_owned()?))
             .stderr(Stdio::inherit())
+            // What a terminal sends to its foreground, such as Ctrl-C, is for the daemon to answer.
+            .process_group(0)
             .spawn()?;
-        Ok((ours, Box::new(Process { child }) as Box<dyn Peer>))
+        Ok((ours, Box::new(Process { child: Some(child) }) as Box<dyn Peer>))
     })
 }
 
 struct Process {
-    child: Child,
+    /// None once it is left to itself.
+    child: Option<Child>,
 }
+
+/// How long a killed worker is waited for.
+const DEATH: Duration = Duration::from_secs(2);
 
 /// Between looks whether it has ended.
 const LOOK: Duration = Duration::from_millis(5);
 
 impl Peer for Process {
     fn kill(&mut self) {
+        let Some(child) = &mut self.child else { return };
         // Fails only where it has ended already.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
+        let _ = child.kill();
+        if self.ended(DEATH).is_some() {
+            return;
+        }
+        if let Some(mut child) = self.child.take() {
+            tracing::error!("the 3D camera's worker {} does not end when killed: a driver holds it", child.id());
+            std::thread::spawn(move || child.wait());
+        }
     }
 
     fn ended(&mut self, within: Duration) -> Option<String> {
+        let child = self.child.as_mut()?;
         let until = Instant::now() + within;
         loop {
-            match self.child.try_wait() {
+            match child.try_wait() {
                 Ok(Some(status)) => return Some(status.to_string()),
                 Ok(None) if Instant::now() < until => std::thread::sleep(LOOK),
                 Ok(None) => return None,
@@ -65,7 +81,7 @@ impl Peer for Process {
     }
 
     fn id(&self) -> Option<u32> {
-        Some(self.child.id())
+        self.child.as_ref().map(Child::id)
     }
 }
 

@@ -1,7 +1,7 @@
 //! The Zivid as the cell's fixed camera.
 
 use super::fault::ZividFault;
-use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage};
+use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage, TRIES};
 use super::link::Came;
 use super::message::{ClipEnd, Lens, Size, Taken, Temperatures};
 use super::process::Launcher;
@@ -10,7 +10,7 @@ use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
-use std::thread;
+use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 /// A 3D shot with all that is known of it.
@@ -41,6 +41,7 @@ pub struct ZividScanner {
     shared: Arc<Shared>,
     patience: Patience,
     size: Size,
+    thread: Option<JoinHandle<()>>,
 }
 
 /// What is known of a camera that another thread asks.
@@ -64,8 +65,10 @@ impl ZividWatch {
     }
 }
 
-/// How long a check waits for a worker that is being started.
+/// How long a check waits, for a worker that is being started or anything else.
 const CHECK_PATIENCE: Duration = Duration::from_secs(10);
+/// How long a worker that does not answer may take to be ended, besides.
+const ENDING: Duration = Duration::from_secs(5);
 /// How often one who waits for an answer looks whether the camera still delivers.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -79,8 +82,8 @@ impl ZividScanner {
         let shared = Arc::new(Shared::default());
         let (patience, size) = (setup.patience, setup.size);
         let host = Host::new(setup, launch, shared.clone());
-        thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
-        Ok(ZividScanner { orders, shared, patience, size })
+        let thread = thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
+        Ok(ZividScanner { orders, shared, patience, size, thread: Some(thread) })
     }
 
     /// Waits until the camera delivers, as long as that may take.
@@ -120,6 +123,8 @@ impl ZividScanner {
         let order = Order { ask, is_given_up: is_given_up.clone(), answer };
         let gone = || ZividFault::NoWorker("the thread that keeps it has ended".to_owned());
         self.orders.send(order).map_err(|_| gone())?;
+        let begun = Instant::now();
+        let most = if ask == Ask::Check { CHECK_PATIENCE } else { TRIES * self.patience.of(ask) + ENDING };
         loop {
             match answered.recv_timeout(LOOK) {
                 Ok(found) => return found,
@@ -132,8 +137,21 @@ impl ZividScanner {
                         return answered.recv_timeout(LOOK).unwrap_or(Err(self.starting(since)));
                     }
                 }
+                Err(RecvTimeoutError::Timeout) if begun.elapsed() > most => {
+                    is_given_up.store(true, Ordering::Relaxed);
+                    return Err(self.silent(ask, begun.elapsed()));
+                }
                 Err(RecvTimeoutError::Timeout) => {}
             }
+        }
+    }
+
+    /// Why there is no answer yet, by how the camera stands.
+    fn silent(&self, ask: Ask, waited: Duration) -> ZividFault {
+        match self.shared.status().stage.clone() {
+            Stage::NoCamera(fault) | Stage::Down(fault) => fault,
+            Stage::Starting(since) => self.starting(since),
+            Stage::Ready(_) => ZividFault::Stuck { during: ask.words(), waited },
         }
     }
 
@@ -233,6 +251,10 @@ fn unexpected(what: &dyn std::fmt::Display) -> ZividFault {
 impl Drop for ZividScanner {
     fn drop(&mut self) {
         self.shared.is_ending.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic in there was reported where it happened.
+            let _ = thread.join();
+        }
     }
 }
 

@@ -9,16 +9,23 @@ fn picture() -> Vec<Vec<u8>> {
     vec![(0..SIZE[0] * SIZE[1]).map(|pixel| (pixel * 7 + pixel / SIZE[0]) as u8).collect()]
 }
 
+/// The camera at the loopback interface, once it is there.
+fn opened() -> GigeCamera {
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    camera
+}
+
 /// 37 packets a picture and 3 % of them lost: about a third of the pictures is whole. Those that are handed on are.
 #[test]
 fn torn_pictures_are_tried_again_and_never_handed_on() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    let mut camera = opened();
     loopback.lose_packets(0.03);
     let (mut whole, mut refused) = (0, 0);
     for _ in 0..12 {
+        wait_for("the camera", || camera.standing() == Standing::Connected);
         match camera.picture() {
             Ok(frame) => {
                 exposure_of(&frame, &picture());
@@ -38,8 +45,14 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
         counted.refused > 0 && counted.retries > 0 && counted.missing_packets > 0,
         "{refused} failed; {counted}"
     );
+    // Each that failed let the camera go, to be set anew.
+    assert_eq!(
+        (counted.losses, counted.connections),
+        (refused, refused + u64::from(camera.standing() == Standing::Connected))
+    );
     // Nothing of it stays.
     loopback.lose_packets(0.0);
+    wait_for("the camera", || camera.standing() == Standing::Connected);
     for _ in 0..3 {
         let before = loopback.exposures();
         let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
@@ -52,7 +65,7 @@ fn torn_pictures_are_tried_again_and_never_handed_on() {
 fn a_camera_that_dies_is_told_once_and_comes_back() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut camera = opened();
     let gauge = camera.gauge();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     drop(first);
@@ -73,13 +86,31 @@ fn a_camera_that_dies_is_told_once_and_comes_back() {
     assert_eq!((counted.accepted, counted.losses, counted.connections), (2, 1, 2), "{counted}");
 }
 
+/// A camera that answers and gives no picture is opened anew, and thereby set anew.
+#[test]
+fn a_camera_that_gives_no_picture_is_set_anew() {
+    let _alone = alone();
+    let loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    let mut camera = opened();
+    camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    loopback.lose_packets(1.0);
+    let refused = camera.picture().expect_err("nothing comes");
+    assert!(matches!(refused, GigeError::Timeout { .. } | GigeError::Refused { .. }), "{refused}");
+    assert_eq!(camera.check(), Err(refused), "it is away for this reason");
+    loopback.lose_packets(0.0);
+    wait_for("the camera", || camera.standing() == Standing::Connected);
+    let before = loopback.exposures();
+    let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(exposure_of(&frame, &picture()), before);
+    assert_eq!((camera.statistics().losses, camera.statistics().connections), (1, 2));
+}
+
 /// Its heartbeat tells of the loss though nobody asks for a picture.
 #[test]
 fn a_camera_that_dies_unused_is_noticed() {
     let _alone = alone();
     let first = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
-    camera.check().unwrap_or_else(|error| panic!("{error}"));
+    let camera = opened();
     drop(first);
     wait_for("the loss", || matches!(camera.standing(), Standing::Away(_)));
     assert_eq!(camera.statistics().losses, 1);
@@ -103,6 +134,11 @@ fn a_wrong_camera_is_refused_in_words() {
         other.contains("serial T2 is not found; there is") && other.contains("serial T1 at 127.0.0.1"),
         "{other}"
     );
+    let swapped = says(Settings { serial: Some("T0".to_owned()), ..settings(SIZE, FORMAT) });
+    assert!(
+        swapped.starts_with("the camera found is T1, expected is T0: its calibration is for that one"),
+        "{swapped}"
+    );
     let larger = says(settings([512, 384], FORMAT));
     assert_eq!(larger, "the camera's picture is 256×192, its calibration says 512×384");
     let gain = says(Settings { gain_db: Some(3.0), ..settings(SIZE, FORMAT) });
@@ -124,7 +160,7 @@ fn a_wrong_camera_is_refused_in_words() {
 fn a_size_that_changes_is_refused() {
     let _alone = alone();
     let loopback = loopback(SIZE, FORMAT, numbered(picture()));
-    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let mut camera = opened();
     camera.picture().unwrap_or_else(|error| panic!("{error}"));
     loopback.shrink([128, 192]);
     let refused = camera.picture().expect_err("another size");

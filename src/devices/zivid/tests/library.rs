@@ -4,29 +4,12 @@ use super::super::library::{LibraryError, Sdk};
 use super::super::message::Source;
 use super::super::*;
 use super::PATIENCE;
+use super::built::{PICTURE, SCAN, library};
 use super::played::in_thread;
 use crate::devices::cameras::{Scanner, conform};
 use crate::geometry::PinholeCamera;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Command;
-use std::sync::OnceLock;
-
-/// Settings as Zivid Studio heads them.
-const SCAN: &str =
-    "__version__:\n  serializer: 1\n  data: 22\nSettings:\n  Acquisitions: []\n  Color:\n    Settings2D: {}\n";
-const PICTURE: &str = "__version__:\n  serializer: 1\n  data: 3\nSettings2D:\n  Acquisitions: []\n";
-
-/// The library, built.
-fn library() -> &'static Path {
-    static BUILT: OnceLock<PathBuf> = OnceLock::new();
-    BUILT.get_or_init(|| {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let made =
-            Command::new("make").args(["-s", "zivid-stub"]).current_dir(root).output().expect("make is here");
-        assert!(made.status.success(), "{}", String::from_utf8_lossy(&made.stderr));
-        root.join("target/zivid-stub/libpanelprep_zivid.so")
-    })
-}
 
 /// A camera file of these lines, and the camera that it plays.
 fn file_camera(folder: &Path, lines: &str) -> (Setup, Launcher) {

@@ -1,6 +1,7 @@
 //! The daemon's side against workers that are good, and against such as are not: threads instead of processes, so that
 //! each byte under way can be held, changed or left out.
 
+mod built;
 mod hostile;
 mod library;
 mod played;
@@ -127,6 +128,28 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     let words =
         "C3 the 3D camera is hot and paused for 900 ms during a picture, allowed are 500, its lens has 36 °C";
     assert!(fault.starts_with(words), "{fault}");
+}
+
+/// A lamp that is out is told by who looks at the pictures, not as a camera that stands still.
+#[test]
+fn two_black_pictures_are_two_pictures() {
+    let mut scanner = ready(Plan { dark: vec![2, 3], ..Plan::default() });
+    for _ in 0..2 {
+        assert!(scanner.photo().expect("dark").picture.rgb.iter().all(|pixel| *pixel == [0; 3]));
+    }
+    assert_eq!(scanner.history().0, []);
+}
+
+/// A person's reset asks at once for a camera whose next search is far off.
+#[test]
+fn a_check_looks_for_a_camera_that_is_absent() {
+    let mut setup = setup();
+    setup.patience.search = Duration::from_secs(3_600);
+    let mut scanner =
+        ZividScanner::start(setup, played(Plan { absent_for: 1, ..Plan::default() })).expect("a thread");
+    assert!(scanner.ready(PATIENCE).is_err(), "absent");
+    scanner.temperatures().expect("it is there by now");
+    scanner.shot().expect("and delivers");
 }
 
 #[test]

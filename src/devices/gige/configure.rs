@@ -1,0 +1,110 @@
+//! Finds a camera and sets it; what was set is read back.
+
+use super::error::GigeError;
+use super::settings::{Settings, Step, Which, plan};
+use super::streaming::gone;
+use aravis::glib::object::Cast;
+use aravis::prelude::*;
+use aravis::{GvDevice, GvInterface, GvPacketSizeAdjustment};
+
+/// Opens the camera that is meant.
+pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
+    let wanted = which.to_string();
+    let not_found = |found: String| GigeError::NotFound { wanted: wanted.clone(), found };
+    let interface = GvInterface::instance().ok_or_else(|| not_found("Aravis has no GigE Vision".to_owned()))?;
+    let id = match which {
+        Which::Address(address) => address.clone(),
+        Which::Only | Which::Serial(_) => {
+            interface.update_device_list();
+            let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
+            let all: Vec<[String; 3]> = (0..interface.n_devices())
+                .map(|at| {
+                    [interface.device_id(at), interface.device_serial_nbr(at), interface.device_address(at)]
+                        .map(text)
+                })
+                .collect();
+            let told =
+                all.iter().map(|[_, serial, address]| format!("serial {serial} at {address}")).collect::<Vec<_>>();
+            let told =
+                if all.is_empty() { "none answered".to_owned() } else { format!("there is {}", told.join(", ")) };
+            let right = all.iter().filter(|[_, serial, _]| match which {
+                Which::Serial(wanted) => serial == wanted,
+                _ => true,
+            });
+            match right.collect::<Vec<_>>().as_slice() {
+                [[id, ..]] => id.clone(),
+                [] => return Err(not_found(told)),
+                _ => return Err(not_found(format!("{told}: name one by its serial"))),
+            }
+        }
+    };
+    let device = interface.open_device(Some(&id)).map_err(|error| not_found(error.to_string()))?;
+    device.downcast::<GvDevice>().map_err(|_| not_found("it is no GigE Vision camera".to_owned()))
+}
+
+/// Sets the camera and reads back what a picture's meaning depends on.
+pub(super) fn configure(camera: &aravis::Camera, settings: &Settings) -> Result<(), GigeError> {
+    let has = |node: &str| camera.is_feature_available(node).unwrap_or(false);
+    if let Some(expected) = &settings.serial {
+        let found = camera.device_serial_number().map_err(gone)?.to_string();
+        if found != *expected {
+            return Err(GigeError::WrongCamera { found, expected: expected.clone() });
+        }
+    }
+    for step in plan(settings, &has)? {
+        set(camera, &step)?;
+    }
+    let refused = |node, value: String| {
+        move |why: aravis::glib::Error| GigeError::NotTaken { node, value, why: why.to_string() }
+    };
+    let (bytes, node) = (settings.packet_bytes, "GevSCPSPacketSize");
+    camera.gv_set_packet_size_adjustment(GvPacketSizeAdjustment::Never);
+    camera.gv_set_packet_size(i32::from(bytes)).map_err(refused(node, bytes.to_string()))?;
+    let taken = camera.gv_get_packet_size().map_err(refused(node, bytes.to_string()))?;
+    if taken != u32::from(bytes) {
+        let why = format!("it made {taken} of it");
+        return Err(GigeError::NotTaken { node, value: bytes.to_string(), why });
+    }
+    let (_, _, width, height) = camera.region().map_err(gone)?;
+    let found_px = [width, height].map(|px| usize::try_from(px).unwrap_or_default());
+    if found_px != settings.size_px {
+        return Err(GigeError::WrongSize { found_px, expected_px: settings.size_px });
+    }
+    Ok(())
+}
+
+/// One step; what was set is read back.
+fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
+    let (node, value) = match step {
+        Step::Command(node) => (*node, "()".to_owned()),
+        Step::Choose(node, entry) => (*node, entry.clone()),
+        Step::Number(node, number) => (*node, number.to_string()),
+        Step::Switch(node, on) => (*node, on.to_string()),
+    };
+    let not_taken = |why: String| GigeError::NotTaken { node, value: value.clone(), why };
+    let refused = |error: aravis::glib::Error| not_taken(error.to_string());
+    match step {
+        Step::Command(node) => camera.execute_command(node).map_err(refused),
+        Step::Switch(node, on) => camera.set_boolean(node, *on).map_err(refused),
+        Step::Choose(node, entry) => {
+            camera.set_string(node, entry).map_err(|error| {
+                let entries = camera.dup_available_enumerations_as_strings(node).unwrap_or_default();
+                let entries = entries.iter().map(|entry| entry.as_str()).collect::<Vec<_>>().join(", ");
+                not_taken(format!("{error}; it has {entries}"))
+            })?;
+            let taken = camera.string(node).map_err(refused)?;
+            if taken == *entry { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
+        }
+        Step::Number(node, number) => {
+            let (least, most) = camera.float_bounds(node).map_err(refused)?;
+            if !(least..=most).contains(number) {
+                return Err(not_taken(format!("it allows {least} to {most}")));
+            }
+            camera.set_float(node, *number).map_err(refused)?;
+            let taken = camera.float(node).map_err(refused)?;
+            // A sensor exposes whole rows, an amplifier has steps.
+            let near = (taken - number).abs() <= 0.02 * number.abs() + 0.1;
+            if near { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! A camera's stream: frames from Aravis's buffers, on demand or as they come.
+
+use super::acceptance::{Delivery, Facts};
+use super::error::GigeError;
+use super::settings::Settings;
+use super::sockets::socket_buffer_bytes;
+use super::still::Shutter;
+use super::whole_ms;
+use aravis::glib::object::Cast;
+use aravis::prelude::*;
+use aravis::{BufferPayloadType, BufferStatus, GvStream, GvStreamPacketResend, GvStreamSocketBuffer};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Pictures that Aravis may fill before the first is fetched.
+const BUFFERS: usize = 8;
+/// How long the rest of a picture is waited for, and a packet that was asked for once more, µs.
+const FRAME_RETENTION_US: u32 = 200_000;
+const PACKET_TIMEOUT_US: u32 = 20_000;
+/// The wait for a picture looks this often whether the camera is still there.
+const GLANCE: Duration = Duration::from_millis(50);
+/// The wait for a sensor that is not ready for its trigger.
+const POLL: Duration = Duration::from_millis(2);
+/// The node that tells it, of cameras that have one.
+const ARMED: &str = "TriggerArmed";
+
+/// A camera that is set, and its stream.
+pub(super) struct Streaming {
+    // Dropped in this order.
+    stream: Option<GvStream>,
+    camera: aravis::Camera,
+    payload: usize,
+    socket_bytes: usize,
+    patience: Duration,
+    tells_armed: bool,
+    /// The camera has told that it is gone.
+    pub lost: Arc<AtomicBool>,
+    /// Nobody asks any more.
+    is_ending: Arc<AtomicBool>,
+    /// What streams that have ended counted.
+    ended: Packets,
+}
+
+/// Aravis's counters of one stream.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Packets {
+    pub received: u64,
+    pub resent: u64,
+    pub missing: u64,
+    pub underruns: u64,
+}
+
+impl Streaming {
+    /// Begins to stream.
+    pub fn begin(
+        camera: aravis::Camera,
+        settings: &Settings,
+        lost: Arc<AtomicBool>,
+        is_ending: Arc<AtomicBool>,
+    ) -> Result<Self, GigeError> {
+        let payload = camera.payload().map_err(gone)? as usize;
+        let tells_armed = camera.is_feature_available(ARMED).unwrap_or(false);
+        let (patience, ended) = (settings.patience(), Packets::default());
+        let socket_bytes = socket_buffer_bytes(settings.size_px, settings.packet_bytes);
+        let mut streaming = Streaming {
+            stream: None,
+            camera,
+            payload,
+            socket_bytes,
+            patience,
+            tells_armed,
+            lost,
+            is_ending,
+            ended,
+        };
+        streaming.start()?;
+        Ok(streaming)
+    }
+
+    fn start(&mut self) -> Result<(), GigeError> {
+        let stream = self.camera.create_stream().map_err(gone)?;
+        let stream =
+            stream.downcast::<GvStream>().map_err(|_| GigeError::Lost { why: "its stream is none".to_owned() })?;
+        stream.set_socket_buffer(GvStreamSocketBuffer::Fixed);
+        stream.set_socket_buffer_size(i32::try_from(self.socket_bytes).unwrap_or(i32::MAX));
+        stream.set_packet_resend(GvStreamPacketResend::Always);
+        stream.set_frame_retention(FRAME_RETENTION_US);
+        stream.set_packet_timeout(PACKET_TIMEOUT_US);
+        for _ in 0..BUFFERS {
+            stream.push_buffer(aravis::Buffer::new_allocate(self.payload));
+        }
+        self.stream = Some(stream);
+        self.camera.start_acquisition().map_err(gone)
+    }
+
+    /// Whether the camera is there, and anybody asks.
+    pub fn check(&self) -> Result<(), GigeError> {
+        let lost = |why: &str| Err(GigeError::Lost { why: why.to_owned() });
+        match () {
+            () if self.is_ending.load(Ordering::Relaxed) => lost("the program ends"),
+            () if self.lost.load(Ordering::Relaxed) => lost("it does not answer its heartbeat"),
+            () => Ok(()),
+        }
+    }
+
+    /// What was counted since it was opened.
+    pub fn packets(&self) -> Packets {
+        self.ended.and(self.stream.as_ref().map(Packets::of).unwrap_or_default())
+    }
+
+    /// A trigger that comes while the sensor is read out is ignored by most cameras.
+    fn wait_until_armed(&self) -> Result<(), GigeError> {
+        let begun = Instant::now();
+        while self.tells_armed && !self.camera.boolean(ARMED).map_err(gone)? {
+            self.check()?;
+            if begun.elapsed() > self.patience {
+                return Err(GigeError::NotArmed { waited_ms: whole_ms(self.patience) });
+            }
+            std::thread::sleep(POLL);
+        }
+        Ok(())
+    }
+}
+
+impl Shutter for Streaming {
+    type Gone = GigeError;
+
+    fn trigger(&mut self) -> Result<(), GigeError> {
+        self.check()?;
+        if let Some(stream) = &self.stream {
+            while let Some(old) = stream.try_pop_buffer() {
+                stream.push_buffer(old);
+            }
+        }
+        self.wait_until_armed()?;
+        self.camera.software_trigger().map_err(gone)
+    }
+
+    fn wait(&mut self) -> Result<Option<(Facts, Vec<u8>)>, GigeError> {
+        let begun = Instant::now();
+        while begun.elapsed() < self.patience {
+            self.check()?;
+            let Some(stream) = &self.stream else { return Ok(None) };
+            let Some(buffer) = stream.timeout_pop_buffer(GLANCE.as_micros() as u64) else { continue };
+            let frame = read(&buffer);
+            stream.push_buffer(buffer);
+            return Ok(Some(frame));
+        }
+        Ok(None)
+    }
+
+    fn renew(&mut self) -> Result<(), GigeError> {
+        self.check()?;
+        self.camera.stop_acquisition().map_err(gone)?;
+        if let Some(stream) = self.stream.take() {
+            self.ended = self.ended.and(Packets::of(&stream));
+        }
+        self.start()
+    }
+}
+
+impl Drop for Streaming {
+    fn drop(&mut self) {
+        if !self.lost.load(Ordering::Relaxed) {
+            // Best effort: a camera that nobody controls stops by itself.
+            let _ = self.camera.stop_acquisition();
+        }
+    }
+}
+
+impl Packets {
+    fn of(stream: &GvStream) -> Self {
+        let count = |name| stream.info_uint64_by_name(name);
+        Packets {
+            received: count("n_received_packets"),
+            resent: count("n_resent_packets"),
+            missing: count("n_missing_packets"),
+            underruns: count("n_underruns"),
+        }
+    }
+
+    fn and(self, other: Packets) -> Self {
+        Packets {
+            received: self.received + other.received,
+            resent: self.resent + other.resent,
+            missing: self.missing + other.missing,
+            underruns: self.underruns + other.underruns,
+        }
+    }
+}
+
+/// A frame's facts, and where it is whole its pixels: of others Aravis knows neither size nor format.
+fn read(buffer: &aravis::Buffer) -> (Facts, Vec<u8>) {
+    let is_image = buffer.payload_type() == BufferPayloadType::Image;
+    let delivery = match buffer.status() {
+        BufferStatus::Success if is_image => Delivery::Complete,
+        BufferStatus::MissingPackets | BufferStatus::WrongPacketId => Delivery::MissingPackets,
+        BufferStatus::Timeout => Delivery::TimedOut,
+        BufferStatus::SizeMismatch => Delivery::SizeMismatch,
+        _ => Delivery::Broken,
+    };
+    let mut facts = Facts { delivery, id: buffer.frame_id(), camera_time_ns: 0, size_px: [0; 2], format: 0 };
+    if delivery != Delivery::Complete {
+        return (facts, Vec::new());
+    }
+    let length = |px: i32| usize::try_from(px).unwrap_or_default();
+    facts.camera_time_ns = buffer.timestamp();
+    facts.size_px = [length(buffer.image_width()), length(buffer.image_height())];
+    facts.format = buffer.image_pixel_format().raw();
+    (facts, buffer.image_data())
+}
+
+/// The camera did not answer.
+pub(super) fn gone(error: aravis::glib::Error) -> GigeError {
+    GigeError::Lost { why: error.to_string() }
+}

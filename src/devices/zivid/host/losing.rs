@@ -1,0 +1,105 @@
+//! Workers that are lost: each is ended, named, and started again where the budget allows.
+
+use super::{FAREWELL, Host, Stage, Worker};
+use crate::devices::zivid::budget::{Restarts, Verdict};
+use crate::devices::zivid::fault::{Next, ZividFault};
+use crate::devices::zivid::link::Answer;
+use crate::devices::zivid::wire::WireError;
+use std::io::ErrorKind;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+impl Host {
+    /// The worker is lost: it is ended, and started again where the budget allows.
+    pub(super) fn lost(&mut self, during: &'static str, loss: Loss) -> ZividFault {
+        if self.shared.is_ending.load(Ordering::Relaxed) {
+            // Nobody asks any more, and nobody is told.
+            self.end_worker();
+            return ZividFault::Ended { how: "the program ends".to_owned(), during, next: Next::StaysDown };
+        }
+        let verdict = self.budget.ended(self.began.elapsed());
+        let allowed = self.budget.allowed();
+        let next = match verdict {
+            Verdict::Restart { number } => Next::Restart { number, of: allowed.most, within: allowed.within },
+            Verdict::StayDown => Next::StaysDown,
+        };
+        let fault = match (loss, self.end_worker()) {
+            (Loss::Ended(how), _) => ZividFault::Ended { how, during, next },
+            (Loss::HungUp, how) => {
+                let how = how.unwrap_or_else(|| "it hung up".to_owned());
+                ZividFault::Ended { how, during, next }
+            }
+            (Loss::Stalled(waited), _) => ZividFault::Timeout { during, waited, next },
+            (Loss::Damaged(cause), _) => ZividFault::Damaged { during, cause, next },
+        };
+        self.shared.status().lost += 1;
+        self.shared.note(&fault);
+        match verdict {
+            Verdict::Restart { .. } => self.shared.becomes(Stage::Starting(Instant::now())),
+            Verdict::StayDown => {
+                let down = self.stays_down(&fault);
+                self.down(down);
+            }
+        }
+        fault
+    }
+
+    fn stays_down(&self, last: &ZividFault) -> ZividFault {
+        let Restarts { most, within } = self.budget.allowed();
+        let wait = self.budget.wait(self.began.elapsed());
+        ZividFault::Down { ended: most + 1, allowed: most, within, last: last.to_string(), wait }
+    }
+
+    /// No worker, and none is started before a person asks.
+    pub(super) fn down(&mut self, fault: ZividFault) {
+        self.end_worker();
+        self.shared.note(&fault);
+        self.shared.becomes(Stage::Down(fault));
+    }
+
+    /// Ends the worker; how it ended, where it did so by itself.
+    pub(super) fn end_worker(&mut self) -> Option<String> {
+        self.camera = None;
+        // A shot of another worker is no repetition of its own.
+        (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
+        let Worker { link, mut peer } = self.worker.take()?;
+        drop(link);
+        let how = peer.ended(FAREWELL);
+        peer.kill();
+        self.shared.status().worker = None;
+        how
+    }
+}
+
+/// How a worker was lost.
+pub(super) enum Loss {
+    /// It had ended already.
+    Ended(String),
+    /// It closed its end of the socket.
+    HungUp,
+    /// It does not answer.
+    Stalled(Duration),
+    /// What it says cannot be read.
+    Damaged(String),
+}
+
+impl Loss {
+    pub(super) fn of(error: WireError, waited: Duration) -> Self {
+        match error {
+            WireError::Ended | WireError::Cut { .. } => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::BrokenPipe => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::ConnectionReset => Loss::HungUp,
+            WireError::Io(error) if error.kind() == ErrorKind::TimedOut => Loss::Stalled(waited),
+            WireError::Stalled { .. } => Loss::Stalled(waited),
+            other => Loss::Damaged(other.to_string()),
+        }
+    }
+}
+
+pub(super) fn name(answer: &Answer) -> String {
+    match answer {
+        Answer::Words(words) => format!("it answered something else, {words:?}"),
+        Answer::Scan(..) => "it answered by a 3D shot".to_owned(),
+        Answer::Picture(..) => "it answered by a picture".to_owned(),
+    }
+}

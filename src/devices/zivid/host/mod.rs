@@ -1,0 +1,188 @@
+//! Keeps a worker: starts it, opens the camera, warms it up, watches it, asks it, and starts it again while its budget lasts.
+//!
+//! ```text
+//! start ─ hello ─ connect ─ settings ─ warm-up ─ ready ─┬─ asked … ─┐
+//!   ↑                ↑________________ camera gone ______│           │
+//!   └─── restart, within the budget ──── worker lost ────┴───────────┘
+//! ```
+//! It has a thread of its own and answers through a channel, so that nobody who asks waits longer than they said. A
+//! worker is lost where it ends, stalls, or says what cannot be read; then it is killed, since nothing it sends later
+//! could be believed. A camera that is absent is looked for again and again by the same worker, told once. Each
+//! fault is kept in words: none is mended in silence.
+//!
+//! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing`
+
+mod asking;
+mod losing;
+mod opening;
+mod shared;
+
+use super::budget::{Budget, Verdict};
+use super::fault::ZividFault;
+use super::link::Link;
+use super::message::{Identity, SettingsHash};
+use super::process::{Launcher, Peer};
+use super::worker::settings_hash;
+use asking::Failed;
+use losing::Loss;
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::time::{Duration, Instant};
+
+pub(super) use asking::TRIES;
+pub use shared::{Ask, Found, Order, Patience, Setup, Shared, Stage, Status};
+
+/// How often an idle worker is looked after.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// How long a worker that hung up may take to end by itself.
+const FAREWELL: Duration = Duration::from_millis(500);
+
+/// How long one that is let go may take: it closes its camera, so that who comes next finds it free.
+const GOODBYE: Duration = Duration::from_secs(3);
+
+/// From one search to the next, at most, where a person has to mend something first.
+const LONGEST_SEARCH: Duration = Duration::from_secs(60);
+
+struct Worker {
+    link: Link,
+    peer: Box<dyn Peer>,
+}
+
+/// The settings' names and what was last taken with each.
+struct Taking {
+    hash: SettingsHash,
+    last_sum: Option<u32>,
+}
+
+/// The thread's own.
+pub struct Host {
+    setup: Setup,
+    launch: Launcher,
+    shared: Arc<Shared>,
+    budget: Budget,
+    began: Instant,
+    worker: Option<Worker>,
+    camera: Option<Identity>,
+    scan: Taking,
+    picture: Taking,
+    last_number: u64,
+    clip_from_ns: u64,
+    /// When an absent camera is looked for again.
+    search: Instant,
+    /// After how long, the last time.
+    search_pause: Duration,
+}
+
+impl Host {
+    /// Before the first start.
+    pub fn new(setup: Setup, launch: Launcher, shared: Arc<Shared>) -> Self {
+        let taking = |yaml: &str| Taking { hash: settings_hash(yaml), last_sum: None };
+        let now = Instant::now();
+        Host {
+            scan: taking(&setup.scan_yaml),
+            picture: taking(&setup.picture_yaml),
+            budget: Budget::new(setup.restarts),
+            setup,
+            launch,
+            shared,
+            began: now,
+            worker: None,
+            camera: None,
+            last_number: 0,
+            clip_from_ns: 0,
+            search: now,
+            search_pause: Duration::ZERO,
+        }
+    }
+
+    /// Serves until nobody asks any more.
+    pub fn run(mut self, orders: &Receiver<Order>) {
+        loop {
+            self.look_after();
+            match orders.recv_timeout(LOOK) {
+                Ok(order) if order.is_given_up.load(Ordering::Relaxed) => {}
+                // Who asked may have gone meanwhile.
+                Ok(order) => drop(order.answer.send(self.perform(order.ask))),
+                Err(RecvTimeoutError::Timeout) => {}
+                Err(RecvTimeoutError::Disconnected) => return self.farewell(),
+            }
+            if self.shared.is_ending.load(Ordering::Relaxed) {
+                return self.farewell();
+            }
+        }
+    }
+
+    fn farewell(&mut self) {
+        if let Some(Worker { link, mut peer }) = self.worker.take() {
+            drop(link); // hangs up
+            let _ = peer.ended(GOODBYE);
+        }
+    }
+
+    /// Brings the camera on, as far as it goes.
+    fn look_after(&mut self) {
+        if matches!(self.shared.status().stage, Stage::Down(_)) {
+            return;
+        }
+        if let Some(how) = self.worker.as_mut().and_then(|worker| worker.peer.ended(Duration::ZERO)) {
+            self.lost("its rest", Loss::Ended(how));
+        } else if self.worker.is_none() {
+            self.start();
+        } else if self.camera.is_none() && Instant::now() >= self.search {
+            self.open();
+        }
+    }
+
+    fn perform(&mut self, ask: Ask) -> Result<Found, ZividFault> {
+        let stage = self.shared.status().stage.clone();
+        match (stage, ask) {
+            (Stage::Ready(_), _) => self.asked(ask),
+            (Stage::Starting(since), _) => {
+                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
+            }
+            (Stage::NoCamera(_), Ask::Check) => {
+                self.open();
+                self.looked()
+            }
+            (Stage::NoCamera(fault), _) => Err(fault),
+            (Stage::Down(fault), Ask::Check) => self.revived(fault),
+            (Stage::Down(fault), _) => Err(self.as_of_now(fault)),
+        }
+    }
+
+    /// The same with the time that is left.
+    fn as_of_now(&self, fault: ZividFault) -> ZividFault {
+        match fault {
+            ZividFault::Down { ended, allowed, within, last, .. } => {
+                let wait = self.budget.wait(self.began.elapsed());
+                ZividFault::Down { ended, allowed, within, last, wait }
+            }
+            other => other,
+        }
+    }
+
+    /// A person asks for a worker that stays down.
+    fn revived(&mut self, fault: ZividFault) -> Result<Found, ZividFault> {
+        // What is not for the budget, such as a missing library, may be mended at any time.
+        let by_budget = matches!(fault, ZividFault::Down { .. });
+        if by_budget && self.budget.asked(self.began.elapsed()) == Verdict::StayDown {
+            return Err(self.as_of_now(fault));
+        }
+        self.start();
+        self.looked()
+    }
+
+    /// What a person who asked hears after an attempt to open the camera.
+    fn looked(&mut self) -> Result<Found, ZividFault> {
+        let stage = self.shared.status().stage.clone();
+        match stage {
+            Stage::Ready(_) => self.asked(Ask::Check),
+            Stage::Starting(since) => {
+                Err(ZividFault::Starting { since: since.elapsed(), most: self.setup.patience.start() })
+            }
+            Stage::NoCamera(fault) | Stage::Down(fault) => Err(fault),
+        }
+    }
+}

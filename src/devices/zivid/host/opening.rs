@@ -1,0 +1,169 @@
+//! From nothing to a camera that is warm.
+
+use super::losing::{Loss, name};
+use super::{Failed, Host, LONGEST_SEARCH, Stage, Worker};
+use crate::devices::zivid::fault::ZividFault;
+use crate::devices::zivid::link::{Answer, Link};
+use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Use};
+use crate::devices::zivid::wire::{VERSION, WireError};
+use std::time::{Duration, Instant};
+
+impl Host {
+    /// Starts a worker and opens the camera.
+    pub(super) fn start(&mut self) {
+        self.shared.becomes(Stage::Starting(Instant::now()));
+        let (stream, peer) = match (self.launch)() {
+            Ok(started) => started,
+            Err(error) => return self.down(ZividFault::NoWorker(format!("it cannot be started: {error}"))),
+        };
+        self.shared.status().worker = peer.id();
+        let mut link = Link::new(stream, self.shared.is_ending.clone());
+        let hello = link.hello(self.setup.patience.hello);
+        self.worker = Some(Worker { link, peer });
+        let during = "its start";
+        match hello {
+            Err(WireError::Version { found }) => {
+                let expected = VERSION.to_string();
+                self.down(ZividFault::WrongVersion { found: format!("protocol {found}"), expected });
+            }
+            Err(error) => drop(self.lost(during, Loss::of(error, self.setup.patience.hello))),
+            Ok(hello) if hello.program != env!("CARGO_PKG_VERSION") => {
+                let expected = env!("CARGO_PKG_VERSION").to_owned();
+                self.down(ZividFault::WrongVersion { found: hello.program, expected });
+            }
+            Ok(hello) => match hello.sdk {
+                Err(why) => self.down(ZividFault::NoWorker(why)),
+                Ok(sdk) => {
+                    tracing::info!("the 3D camera's worker runs; Zivid SDK: {sdk}");
+                    self.open();
+                }
+            },
+        }
+    }
+
+    /// Opens the camera; what keeps it from that is told once.
+    pub(super) fn open(&mut self) {
+        match self.opened() {
+            Ok(identity) => {
+                tracing::info!("the 3D camera is ready: {} {}", identity.model, identity.serial);
+                self.camera = Some(identity.clone());
+                self.search_pause = Duration::ZERO;
+                self.shared.becomes(Stage::Ready(identity));
+            }
+            Err(Opening::Lost(during, loss)) => drop(self.lost(during, loss)),
+            Err(Opening::NoCamera(fault)) => {
+                self.search_pause = next_pause(&fault, self.search_pause, self.setup.patience.search);
+                self.search = Instant::now() + self.search_pause;
+                self.without_camera(fault);
+            }
+        }
+    }
+
+    fn opened(&mut self) -> Result<Identity, Opening> {
+        let (setup, patience) = (self.setup.clone(), self.setup.patience);
+        let connect = Request::Connect { source: setup.source.clone() };
+        let refused = |refusal: Refusal| Opening::NoCamera(ZividFault::NotFound(refusal.message));
+        let identity = match self.step(&connect, ("its opening", patience.connect), refused)? {
+            Answer::Words(Reply::Connected(identity)) => identity,
+            other => return Err(foreign("its opening", &other)),
+        };
+        let by_source = match &setup.source {
+            Source::Serial(serial) => Some(serial),
+            _ => None,
+        };
+        if let Some(expected) = setup.serial.iter().chain(by_source).find(|serial| **serial != identity.serial) {
+            let (found, expected) = (identity.serial, expected.clone());
+            return Err(Opening::NoCamera(ZividFault::WrongCamera { found, expected }));
+        }
+        let uses = [
+            (Use::Scan, "the settings for 3D shots", setup.scan_yaml, self.scan.hash.clone()),
+            (Use::Picture, "the settings for pictures", setup.picture_yaml, self.picture.hash.clone()),
+        ];
+        for (usage, what, yaml, hash) in uses {
+            let refused =
+                |refusal: Refusal| Opening::NoCamera(ZividFault::Settings { what, message: refusal.message });
+            let request = Request::Settings { usage, yaml, hash };
+            match self.step(&request, ("its settings", patience.words), refused)? {
+                Answer::Words(Reply::Settings(size)) if size == setup.size => {}
+                Answer::Words(Reply::Settings(size)) => {
+                    let px = |size: Size| [size.width, size.height];
+                    let (found_px, expected_px) = (px(size), px(setup.size));
+                    return Err(Opening::NoCamera(ZividFault::WrongSize { what, found_px, expected_px }));
+                }
+                other => return Err(foreign("its settings", &other)),
+            }
+        }
+        // What it shows does not matter; that the SDK is warm does.
+        let request = Request::Scan { settings: self.scan.hash.clone() };
+        let during = "its first shot";
+        let refused = |refusal: Refusal| {
+            let message = refusal.message;
+            Opening::NoCamera(ZividFault::NoShot { during, tries: 1, message })
+        };
+        match self.step(&request, (during, patience.warm_up), refused)? {
+            Answer::Scan(came, _) => {
+                self.last_number = came.taken.number;
+                Ok(identity)
+            }
+            other => Err(foreign(during, &other)),
+        }
+    }
+
+    /// One step of the opening.
+    fn step(
+        &mut self,
+        request: &Request,
+        (during, within): (&'static str, Duration),
+        refused: impl FnOnce(Refusal) -> Opening,
+    ) -> Result<Answer, Opening> {
+        self.ask(request, within).map_err(|failed| match failed {
+            Failed::Lost(error) => Opening::Lost(during, Loss::of(error, within)),
+            Failed::Refused(refusal) => refused(refusal),
+        })
+    }
+
+    /// The worker is there and the camera is not as it should be.
+    pub(super) fn without_camera(&mut self, fault: ZividFault) {
+        self.camera = None;
+        let is_known = matches!(&self.shared.status().stage, Stage::NoCamera(known) if *known == fault);
+        if !is_known {
+            self.shared.note(&fault);
+            self.shared.becomes(Stage::NoCamera(fault));
+        }
+    }
+}
+
+/// Why the camera is not open.
+enum Opening {
+    Lost(&'static str, Loss),
+    NoCamera(ZividFault),
+}
+
+fn foreign(during: &'static str, answer: &Answer) -> Opening {
+    Opening::Lost(during, Loss::Damaged(name(answer)))
+}
+
+/// When to look again: soon for a camera that is not there, which may be plugged in at any time; ever later for one that is
+/// not as it should be, since each attempt may expose and heat it.
+fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
+    match fault {
+        ZividFault::NotFound(_) => shortest,
+        _ => (2 * last).clamp(shortest, LONGEST_SEARCH.max(shortest)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_is_wrong_is_opened_ever_more_rarely() {
+        let wrong = ZividFault::WrongCamera { found: "1".to_owned(), expected: "2".to_owned() };
+        let shortest = Duration::from_secs(3);
+        let pauses = std::iter::successors(Some(Duration::ZERO), |last| Some(next_pause(&wrong, *last, shortest)));
+        let pauses_s: Vec<u64> = pauses.skip(1).take(7).map(|pause| pause.as_secs()).collect();
+        assert_eq!(pauses_s, [3, 6, 12, 24, 48, 60, 60]);
+        let absent = ZividFault::NotFound("none".to_owned());
+        assert_eq!(next_pause(&absent, Duration::from_secs(60), shortest), shortest);
+    }
+}

@@ -1,0 +1,219 @@
+//! What the thread that keeps a worker and those who ask it have in common.
+
+use crate::devices::zivid::budget::Restarts;
+use crate::devices::zivid::fault::ZividFault;
+use crate::devices::zivid::link::Came;
+use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Size, Source, Temperatures};
+use crate::devices::zivid::sensor::Planes;
+use std::collections::VecDeque;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// What a camera is set up with.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// Which camera.
+    pub source: Source,
+    /// The serial number that its calibration is of, where that is known.
+    pub serial: Option<String>,
+    /// The size of its calibration.
+    pub size: Size,
+    /// Settings of 3D shots: the text of their YAML file.
+    pub scan_yaml: String,
+    /// Settings of pictures.
+    pub picture_yaml: String,
+    /// How often the worker is started again.
+    pub restarts: Restarts,
+    /// How long is waited for what.
+    pub patience: Patience,
+}
+
+/// How long is waited for what.
+#[derive(Debug, Clone, Copy)]
+pub struct Patience {
+    /// The worker's first words: the SDK starts.
+    pub hello: Duration,
+    /// A camera is searched and opened; the vendor's own samples give it 100 s.
+    pub connect: Duration,
+    /// The first shot, for which the SDK may compile its programs: 100 s in the vendor's samples.
+    pub warm_up: Duration,
+    /// A 3D shot.
+    pub scan: Duration,
+    /// A picture, or the next of a clip.
+    pub picture: Duration,
+    /// Words: settings, temperatures.
+    pub words: Duration,
+    /// From one search for an absent camera to the next.
+    pub search: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        let s = Duration::from_secs;
+        Patience {
+            hello: s(30),
+            connect: s(100),
+            warm_up: s(100),
+            scan: s(15),
+            picture: s(6),
+            words: s(10),
+            search: s(3),
+        }
+    }
+}
+
+impl Patience {
+    /// From nothing to the first shot.
+    pub fn start(&self) -> Duration {
+        self.hello + self.connect + 2 * self.words + self.warm_up
+    }
+
+    /// For the answer to this, each time it is asked.
+    pub fn of(&self, ask: Ask) -> Duration {
+        match ask {
+            Ask::Scan => self.scan,
+            // At a clip's end the picture that is being taken is waited for.
+            Ask::Picture | Ask::BeginClip(_) | Ask::NextPicture | Ask::EndClip => self.picture,
+            Ask::Intrinsics | Ask::Check => self.words,
+        }
+    }
+}
+
+/// How the camera stands.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Stage {
+    /// The worker is being started, since then.
+    Starting(Instant),
+    /// It delivers.
+    Ready(Identity),
+    /// The worker is there, the camera is not, or not as it should be.
+    NoCamera(ZividFault),
+    /// The worker stays down until a person asks for it.
+    Down(ZividFault),
+}
+
+/// What is known of the camera, for all who ask.
+#[derive(Debug)]
+pub struct Status {
+    /// How it stands.
+    pub stage: Stage,
+    /// How often a worker was lost.
+    pub lost: usize,
+    /// The last faults, in order.
+    pub faults: VecDeque<ZividFault>,
+    /// The worker's process.
+    pub worker: Option<u32>,
+}
+
+/// Faults that are kept.
+const MOST_FAULTS: usize = 1_000;
+
+/// What the thread and its users share.
+#[derive(Debug)]
+pub struct Shared {
+    status: Mutex<Status>,
+    news: Condvar,
+    /// Nobody asks any more.
+    pub is_ending: Arc<AtomicBool>,
+}
+
+impl Default for Shared {
+    /// Before the first start.
+    fn default() -> Self {
+        let stage = Stage::Starting(Instant::now());
+        let status = Status { stage, lost: 0, faults: VecDeque::new(), worker: None };
+        Shared { status: Mutex::new(status), news: Condvar::new(), is_ending: Arc::default() }
+    }
+}
+
+impl Shared {
+    /// The status as it is.
+    pub fn status(&self) -> MutexGuard<'_, Status> {
+        self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until the camera is not being started any more, at most so long; gives how it stands then.
+    pub fn settled(&self, within: Duration) -> Stage {
+        let starting = |status: &mut Status| matches!(status.stage, Stage::Starting(_));
+        let waited = self.news.wait_timeout_while(self.status(), within, starting);
+        waited.unwrap_or_else(PoisonError::into_inner).0.stage.clone()
+    }
+
+    pub(super) fn becomes(&self, stage: Stage) {
+        self.status().stage = stage;
+        self.news.notify_all();
+    }
+
+    pub(super) fn note(&self, fault: &ZividFault) {
+        let mut status = self.status();
+        status.faults.push_back(fault.clone());
+        if status.faults.len() > MOST_FAULTS {
+            status.faults.pop_front();
+        }
+        tracing::warn!("{fault}");
+    }
+}
+
+/// What is asked of the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Ask {
+    /// A 3D shot.
+    Scan,
+    /// A picture.
+    Picture,
+    /// Pictures from now on, at most so many a second.
+    BeginClip(f64),
+    /// The next one.
+    NextPicture,
+    /// No more.
+    EndClip,
+    /// The camera's model of its lens, for 3D shots.
+    Intrinsics,
+    /// Its temperatures; a worker that stays down is started again where its budget allows.
+    Check,
+}
+
+impl Ask {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Ask::Scan => "a 3D shot",
+            Ask::Picture => "a picture",
+            Ask::BeginClip(_) => "the begin of a clip",
+            Ask::NextPicture => "a picture of a clip",
+            Ask::EndClip => "the end of a clip",
+            Ask::Intrinsics => "a look at its lens",
+            Ask::Check => "a look at its temperatures",
+        }
+    }
+}
+
+/// What came of it.
+#[derive(Debug)]
+pub enum Found {
+    /// A 3D shot.
+    Scan(Came, Planes),
+    /// A picture.
+    Picture(Came, Vec<[u8; 3]>),
+    /// Done.
+    Done,
+    /// A clip is over.
+    Clip(ClipEnd),
+    /// The lens.
+    Lens(Lens),
+    /// The temperatures.
+    State(Temperatures),
+}
+
+/// A question, and where its answer goes.
+#[derive(Debug)]
+pub struct Order {
+    /// What is asked.
+    pub ask: Ask,
+    /// Who asked has gone.
+    pub is_given_up: Arc<AtomicBool>,
+    /// Where the answer goes.
+    pub answer: Sender<Result<Found, ZividFault>>,
+}
