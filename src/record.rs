@@ -131,6 +131,8 @@ pub mod name {
     pub const PER_PICTURE: &str = "a picture takes, median";
     /// Waypoints of a contact path that the robot executed.
     pub const EXECUTED: &str = "waypoints executed";
+    /// Corners that were seen so far.
+    pub const CORNERS: &str = "corners seen";
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
 }

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use panelprep::geometry::{Base, Camera, Flange, FlangeCamera, OrganizedCloud, Panel, Pixel, Rigid, Vector};
 use panelprep::locate::refine::{self, CornerView, Refined};
-use panelprep::locate::{self, Fit, LocateError, View, corner, explain, gate};
+use panelprep::locate::{self, Fit, LocateError, Prepared, View, corner, gate};
 use panelprep::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use panelprep::recipe::Recipe;
 use panelprep::report;
@@ -87,7 +87,13 @@ impl Bench {
             .iter()
             .zip(&corners.seen)
             .take(count)
-            .map(|(taught, &(base_from_camera, found_px))| CornerView { taught, base_from_camera, found_px })
+            .enumerate()
+            .map(|(corner, (taught, &(base_from_camera, found_px)))| CornerView {
+                corner,
+                taught,
+                base_from_camera,
+                found_px,
+            })
             .collect();
         refine::refine(located, self.cell.flange_camera(), &views).unwrap_or_else(|error| panic!("{error}"))
     }
@@ -190,15 +196,10 @@ fn pictures(trial: &Trial, judgement: &Judgement, fit: Option<&Fit>) -> usize {
     let (taught, recipe) = learnt(trial);
     let (scan, camera, base_from_camera) = (trial.scan(), trial.camera(), trial.base_from_camera());
     let view = View { scan: &scan, camera, base_from_camera };
-    let explained = explain::explain(&taught, &view, recipe.locate(), fit).expect("a panel was taught");
+    let prepared = Prepared::new(&taught, &view, recipe.locate()).expect("a panel was taught");
     let picture = scan.picture();
-    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
-    let view = report::View { picture: &picture, camera, camera_from_panel: base_from_camera.inverse() * place };
-    let drawn = judgement.reasons.iter().filter_map(|reason| {
-        let (drawn, _) = view.reason(&taught, (&explained, fit), reason).expect("drawn")?;
-        (drawn != picture).then_some(())
-    });
-    drawn.count()
+    let drawn = report::reason_pictures(&taught, (&picture, &view), (&prepared.explain(fit), fit), judgement);
+    drawn.into_iter().filter(|it| *it.picture.as_ref().expect("drawn") != picture).count()
 }
 
 /// A panel of any shape, taught and located in a scene that may have something wrong.

@@ -5,29 +5,22 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::{Base, Camera, ColorPicture, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid};
-use crate::locate::{self, Fit, explain, gate};
-use crate::panel::panel_from_base_at_teaching;
-use crate::recipe::Recipe;
-use crate::report::View;
+use crate::geometry::KukaPose;
+use crate::locate::{self, Fit, LocateError, Prepared, gate};
+use crate::report::{View, reason_pictures};
 use crate::verdict::Judgement;
 use serde_json::json;
+use std::path::Path;
 use std::time::Instant;
 
 /// A localization with its verdict.
-pub struct Located {
+struct Located {
     /// The evidence; `None` where nothing like the panel was found.
-    pub fit: Option<Fit>,
+    fit: Option<Fit>,
     /// The verdict.
-    pub judgement: Judgement,
+    judgement: Judgement,
     /// From the scan in memory to the verdict, ms.
-    pub elapsed_ms: f64,
-    /// The scan's colours.
-    pub picture: ColorPicture,
-    /// The camera.
-    pub camera: PinholeCamera,
-    /// Where it stands.
-    pub base_from_camera: Rigid<Base, Camera>,
+    elapsed_ms: f64,
 }
 
 /// Locates the panel and tells.
@@ -41,30 +34,10 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     let base_from_camera = files.base_from_camera()?.value;
     let scan = load::scan(&args.scan, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
-    let located = stage(&taught, &scan, camera, base_from_camera, &recipe)?;
-    if let Some(folder) = &args.pictures {
-        if let Some(picture) = located.drawn(&taught.panel)? {
-            pictures::save(folder, "located", &picture)?;
-        }
-        located.draw_reasons(&taught, &scan, &recipe, folder)?;
-    }
-    Ok(located.outcome())
-}
-
-/// Locates the panel in a scan.
-///
-/// # Errors
-/// Where the localization cannot begin for a reason that is not the panel's.
-pub fn stage(
-    taught: &Taught,
-    scan: &OrganizedCloud<Camera>,
-    camera: PinholeCamera,
-    base_from_camera: Rigid<Base, Camera>,
-    recipe: &Recipe,
-) -> Result<Located, Fault> {
+    let view = locate::View { scan: &scan, camera: &camera, base_from_camera };
     let begin = Instant::now();
-    let view = locate::View { scan, camera: &camera, base_from_camera };
-    let found = locate::locate(&taught.panel, &view, recipe.locate());
+    let prepared = Prepared::new(&taught.panel, &view, recipe.locate());
+    let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
     let (fit, judgement) = match found {
         Ok(fit) => {
             let judgement = gate::judge(&fit, recipe.locate());
@@ -72,57 +45,34 @@ pub fn stage(
         }
         Err(error) => (None, gate::refusal(&error)),
     };
-    let elapsed_ms = begin.elapsed().as_secs_f64() * 1e3;
-    Ok(Located { fit, judgement, elapsed_ms, picture: scan.picture(), camera, base_from_camera })
+    let located = Located { fit, judgement, elapsed_ms: begin.elapsed().as_secs_f64() * 1e3 };
+    if let (Some(folder), Ok(prepared)) = (&args.pictures, &prepared) {
+        located.draw(prepared, (&taught, &view), folder)?;
+    }
+    Ok(located.outcome())
 }
 
 impl Located {
-    /// The place found, drawn over the scan; `None` where none was found.
-    ///
-    /// # Errors
-    /// Where OpenCV refuses to draw.
-    pub fn drawn(&self, panel: &crate::panel::TaughtPanel) -> Result<Option<ColorPicture>, Fault> {
-        let Some(fit) = &self.fit else { return Ok(None) };
-        self.drawn_at(panel, fit.base_from_panel).map(Some)
-    }
-
-    /// A place drawn over the scan.
-    ///
-    /// # Errors
-    /// Where OpenCV refuses to draw.
-    pub fn drawn_at(
+    /// Writes the place found, drawn over the scan, and a picture for each reason that shows in it.
+    fn draw(
         &self,
-        panel: &crate::panel::TaughtPanel,
-        base_from_panel: Rigid<Base, Panel>,
-    ) -> Result<ColorPicture, Fault> {
-        let camera_from_panel = self.base_from_camera.inverse() * base_from_panel;
-        View { picture: &self.picture, camera: &self.camera, camera_from_panel }
-            .located(panel)
-            .map_err(Fault::stage)
-    }
-
-    /// Writes a picture for each reason that shows in the scan.
-    fn draw_reasons(
-        &self,
-        taught: &Taught,
-        scan: &OrganizedCloud<Camera>,
-        recipe: &Recipe,
-        folder: &std::path::Path,
+        prepared: &Prepared<'_>,
+        (taught, seen): (&Taught, &locate::View<'_>),
+        folder: &Path,
     ) -> Result<(), Fault> {
+        let (picture, fit) = (seen.scan.picture(), self.fit.as_ref());
+        if let Some(fit) = fit {
+            let camera_from_panel = seen.base_from_camera.inverse() * fit.base_from_panel;
+            let view = View { picture: &picture, camera: seen.camera, camera_from_panel };
+            pictures::save(folder, "located", &view.located(&taught.panel).map_err(Fault::stage)?)?;
+        }
         if self.judgement.reasons.is_empty() {
             return Ok(());
         }
-        let (fit, base_from_camera) = (self.fit.as_ref(), self.base_from_camera);
-        let seen = locate::View { scan, camera: &self.camera, base_from_camera };
-        let explained = explain::explain(&taught.panel, &seen, recipe.locate(), fit).map_err(Fault::stage)?;
-        let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
-        let camera_from_panel = base_from_camera.inverse() * place;
-        let view = View { picture: &self.picture, camera: &self.camera, camera_from_panel };
-        for reason in &self.judgement.reasons {
-            let drawn = view.reason(&taught.panel, (&explained, fit), reason).map_err(Fault::stage)?;
-            if let Some((picture, _)) = drawn {
-                pictures::save(folder, &format!("reason_{}", reason.code), &picture)?;
-            }
+        let explained = (&prepared.explain(fit), fit);
+        for reason in reason_pictures(&taught.panel, (&picture, seen), explained, &self.judgement) {
+            let drawn = reason.picture.map_err(Fault::stage)?;
+            pictures::save(folder, &format!("reason_{}", reason.code), &drawn)?;
         }
         Ok(())
     }

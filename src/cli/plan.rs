@@ -7,7 +7,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::daemon::{self, Job};
+use crate::daemon::{self, Approached, Job};
 use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
 use crate::path::disc::DiscUse;
@@ -137,7 +137,10 @@ impl Planned {
             let calibrated = Calibrated::read(files, common)?;
             let panel = (&taught.panel, taught.corners.as_slice());
             let job = Job::new(&files.cell, recipe, panel, calibrated.values).map_err(Fault::stage)?;
-            (daemon::stand(&job, &arm, base_from_panel), "as it comes from the park pose by the corner")
+            let stand = daemon::corners_in_reach(&job, &arm, base_from_panel).and_then(|corners| {
+                daemon::stand(&job, &arm, &Approached { base_from_panel, corners: &corners, things: None })
+            });
+            (stand, "as it comes from the park pose by the corner")
         } else {
             let flange_from_tool = files.flange_from_tool()?.value;
             let stand = Stand { arm: &arm, flange_from_tool, base_from_panel, from: None };

@@ -37,8 +37,17 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
         if file.exists() {
             return Err(taken(file));
         }
-        if let Some(folder) = file.parent().filter(|folder| !folder.is_dir()) {
-            return Err(Fault::file(folder, "no such folder; make it, or record in another"));
+        let folder = file.parent().unwrap_or(Path::new("/"));
+        let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+        if !folder.is_dir() {
+            let words = "no such folder for this program; make it, or record in another (the service's unit shows it no home \
+                         folders, and a /tmp of its own)";
+            return Err(Fault::file(folder, words));
+        }
+        if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
+            let words =
+                "this program's user must not write here, or its unit keeps it from that; record in another folder";
+            return Err(Fault::file(folder, words));
         }
     }
     let place = file.unwrap_or(store);

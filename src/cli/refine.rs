@@ -5,10 +5,11 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, CornerShot, Taught};
 use super::outcome::Outcome;
 use super::pictures;
+use crate::calib::budget;
 use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner;
 use crate::locate::refine::{self, CornerView, Refined};
-use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::panel::TaughtCorner;
 use crate::recipe::Recipe;
 use crate::report;
 use crate::verdict::Judgement;
@@ -21,6 +22,7 @@ pub struct RefinedPlace {
     /// The verdict.
     pub judgement: Judgement,
     located: Rigid<Base, Panel>,
+    claims_mm: Option<[f64; 2]>,
     sightings: Vec<Sighting>,
     camera: PinholeCamera,
     pictures: Vec<ColorPicture>,
@@ -28,6 +30,7 @@ pub struct RefinedPlace {
 
 /// A taught corner as a picture shows it.
 struct Sighting {
+    index: usize,
     corner: TaughtCorner,
     base_from_camera: Rigid<Base, FlangeCamera>,
     found_px: Pixel,
@@ -35,7 +38,8 @@ struct Sighting {
 
 impl Sighting {
     fn view(&self) -> CornerView<'_> {
-        CornerView { taught: &self.corner, base_from_camera: self.base_from_camera, found_px: self.found_px }
+        let Sighting { index, corner, base_from_camera, found_px } = self;
+        CornerView { corner: *index, taught: corner, base_from_camera: *base_from_camera, found_px: *found_px }
     }
 }
 
@@ -51,6 +55,7 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let flange_from_camera = files.flange_from_camera()?.value;
     let shots = load::corner_shots(&args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
+    let located = (located, claims_mm(args, &files)?);
     let place = stage(&taught, located, shots, &camera, flange_from_camera, &recipe)?;
     if let Some(folder) = &args.pictures {
         for (index, (before, after)) in place.drawn()?.iter().enumerate() {
@@ -61,30 +66,22 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     Ok(place.outcome())
 }
 
-/// The pixel of a taught corner, counted from 0, in a picture taken from where the camera should see it.
-///
-/// # Errors
-/// Where the picture shows no such corner.
-pub fn find_corner(
-    picture: &ColorPicture,
-    (recipe, index): (&Recipe, usize),
-    camera: &PinholeCamera,
-    panel: &TaughtPanel,
-    panel_from_camera: Rigid<Panel, FlangeCamera>,
-) -> Result<Pixel, Fault> {
-    let depth_mm = (panel_from_camera.inverse() * panel.centre()).mm.z;
-    let which = recipe.corner().which().of(index);
-    let found = corner::find(&picture.to_gray(), recipe.corner(), which, camera.px_per_mm_at(depth_mm).0);
-    Ok(found.map_err(Fault::stage)?.corner_px)
+/// What the localization and both cameras' mounts claim, 95 %, mm; `None` where one of them states nothing.
+fn claims_mm(args: &Refine, files: &CellFiles) -> Result<Option<[f64; 2]>, Fault> {
+    let scanner = files.cell.calibration().base_from_camera.is_some().then(|| files.base_from_camera());
+    let scanner_mm = scanner.transpose()?.and_then(|mount| mount.uncertainty_mm);
+    let mounts_mm = [scanner_mm, files.flange_from_camera()?.uncertainty_mm];
+    let hand_eye_mm = budget::parts(mounts_mm, None, None).hand_eye_mm;
+    Ok(load::located_mm(&args.located)?.zip(hand_eye_mm).map(<[f64; 2]>::from))
 }
 
-/// Corrects a place by corner pictures.
+/// Corrects a place by corner pictures; beside the place what it and the calibrations claim, 95 %, mm, where they do.
 ///
 /// # Errors
 /// Where there are more pictures than taught corners, or a picture shows no corner.
 pub fn stage(
     taught: &Taught,
-    located: Rigid<Base, Panel>,
+    (located, claims_mm): (Rigid<Base, Panel>, Option<[f64; 2]>),
     shots: Vec<CornerShot>,
     camera: &PinholeCamera,
     flange_from_camera: Rigid<Flange, FlangeCamera>,
@@ -97,16 +94,18 @@ pub fn stage(
     for (index, (shot, corner)) in shots.iter().zip(&taught.corners).enumerate() {
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let base_from_camera = base_from_flange * flange_from_camera;
-        let panel_from_camera = located.inverse() * base_from_camera;
-        let found_px = find_corner(&shot.picture, (recipe, index), camera, &taught.panel, panel_from_camera)
-            .map_err(|fault| Fault::file(&shot.file, fault))?;
-        sightings.push(Sighting { corner: *corner, base_from_camera, found_px });
+        let expected = base_from_camera.inverse() * (located * corner.point);
+        let found = corner::find_taught(&shot.picture.to_gray(), (recipe.corner(), index), camera, expected);
+        let found_px = found.map_err(|error| Fault::file(&shot.file, error))?.corner_px;
+        sightings.push(Sighting { index, corner: *corner, base_from_camera, found_px });
     }
     let views: Vec<CornerView<'_>> = sightings.iter().map(Sighting::view).collect();
     let refined = refine::refine(located, camera, &views).map_err(Fault::stage)?;
-    let judgement = refine::judge(&refined, recipe.corner());
+    let found = claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm));
+    let judgement =
+        refine::judge(&refined, recipe.corner()).and(Judgement::of(vec![], found.into_iter().collect()));
     let pictures = shots.into_iter().map(|shot| shot.picture).collect();
-    Ok(RefinedPlace { refined, judgement, located, sightings, camera: *camera, pictures })
+    Ok(RefinedPlace { refined, judgement, located, claims_mm, sightings, camera: *camera, pictures })
 }
 
 impl RefinedPlace {
@@ -140,6 +139,12 @@ impl RefinedPlace {
             "the corner was {:.2} px from where it was expected: corrected by {x_mm:.3} mm in camera x, {y_mm:.3} mm in y",
             self.refined.error_px
         ));
+        if self.claims_mm.is_none() {
+            outcome.say(
+                "not held against what the 3D scan claims: that needs what `locate --json` printed, and uncertainty_mm of both \
+                 cameras' mounts",
+            );
+        }
         if self.refined.corners.len() > 1 {
             let left_mm = self.refined.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
             outcome.say(format!(

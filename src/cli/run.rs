@@ -21,8 +21,8 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 /// Serves until a signal ends it. What an earlier process left open is for a person to clear; nothing moves before.
@@ -65,9 +65,14 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
         keep,
         record: &mut Taped::new(&mut record, taping.clone()),
-        requests: &mut Taped::new(&mut person, taping),
+        requests: &mut Taped::new(&mut person, taping.clone()),
     };
-    let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
+    let ended = daemon::serve(site, service, journal);
+    // One that is still open belongs to a loop that failed: the very one to look at.
+    if let Some(recorded) = taping.finish() {
+        tracing::info!("{}", recorded.message);
+    }
+    let ended = ended.map_err(Fault::stage)?;
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
@@ -133,7 +138,12 @@ fn loader(
     taken_by: Vec<(&'static str, String)>,
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
+    let one_at_a_time = Mutex::new(());
     Arc::new(move |name: &str, text: &str, record: Option<RecordIn>| {
+        // A file on a disk that hangs must not take the places of those who ask for a stop.
+        let Ok(_turn) = one_at_a_time.try_lock() else {
+            return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
+        };
         let health = health::judge(&files).map_err(|fault| vec![unreadable(&fault)])?;
         if health.verdict == Verdict::Reject {
             return Err(health.reasons);

@@ -117,18 +117,16 @@ fn say_how_it_is_held(
     warnings
 }
 
-/// A camera that moved is found by the fixture, if that shows enough.
-const WATCHED_MM: f64 = 0.5;
-
 fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome, warnings: &mut Vec<String>) {
-    let noticed_mm = fit.camera.map(|camera| gate::MAX_CAMERA_MOVED_MM + camera.uncertainty_mm);
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
         outcome.say(format!(
             "a camera that moves is noticed by the fixture where it puts the panel {mm:.2} mm off or more"
         ));
     }
     outcome.put("camera_noticed_mm", json!(noticed_mm));
-    if noticed_mm.is_none_or(|mm| mm > WATCHED_MM) {
+    if !gate::is_watched(uncertainty_mm) {
         warnings.push(
             "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
              stand still outside of the search box, with clear edges in two directions"

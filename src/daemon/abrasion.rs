@@ -2,13 +2,13 @@
 
 use super::computing::Note;
 use super::ports::Record;
+use super::reaching::Approached;
 use super::routes::waypoints;
 use super::sight::{Sight, grade, reason};
 use super::trace::Trace;
 use super::{DaemonError, Job, figures, findings, reaching};
 use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
-use crate::geometry::{Base, Panel, Rigid};
 use crate::panel::GridId;
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell};
@@ -62,7 +62,7 @@ impl Abrasion {
     pub fn survey(
         &mut self,
         job: &Job<'_>,
-        (pass, found, place): (u8, Grade, Rigid<Base, Panel>),
+        (pass, found, panel): (u8, Grade, &Approached<'_>),
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let fit = match self.fitted(job, record)? {
@@ -72,7 +72,7 @@ impl Abrasion {
                 return Ok(Answer::Graded(Grade::Reject));
             }
         };
-        let (grids, judgement) = reaching::survey(job, &fit, place, self.worn_mm2);
+        let (grids, judgement) = reaching::survey(job, &fit, panel, self.worn_mm2);
         let own = grade(&judgement);
         record.figure(&figures::surface(&fit.map))?;
         record.finding(&findings::surveyed(&fit.deviation, &grids, (pass, judgement), job))?;
@@ -120,12 +120,13 @@ impl Abrasion {
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
-        let Some(place) = sight.place() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let Some(panel) = sight.approached() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
+        let place = panel.base_from_panel;
         let planned = if grids.is_empty() {
             let message = format!("{} broke again after {most} abrasions, max_passes_per_grid", worn.join(", "));
             Err(Reason::new("passes_used", message))
         } else {
-            self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), place))
+            self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), &panel))
         };
         let Planned { plan, reached, disc, judgement } = match planned {
             Ok(planned) => planned,
@@ -160,18 +161,18 @@ impl Abrasion {
         &self,
         job: &Job<'_>,
         (fit, grids): (&Fit, &[GridId]),
-        place: Rigid<Base, Panel>,
+        panel: &Approached<'_>,
     ) -> Result<Planned, Reason> {
-        let (panel, settings) = (job.panel, job.recipe.path());
-        let holes = fit.map.holes(&panel.region, settings.lift_hole_mm());
-        let around = (panel.outline.as_slice(), &holes);
-        let plan = path::plan_around(&fit.surface, &panel.region, grids, around, settings)
+        let (taught, settings) = (job.panel, job.recipe.path());
+        let holes = fit.map.holes(&taught.region, settings.lift_hole_mm());
+        let around = (taught.outline.as_slice(), &holes);
+        let plan = path::plan_around(&fit.surface, &taught.region, grids, around, settings)
             .map_err(|error| reason("no_path", &error))?;
         let arm = Kinematics::new(job.arm);
-        let reached = panel_reach::of_plan(&plan, &reaching::stand(job, &arm, place)?, settings);
+        let reached = panel_reach::of_plan(&plan, &reaching::stand(job, &arm, panel)?, settings);
         let disc = DiscUse::of(&plan, settings, self.worn_mm2);
         let worn = disc.change("this path").into_iter().collect();
-        let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &panel.region))
+        let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &taught.region))
             .and(path::judge(&plan, settings))
             .and(path::judge_pad(settings, job.limits.tool_error_mm()))
             .and(Judgement::of(vec![], worn));

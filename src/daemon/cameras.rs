@@ -22,7 +22,7 @@ impl<S: Scanner, F: FlangeCamera> Eyes for Cameras<S, F> {
         self.scanner.capture_2d().map_err(|error| blind("the scanner", &error))
     }
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError> {
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
         self.scanner.begin_clip(pictures_per_second).map_err(|error| blind("the scanner", &error))
     }
 

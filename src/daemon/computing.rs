@@ -168,9 +168,9 @@ impl Work {
 
     /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
     fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.place()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(place)) => {
-                self.abrasion.survey(job, (self.pass, grade, place), notes)
+        match (answer, self.sight.approached()) {
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
+                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
             }
             (answer, _) => Ok(answer),
         }
@@ -196,7 +196,7 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
 }
 
 /// How far computing steps back.
-const NICE: i32 = 19;
+pub(super) const NICE: i32 = 19;
 
 /// Looks at the calibrations: what cannot be read, in words.
 pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;

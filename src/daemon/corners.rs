@@ -3,7 +3,10 @@
 //!
 //! Two corners hold the panel's shift and its turn; more say little more. The first ones in the order of teaching are
 //! taken whose moves pass the gate. View n looks at the n-th of them, and round again: so both loops go on from view to view
-//! until each chosen corner was seen, and in the first loop until each stood where it was looked for.
+//! until each chosen corner was seen, and in the first loop until each stood where it was looked for. The corners that hold
+//! the place after the first loop are the ones that the second must see: what one of them alone says is not enough then.
+
+mod after_view;
 
 use super::figures::{self, Sighting};
 use super::ports::{Eyes, Record};
@@ -15,7 +18,8 @@ use crate::locate::corner;
 use crate::locate::refine::{self, CornerView, Refined};
 use crate::panel::TaughtCorner;
 use crate::record::Kind;
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::verdict::{Judgement, Reason};
+use after_view::Loop;
 
 /// Corners that are looked at, at most.
 const MOST: usize = 2;
@@ -36,6 +40,10 @@ pub(super) struct Corners {
     no_more: bool,
     /// The last picture of each.
     seen: Vec<Seen>,
+    /// Those by which the place was corrected, once that is done.
+    held: Vec<usize>,
+    /// Those whose moves did not pass the gate since the loop began, and why.
+    left_out: Vec<(usize, String)>,
 }
 
 /// A corner's picture, and the place by which the camera was sent there.
@@ -58,7 +66,30 @@ impl Corners {
         if view > 0 && (view >= self.wanted(job) || view > self.chosen.len()) {
             return Vec::new();
         }
-        (0..job.corners.len()).filter(|index| !self.chosen[..view].contains(index)).collect()
+        let all = if self.held.is_empty() { (0..job.corners.len()).collect() } else { self.held.clone() };
+        all.into_iter().filter(|index| !self.chosen[..view].contains(index)).collect()
+    }
+
+    /// Begins to choose a corner for a view.
+    pub fn begin_choice(&mut self, view: u8) {
+        if view == 0 {
+            self.left_out.clear();
+        }
+    }
+
+    /// The move to this corner does not pass the gate.
+    pub fn leave_out(&mut self, corner: usize, why: &str) {
+        self.left_out.push((corner, why.to_owned()));
+    }
+
+    /// Those by which the place was corrected, in the order of the views; none before that is done.
+    pub fn held(&self) -> &[usize] {
+        &self.held
+    }
+
+    /// Why corners were left out, in words.
+    fn left_out(&self) -> Vec<String> {
+        self.left_out.iter().map(|(corner, why)| format!("corner {}: {why}", corner + 1)).collect()
     }
 
     /// Chooses a corner for a view.
@@ -83,12 +114,33 @@ impl Corners {
 
     /// How many corners are to be seen.
     fn wanted(&self, job: &Job<'_>) -> usize {
-        let all = most(job);
+        let all = if self.held.is_empty() { most(job) } else { self.held.len() };
         if self.no_more { self.chosen.len().min(all) } else { all }
+    }
+
+    /// The corners seen are the ones that hold the place from now on.
+    fn hold(&mut self) {
+        self.held = self.chosen.clone();
+        self.held.retain(|corner| self.seen.iter().any(|seen| seen.corner == *corner));
     }
 
     fn is_missing(&self, job: &Job<'_>) -> bool {
         self.seen.len() < self.wanted(job)
+    }
+
+    /// Where no move leads to a corner that holds the place, it does not hold it any more.
+    fn unseen(&self) -> Option<Reason> {
+        let is_seen = |corner: &&usize| self.seen.iter().any(|seen| seen.corner == **corner);
+        let missing: Vec<String> =
+            self.held.iter().filter(|it| !is_seen(it)).map(|corner| format!("corner {}", corner + 1)).collect();
+        (self.no_more && !missing.is_empty()).then(|| {
+            let message = format!(
+                "{} corrected the place and cannot be looked at again: {}; clear the way, or dry the panel and locate it anew",
+                missing.join(" and "),
+                self.left_out().join("; ")
+            );
+            Reason::new("corner_unseen", message)
+        })
     }
 
     fn see(&mut self, view: u8, seen: Seen) {
@@ -103,7 +155,12 @@ impl Corners {
     fn refined(&self, job: &Job<'_>, place: Rigid<Base, Panel>) -> Result<Refined, Reason> {
         let view = |seen: &Seen| {
             let Sighting { base_from_camera, found_px, .. } = seen.sighting;
-            Some(CornerView { taught: job.corners.get(seen.corner)?, base_from_camera, found_px })
+            Some(CornerView {
+                corner: seen.corner,
+                taught: job.corners.get(seen.corner)?,
+                base_from_camera,
+                found_px,
+            })
         };
         let views: Vec<CornerView<'_>> = self.seen.iter().filter_map(view).collect();
         refine::refine(place, &job.calibrations.flange_camera, &views)
@@ -113,7 +170,8 @@ impl Corners {
     /// How far a corner's new place is from the one that the camera was sent to, at most, mm.
     fn step_mm(&self, refined: &Refined) -> f64 {
         let step_mm = |seen: &Seen| refined.base_from_panel.distance_at_mm(seen.looked_for, seen.sighting.corner);
-        self.seen.iter().map(step_mm).fold(0.0, f64::max)
+        // Without its sign what is not a number counts as the most.
+        self.seen.iter().map(|seen| step_mm(seen).abs()).max_by(f64::total_cmp).unwrap_or(f64::NAN)
     }
 }
 
@@ -138,21 +196,14 @@ impl Sight {
             Err(reason) => return self.unseen_corner((Kind::Refine, 0), (reason, &picture), record),
         };
         let (limits, step_mm) = (job.recipe.corner(), self.corners.step_mm(&whole));
-        let (is_missing, displaced) = (self.corners.is_missing(job), step_mm > limits.settled_mm());
-        let is_last = usize::from(moves) >= limits.max_moves();
-        let mut judgement = refine::judge(&whole, limits);
-        // What a corner finds is a finding once all have been seen from near.
-        let is_done = !is_missing && !displaced;
-        let claims = self.located_mm.zip(job.calibrations.hand_eye_mm).filter(|_| is_done);
-        let found =
-            claims.and_then(|(located_mm, hand_eye_mm)| refine::disagreement(&whole, &[located_mm, hand_eye_mm]));
-        if let (Some(reason), Verdict::Accept) = (found, judgement.verdict) {
-            judgement = Judgement::of(vec![], vec![reason]);
-        }
-        if displaced && is_last && judgement.verdict == Verdict::Accept {
-            judgement = Judgement::of(vec![not_settled(step_mm, job)], vec![]);
-        }
-        let grade = grade(&judgement);
+        let claims_mm = self.located_mm.zip(job.calibrations.hand_eye_mm);
+        let loop_is = Loop {
+            is_missing: self.corners.is_missing(job),
+            is_last: usize::from(moves) >= limits.max_moves(),
+            step_mm,
+        };
+        let judgement = loop_is.judged(&whole, claims_mm.map(<[f64; 2]>::from), limits);
+        let (grade, is_done) = (grade(&judgement), loop_is.is_done(limits));
         let which = self.corners.aimed + 1;
         let before =
             figures::corner(job, &picture, (sighting, place), (which, "corner_before", "before the correction"));
@@ -161,10 +212,15 @@ impl Sight {
         for figure in before.iter().chain(&after) {
             record.figure(figure)?;
         }
-        record.finding(&findings::refined(&whole, judgement, (moves, step_mm, is_done || is_last), job))?;
+        let left_out = self.corners.left_out();
+        let views = (moves, step_mm, is_done || loop_is.is_last);
+        record.finding(&findings::refined(&whole, judgement, views, &left_out, job))?;
         self.place = Some(whole.base_from_panel);
-        // What is rejected is not looked at again from nearer.
-        Ok(if grade == Grade::Accept && !is_done { Answer::LookOn } else { Answer::Graded(grade) })
+        let answer = loop_is.answer(grade, limits);
+        if answer != Answer::LookOn {
+            self.corners.hold();
+        }
+        Ok(answer)
     }
 
     /// The corners again, wet or dry: do they still stand where the localization puts them?
@@ -187,15 +243,18 @@ impl Sight {
             Err(reason) => return self.unseen_corner((Kind::Verify, pass), (reason, &picture), record),
         };
         let which = self.corners.aimed + 1;
-        let (judgement, is_missing) =
-            (refine::judge_stands(&seen, job.recipe.corner()), self.corners.is_missing(job));
-        let grade = grade(&judgement);
+        let unseen = Judgement::of(self.corners.unseen().into_iter().collect(), vec![]);
+        let judgement = refine::judge_stands(&seen, job.recipe.corner()).and(unseen);
+        let (grade, is_missing) = (grade(&judgement), self.corners.is_missing(job));
         let title = (which, "verify", "before contact");
         if let Some(figure) = figures::corner(job, &picture, (sighting, place), title) {
             record.figure(&figure)?;
         }
-        record.finding(&findings::verified(&seen, judgement, (pass, which), job))?;
-        Ok(if grade == Grade::Accept && is_missing { Answer::LookOn } else { Answer::Graded(grade) })
+        let goes_on = grade == Grade::Accept && is_missing;
+        // A view that others follow need not have seen all.
+        let needed = (!goes_on).then_some(self.corners.held.len());
+        record.finding(&findings::verified(&seen, judgement, (pass, needed), job))?;
+        Ok(if goes_on { Answer::LookOn } else { Answer::Graded(grade) })
     }
 
     /// The corner that the camera was sent to, in the picture from a view; `place` is where it was looked for.
@@ -205,12 +264,12 @@ impl Sight {
         picture: &ColorPicture,
         (place, base_from_camera): (Rigid<Base, Panel>, Rigid<Base, FlangeCamera>),
     ) -> Result<Sighting, Reason> {
-        let (camera, index) = (&job.calibrations.flange_camera, self.corners.aimed);
+        let index = self.corners.aimed;
         let no_corner = || Reason::new("no_corner", "no corner of this panel was taught");
         let taught: &TaughtCorner = job.corners.get(index).ok_or_else(no_corner)?;
-        let depth_mm = (base_from_camera.inverse() * (place * taught.point)).mm.z;
-        let (settings, px_per_mm) = (job.recipe.corner(), camera.px_per_mm_at(depth_mm).0);
-        let found = corner::find(&picture.to_gray(), settings, settings.which().of(index), px_per_mm)
+        let expected = base_from_camera.inverse() * (place * taught.point);
+        let (settings, camera) = (job.recipe.corner(), &job.calibrations.flange_camera);
+        let found = corner::find_taught(&picture.to_gray(), (settings, index), camera, expected)
             .map_err(|error| reason("no_corner", &error))?;
         let sighting = Sighting { base_from_camera, found_px: found.corner_px, corner: taught.point };
         self.corners.see(view, Seen { corner: index, sighting, looked_for: place });
@@ -229,12 +288,5 @@ impl Sight {
     }
 }
 
-fn not_settled(step_mm: f64, job: &Job<'_>) -> Reason {
-    let limits = job.recipe.corner();
-    let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
-    let message = format!(
-        "after {moves} moves, [corner] max_moves, a corner still stands {step_mm:.2} mm from where it was looked for, \
-         allowed are {settled_mm:.2} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
-    );
-    Reason::new("not_settled", message)
-}
+#[cfg(test)]
+mod tests;

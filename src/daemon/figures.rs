@@ -5,15 +5,16 @@ use super::ports::Figure;
 use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Rigid, Tool};
 use crate::imaging::ImagingError;
 use crate::inspect::{Inspection, Step};
-use crate::locate::{self, Fit, explain};
-use crate::panel::{Grid, panel_from_base_at_teaching};
+use crate::locate::{self, Fit, Prepared};
+use crate::panel::Grid;
 use crate::path::dwell::Dwell;
 use crate::path::{Plan, ToolPath};
 use crate::report::{
-    CornerView, StripPicture, View, bounds, cut, dwell_map, film_strip, overlap_map, strip_times_s, surface_map,
+    CornerView, ReasonPicture, StripPicture, View, bounds, cut, dwell_map, film_strip, overlap_map,
+    reason_pictures, strip_times_s, surface_map,
 };
 use crate::surface::DeviationMap;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::Judgement;
 
 /// The view of the 3D camera, with the panel where it stands.
 pub(super) fn view<'a>(job: &'a Job<'_>, picture: &'a ColorPicture, place: Rigid<Base, Panel>) -> View<'a> {
@@ -48,24 +49,16 @@ pub(super) fn located(job: &Job<'_>, scan: &ColorPicture, place: Option<Rigid<Ba
 /// Where each reason of a localization's verdict shows in its scan.
 pub(super) fn reasons(
     job: &Job<'_>,
-    (seen, picture): (&locate::View<'_>, &ColorPicture),
+    (prepared, seen, picture): (&Prepared<'_>, &locate::View<'_>, &ColorPicture),
     fit: Option<&Fit>,
     judgement: &Judgement,
 ) -> Vec<Figure> {
     if judgement.reasons.is_empty() {
         return Vec::new();
     }
-    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
-    let view = view(job, picture, place);
-    let Ok(explained) = explain::explain(job.panel, seen, job.recipe.locate(), fit) else { return Vec::new() };
-    let drawn = |reason: &Reason| {
-        let name = format!("reason_{}", reason.code);
-        match view.reason(job.panel, (&explained, fit), reason) {
-            Ok(drawn) => drawn.map(|(drawn, caption)| figure((&name, caption), Ok(drawn), picture)),
-            Err(error) => Some(figure((&name, &reason.message), Err(error), picture)),
-        }
-    };
-    judgement.reasons.iter().filter_map(drawn).collect()
+    let drawn = reason_pictures(job.panel, (picture, seen), (&prepared.explain(fit), fit), judgement);
+    let of = |it: ReasonPicture| figure((&format!("reason_{}", it.code), it.caption), it.picture, picture);
+    drawn.into_iter().map(of).collect()
 }
 
 /// A corner as the flange camera saw it.

@@ -26,26 +26,50 @@ pub(super) fn located(fit: Option<&locate::Fit>, judgement: Judgement, elapsed_m
     let finding = Finding::new(Kind::Locate, 0, judgement);
     let Some(fit) = fit else { return finding.with([elapsed]) };
     let limits = job.recipe.locate();
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
+    // Held to it where a fixture shows it, here or at teaching.
+    let is_shown = gate::is_watched(uncertainty_mm) || gate::is_watched(fit.camera_at_teaching_mm);
+    let noticed_limit = if is_shown { Limit::AtMost(gate::MAX_CAMERA_NOTICED_MM) } else { Limit::Unlimited };
     let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
         Number::new(name, unit, value).within(Limit::AtMost(limit))
     };
-    let (overlap, outline) = (limits.min_overlap(), gate::min_outline_found(limits));
+    let at_least =
+        |name: &str, value: Option<f64>, limit: f64| Number::new(name, "", value).within(Limit::AtLeast(limit));
     finding.detail("base_from_panel", json!(KukaPose::from_rigid(&fit.base_from_panel))).with([
         at_most("residual, point to plane, rms", "mm", fit.rms_mm, limits.max_rms_mm()),
-        Number::new("residual of the outline, rms", "px", fit.outline_rms_px),
-        Number::new("overlap", "", fit.overlap()).within(Limit::AtLeast(overlap)),
-        Number::new("outline found", "", fit.outline_found).within(Limit::AtLeast(outline)),
+        at_most("residual of the outline, rms", "px", fit.outline_rms_px, gate::MAX_OUTLINE_RMS_PX),
+        at_least("overlap", Some(fit.overlap()), limits.min_overlap()),
+        at_least("outline found", Some(fit.outline_found), gate::min_outline_found(limits)),
         at_most("last step of the fit", "mm", fit.last_step_mm, gate::MAX_LAST_STEP_MM),
         at_most("shift of the panel's centre", "mm", fit.shift_mm, limits.max_shift_mm()),
         at_most("turn in the panel's plane, either way", "°", fit.turn.0.abs(), limits.turn_limit_deg()),
         at_most("tilt of the panel's normal", "°", fit.tilt.0, limits.max_tilt_deg()),
         at_most("taught surface that is seen through", "", fit.seen_through, gate::MAX_SEEN_THROUGH),
         at_most("outline in view that is elsewhere", "", fit.outline_absent, gate::MAX_OUTLINE_ABSENT),
-        Number::new("panel in view that gave points", "", fit.measured).within(Limit::AtLeast(gate::MIN_MEASURED)),
+        at_least("panel in view that gave points", Some(fit.measured), gate::MIN_MEASURED),
+        Number::new("edge wider than at teaching", "px", fit.blur_px()).within(Limit::AtMost(gate::MAX_BLUR_PX)),
+        at_most("panel that is overexposed", "", fit.saturated, gate::MAX_SATURATED),
         at_most("fits from independent starts, apart", "mm", fit.agreement_mm, gate::MAX_DISAGREEMENT_MM),
-        Number::new("for this placement against the next best, times", "", fit.rival.map(|rival| rival.margin()))
-            .within(Limit::AtLeast(gate::MIN_MARGIN)),
-        Number::new("camera since teaching, by the fixture", "mm", fit.camera.map(|camera| camera.moved_mm)),
+        at_least(
+            "for this placement against the next best, times",
+            fit.rival.map(|rival| rival.margin()),
+            gate::MIN_MARGIN,
+        ),
+        at_least(
+            "fixture that stands where it stood",
+            fit.camera.map(|camera| camera.same),
+            gate::MIN_FIXTURE_SAME,
+        ),
+        Number::new(
+            "camera has moved the panel since teaching, by the fixture",
+            "mm",
+            fit.camera.map(|it| it.moved_mm),
+        ),
+        Number::new("error of that, 95 %", "mm", uncertainty_mm),
+        Number::new("motion less its error", "mm", fit.camera_moved_mm())
+            .within(Limit::AtMost(gate::MAX_CAMERA_MOVED_MM)),
+        Number::new("a camera is noticed that moves it by", "mm", noticed_mm).within(noticed_limit),
         at_most("error at the worst place, 95 %", "mm", fit.uncertainty_mm, gate::MAX_UNCERTAINTY_MM),
         Number::new("error along the weakest direction, 95 %", "mm", fit.weakest_mm),
         elapsed,
@@ -58,43 +82,76 @@ pub(super) fn refined(
     whole: &Refined,
     judgement: Judgement,
     (moves, step_mm, is_last): (u8, f64, bool),
+    left_out: &[String],
     job: &Job<'_>,
 ) -> Finding {
     let limits = job.recipe.corner();
     let [x_mm, y_mm] = whole.shift_mm;
-    let correction_mm = whole.corners.iter().map(|corner| corner.shift_mm[0].hypot(corner.shift_mm[1]));
+    let first = whole.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
     let step = Number::new("corner from where it was looked for", "mm", step_mm);
     // One that asks for more leads to a move and another picture.
     let step = if is_last { step.within(Limit::AtMost(limits.settled_mm())) } else { step };
-    let left_mm = whole.corners.iter().map(|corner| corner.left_mm).fold(0.0, f64::max);
     let several = whole.corners.len() > 1;
-    Finding::new(Kind::Refine, 0, judgement)
+    let corner = |corner: &CornerReport| {
+        let [asked, in_picture, left] = of_corner(
+            corner,
+            ["from where the scan puts it", "from there in the picture", "off after the correction"],
+        );
+        let left_mm = several.then_some(corner.left_mm);
+        [
+            Number::new(asked, "mm", corner.asked_mm()).within(Limit::AtMost(limits.max_correction_mm())),
+            Number::new(in_picture, "px", corner.error_px),
+            Number::new(left, "mm", left_mm).within(Limit::AtMost(refine::MAX_LEFT_MM)),
+        ]
+    };
+    let finding = Finding::new(Kind::Refine, 0, judgement)
         .detail("base_from_panel", json!(KukaPose::from_rigid(&whole.base_from_panel)))
+        .with(in_order(whole).into_iter().flat_map(corner))
         .with([
-            Number::new("correction in the camera's plane", "mm", correction_mm.fold(0.0, f64::max))
-                .within(Limit::AtMost(limits.max_correction_mm())),
-            Number::new("of it along the camera's x", "mm", x_mm),
-            Number::new("of it along the camera's y", "mm", y_mm),
-            Number::new("the same in the picture", "px", whole.error_px),
+            Number::new(format!("correction along the camera's x at {first}"), "mm", x_mm),
+            Number::new(format!("correction along the camera's y at {first}"), "mm", y_mm),
+            Number::new("turned by two corners", "°", several.then_some(whole.turned.0)),
             step,
             Number::new(name::MOVES, "", f64::from(moves)).within(Limit::AtMost(limits.max_moves() as f64)),
-            Number::new("corners seen", "", whole.corners.len() as f64),
-            Number::new("turned by two corners", "°", several.then_some(whole.turned.0)),
-            Number::new("corners left of where they are seen", "mm", several.then_some(left_mm))
-                .within(Limit::AtMost(refine::MAX_LEFT_MM)),
-        ])
+            Number::new(name::CORNERS, "", whole.corners.len() as f64),
+        ]);
+    if left_out.is_empty() { finding } else { finding.detail("corners_left_out", json!(left_out)) }
 }
 
-/// How far the corners stand from where the localization puts them, just before contact; `which` was seen last.
-pub(super) fn verified(seen: &Refined, judgement: Judgement, (pass, which): (u8, usize), job: &Job<'_>) -> Finding {
-    let off_mm = seen.corners.iter().map(CornerReport::asked_mm).fold(0.0, f64::max);
-    let [x_mm, y_mm] = seen.corners.last().map_or([f64::NAN; 2], |corner| corner.shift_mm);
-    let off = Number::new("corners from where the localization puts them, at most", "mm", off_mm);
-    Finding::new(Kind::Verify, pass, judgement).with([
-        off.within(Limit::AtMost(job.recipe.corner().verify_mm())),
-        Number::new(format!("corner {which} along the camera's x"), "mm", x_mm),
-        Number::new(format!("corner {which} along the camera's y"), "mm", y_mm),
-    ])
+/// How far the corners stand from where the localization puts them, just before contact; the last view must have seen so many.
+pub(super) fn verified(
+    seen: &Refined,
+    judgement: Judgement,
+    (pass, needed): (u8, Option<usize>),
+    job: &Job<'_>,
+) -> Finding {
+    let verify_mm = job.recipe.corner().verify_mm();
+    let corner = |corner: &CornerReport| {
+        let [off, x, y] = of_corner(
+            corner,
+            ["from where the localization puts it", "along the camera's x", "along the camera's y"],
+        );
+        let [x_mm, y_mm] = corner.shift_mm;
+        [
+            Number::new(off, "mm", corner.asked_mm()).within(Limit::AtMost(verify_mm)),
+            Number::new(x, "mm", x_mm),
+            Number::new(y, "mm", y_mm),
+        ]
+    };
+    let finding = Finding::new(Kind::Verify, pass, judgement).with(in_order(seen).into_iter().flat_map(corner));
+    let limit = needed.map_or(Limit::Unlimited, |needed| Limit::AtLeast(needed as f64));
+    finding.with([Number::new(name::CORNERS, "", seen.corners.len() as f64).within(limit)])
+}
+
+/// The corners in the order of teaching.
+fn in_order(seen: &Refined) -> Vec<&CornerReport> {
+    let mut corners: Vec<&CornerReport> = seen.corners.iter().collect();
+    corners.sort_by_key(|corner| corner.corner);
+    corners
+}
+
+fn of_corner<const N: usize>(corner: &CornerReport, words: [&str; N]) -> [String; N] {
+    words.map(|words| format!("corner {} {words}", corner.corner + 1))
 }
 
 /// What was counted beside a film.

@@ -54,7 +54,7 @@ pub use ports::{
     Requests, Robot, SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
-pub use reaching::stand;
+pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,

@@ -8,9 +8,11 @@ use super::trace::Trace;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
-use crate::path::{Kinematics, judge_joints, reach};
+use crate::path::reach::{self, Things};
+use crate::path::{Kinematics, judge_joints};
 use crate::record::Kind;
 use crate::verdict::Reason;
+use std::sync::Arc;
 
 /// How far the arm may stand from where it was sent, mm and degrees.
 const DEVIATION_MM: f64 = 1.0;
@@ -56,7 +58,7 @@ impl Running<'_> {
         if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.site.ready, tip)
             && self.site.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
-            if !self.joints_are_good(&[ready])? {
+            if !self.joints_are_good(&[ready], self.sight.things().cloned())? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
                 return Ok(());
             }
@@ -66,11 +68,15 @@ impl Running<'_> {
         self.by_lines(id, motion)
     }
 
-    /// Whether the axes may go to these poses, one after the other, from where they stand.
-    fn joints_are_good(&mut self, poses: &[Joints]) -> Result<bool, DaemonError> {
+    /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off things on their way.
+    fn joints_are_good(&mut self, poses: &[Joints], things: Option<Arc<Things>>) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
             let (arm, tool) = (Kinematics::new(&self.site.arm), state.flange_from_tool.to_rigid());
+            let arm = match things {
+                Some(things) => arm.beside(things),
+                None => arm,
+            };
             let ways = std::iter::once(&state.joints).chain(poses).zip(poses);
             let met = ways.filter_map(|(from, to)| reach::swing(&arm, tool, from, to).err());
             reasons.extend(met.map(|obstacle| Reason::new("out_of_reach", format!("on the way there {obstacle}"))));
@@ -83,7 +89,8 @@ impl Running<'_> {
     }
 
     fn by_axes(&mut self, id: Id, motion: Motion, poses: &[Joints]) -> Result<(), DaemonError> {
-        if !self.joints_are_good(poses)? {
+        // The way home may begin nearer to things than they may be come to.
+        if !self.joints_are_good(poses, None)? {
             self.answer(id, Answer::Failed(Trouble::Gate));
             return Ok(());
         }
@@ -96,9 +103,11 @@ impl Running<'_> {
     }
 
     /// The route of a motion. To the first look at a corner it is that of the first taught one whose way passes the gate,
-    /// to the next that of the first of the others; where no other's does, the corners go round.
+    /// to the next that of the first of the others; where no other's does, the corners go round. Verify takes only those
+    /// that hold the place.
     fn chosen_route(&mut self, motion: Motion) -> Option<Gated> {
         let Path::Corner { view } = motion.path else { return self.route(motion) };
+        self.sight.corners.begin_choice(view);
         let candidates = self.sight.corners.candidates(view, &self.job()?);
         for &corner in &candidates {
             self.sight.corners.choose(view, corner);
@@ -106,12 +115,16 @@ impl Running<'_> {
             if gated.is_good() {
                 return Some(gated);
             }
+            let why =
+                gated.judgement.reasons.iter().map(|reason| reason.message.as_str()).collect::<Vec<_>>().join("; ");
+            tracing::warn!("the arm does not come to corner {}: {why}", corner + 1);
+            self.sight.corners.leave_out(corner, &why);
         }
-        if view == 0 {
-            self.sight.corners.choose(view, 0);
-        } else if !candidates.is_empty() {
-            tracing::warn!("the arm comes to no other taught corner: the panel's turn is not corrected");
-            self.sight.corners.end_choice(view);
+        match candidates.first() {
+            // The refusal of the first is the one that is told.
+            Some(&first) if view == 0 => self.sight.corners.choose(view, first),
+            Some(_) => self.sight.corners.end_choice(view),
+            None => {}
         }
         self.sight.corners.go_round(view);
         self.route(motion)

@@ -60,11 +60,12 @@ pub trait Eyes {
     /// # Errors
     /// As [`Eyes::scan`].
     fn picture(&mut self) -> Result<Picture2d, SightError>;
-    /// Begins a film: such pictures one after the other, at most so many a second. One that is left ends by itself.
+    /// Begins a film: such pictures one after the other, at most so many a second; gives the time on the clock of the
+    /// pictures. One that is left ends by itself.
     ///
     /// # Errors
     /// As [`Eyes::scan`].
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError>;
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError>;
     /// The film's next picture; none where none is due yet. What was dropped on the way is a gap in the times.
     ///
     /// # Errors

@@ -1,64 +1,133 @@
-//! What the arm reaches of the panel: each grid before the panel is wetted, and the plan before it is taken.
+//! What the arm reaches of the panel where it stands: every grid before the panel is wetted, and the plan before it is taken.
 //!
-//! Before contact the arm stands at the last corner pose, where it came by lines from the ready pose, or from the park pose
-//! where that lies inside of the box, over the corner before; lines keep its configuration. So the way from there is part of what is looked at.
+//! Before contact the arm stands at the last corner that Verify looks at, where it came from the park pose: by way of the
+//! ready pose, unless the park pose lies inside of the box, and then by lines from corner to corner; lines keep its
+//! configuration. So that way is part of what is looked at, through the same gate and beside the same things.
 //! What moves is looked at again from the actual axes: see `routes`.
 
+use super::routes::{self, Standing};
 use super::{Job, corners};
-use crate::geometry::{Base, Flange, Panel, Rigid, Tool};
+use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::Kinematics;
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, GridReach, Stand};
-use crate::path::reach::{Leg, follow};
+use crate::path::reach::{Things, swing};
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason};
+use std::sync::Arc;
 
-/// Speed at which the way to the corner pose is looked at, mm/s.
-const AIR_MM_S: f64 = 200.0;
+/// Where the panel stands, the corners that are looked at before contact, in this order, and what the arm keeps off on its
+/// way to them.
+#[derive(Debug, Clone, Copy)]
+pub struct Approached<'a> {
+    /// The place.
+    pub base_from_panel: Rigid<Base, Panel>,
+    /// Numbers of taught corners, from 0.
+    pub corners: &'a [usize],
+    /// The panel and what else a scan showed; `None` where there is no scan.
+    pub things: Option<&'a Arc<Things>>,
+}
 
 /// The panel before the arm as it will stand there, with its sanding tool.
 ///
 /// # Errors
-/// Where no corner was taught, or the arm comes to none of their poses.
-pub fn stand<'a>(
+/// Where there is no corner, or the arm does not come to one of them.
+pub fn stand<'a>(job: &Job<'_>, arm: &'a Kinematics, panel: &Approached<'_>) -> Result<Stand<'a>, Reason> {
+    let mut at = begin(job, arm, panel.things)?;
+    for &corner in panel.corners {
+        at = to_corner(job, arm, (at, corner), panel)?;
+    }
+    if panel.corners.is_empty() {
+        return Err(no_corner());
+    }
+    let (flange_from_tool, base_from_panel) = (job.calibrations.flange_from_tool, panel.base_from_panel);
+    Ok(Stand { arm, flange_from_tool, base_from_panel, from: Some(at) })
+}
+
+/// The corners that the corner loop would look at where nothing is in the way but what the cell's file says.
+///
+/// # Errors
+/// Where no corner was taught, or the arm comes to none of them.
+pub fn corners_in_reach(
     job: &Job<'_>,
-    arm: &'a Kinematics,
+    arm: &Kinematics,
     base_from_panel: Rigid<Base, Panel>,
-) -> Result<Stand<'a>, Reason> {
-    let camera: Rigid<Flange, Tool> = Rigid::claim(*job.calibrations.flange_from_camera.isometry());
-    let park_is_inside = job.limits.workspace().is_some_and(|workspace| {
-        arm.base_from_flange(&job.park).is_some_and(|flange| workspace.holds((flange * camera).origin()))
-    });
-    let start = job.ready.filter(|_| !park_is_inside).unwrap_or(job.park);
-    let (mut at, mut seen, mut why) = (start, 0, Reason::new("no_corner", "no corner was taught"));
-    for (index, corner) in job.corners.iter().enumerate() {
-        let base_from_camera = base_from_panel * corner.teaching.panel_from_camera;
-        let base_from_tool = Rigid::claim(*base_from_camera.isometry());
-        match follow(arm, camera, Some(&at), &[Leg { base_from_tool, feed_mm_s: AIR_MM_S, blend_mm: 0.0 }]) {
-            Ok(travel) => (at, seen) = (travel.joints.last().copied().unwrap_or(at), seen + 1),
-            Err(fault) if index == 0 => {
-                why = Reason::new("out_of_reach", format!("on the way to the corner: {}", fault.obstacle));
+) -> Result<Vec<usize>, Reason> {
+    let panel = Approached { base_from_panel, corners: &[], things: None };
+    let (mut at, mut chosen, mut why) = (begin(job, arm, None)?, Vec::new(), None);
+    for corner in 0..job.corners.len() {
+        match to_corner(job, arm, (at, corner), &panel) {
+            Ok(joints) => {
+                at = joints;
+                chosen.push(corner);
             }
-            Err(_) => {}
+            Err(reason) => why = why.or(Some(reason)),
         }
-        if seen >= corners::most(job) {
+        if chosen.len() >= corners::most(job) {
             break;
         }
     }
-    let flange_from_tool = job.calibrations.flange_from_tool;
-    if seen > 0 { Ok(Stand { arm, flange_from_tool, base_from_panel, from: Some(at) }) } else { Err(why) }
+    if chosen.is_empty() { Err(why.unwrap_or_else(no_corner)) } else { Ok(chosen) }
+}
+
+fn no_corner() -> Reason {
+    Reason::new("no_corner", "no corner was taught")
+}
+
+/// The camera as the tool that the arm has on this way.
+fn camera(job: &Job<'_>) -> Rigid<Flange, Tool> {
+    Rigid::claim(*job.calibrations.flange_from_camera.isometry())
+}
+
+/// How the axes stand where the first line begins.
+fn begin(job: &Job<'_>, arm: &Kinematics, things: Option<&Arc<Things>>) -> Result<Joints, Reason> {
+    let park_is_inside = job.limits.workspace().is_some_and(|workspace| {
+        arm.base_from_flange(&job.park).is_some_and(|flange| workspace.holds((flange * camera(job)).origin()))
+    });
+    let Some(ready) = job.ready.filter(|_| !park_is_inside) else { return Ok(job.park) };
+    let beside = match things {
+        Some(things) => arm.clone().beside(things.clone()),
+        None => arm.clone(),
+    };
+    let met =
+        |obstacle| Reason::new("out_of_reach", format!("on the way from the park to the ready pose: {obstacle}"));
+    swing(&beside, camera(job), &job.park, &ready).map_err(met)?;
+    Ok(ready)
+}
+
+/// How the axes stand at a corner, where they come by a line from `at`.
+fn to_corner(
+    job: &Job<'_>,
+    arm: &Kinematics,
+    (at, corner): (Joints, usize),
+    panel: &Approached<'_>,
+) -> Result<Joints, Reason> {
+    let taught = job.corners.get(corner).ok_or_else(no_corner)?;
+    let flange_from_tool = camera(job);
+    let not_finite = || Reason::new("out_of_reach", "the axes of the park or ready pose are no numbers");
+    let from = arm.base_from_flange(&at).ok_or_else(not_finite)? * flange_from_tool;
+    let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
+    let standing =
+        Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints: at, things: panel.things };
+    let gated = routes::air(&standing, Rigid::<Base, Base>::identity(), (from, to), None);
+    let refused = gated.judgement.reasons.into_iter().next();
+    let on_the_way = |reason: Reason| Reason {
+        message: format!("on the way to corner {}: {}", corner + 1, reason.message),
+        ..reason
+    };
+    gated.joints.ok_or_else(|| refused.map_or_else(not_finite, on_the_way))
 }
 
 /// Every grid by the path that would abrade it alone, with the gate's word on all of them.
 pub(super) fn survey(
     job: &Job<'_>,
     fit: &Fit,
-    base_from_panel: Rigid<Base, Panel>,
+    panel: &Approached<'_>,
     worn_mm2: f64,
 ) -> (Vec<GridReach>, Judgement) {
     let arm = Kinematics::new(job.arm);
     let rejected = |reason| (Vec::new(), Judgement::of(vec![reason], vec![]));
-    let stand = match stand(job, &arm, base_from_panel) {
+    let stand = match stand(job, &arm, panel) {
         Ok(stand) => stand,
         Err(reason) => return rejected(reason),
     };

@@ -50,6 +50,8 @@ pub(super) struct Gated {
     pub speed: SetAccSpeed,
     /// Where the tip will stand, in the robot's base.
     pub end: Option<Rigid<Base, Tool>>,
+    /// How the axes will stand there; `None` where the path is refused.
+    pub joints: Option<Joints>,
 }
 
 impl Gated {
@@ -150,14 +152,17 @@ fn gated<Active: crate::geometry::Frame>(
         points.iter().map(|point| base_from_active * point.pose.to_rigid::<Active, Tool>()).collect();
     let from = base_from_active * from;
     let route = Route { from, waypoints: &poses, taught_axis };
-    let mut judgement = judge_route(&route, &WaypointLimits::from(standing.limits));
+    let (mut judgement, mut joints) = (judge_route(&route, &WaypointLimits::from(standing.limits)), None);
     if judgement.verdict == Verdict::Accept {
         let legs = poses.iter().zip(&points).map(|(pose, point)| Leg {
             base_from_tool: *pose,
             feed_mm_s: point.speed_m_s.map_or(speed_mm_s, |speed_m_s| 1_000.0 * speed_m_s),
             blend_mm: point.blend_mm,
         });
-        judgement = Judgement::of(standing.obstacle(from, &legs.collect::<Vec<_>>()).into_iter().collect(), vec![]);
+        match standing.followed(from, &legs.collect::<Vec<_>>()) {
+            Ok(end) => joints = end,
+            Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
+        }
     }
     Gated {
         judgement,
@@ -169,29 +174,37 @@ fn gated<Active: crate::geometry::Frame>(
             axis_acceleration_percent: AXIS_PERCENT,
         },
         end: poses.last().copied(),
+        joints,
     }
 }
 
 impl Standing<'_> {
-    /// What keeps the arm from following these lines from where its axes stand.
-    fn obstacle(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Option<Reason> {
+    /// How the axes stand at the end of these lines, followed from where they stand now, or what is in the way.
+    fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Option<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);
         let arm = match self.things {
             Some(things) => arm.beside(things.clone()),
             None => arm,
         };
-        let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool)?;
+        let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool);
+        let unknown =
+            || Reason::new("arm_model", "the axes told by the controller are no numbers; look at its messages");
+        let by_model = by_model.ok_or_else(unknown)?;
         let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
         if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {
             let message = format!(
                 "by its axes and [arm] the tip stands {off_mm:.1} mm and {off} from where the controller says, allowed \
                  are {MODEL_MM} mm and {MODEL}; is the arm in the cell's file this one?"
             );
-            return Some(Reason::new("arm_model", message));
+            return Err(Reason::new("arm_model", message));
         }
-        let fault = follow(&arm, self.flange_from_tool, Some(&self.joints), legs).err()?;
-        let message = format!("waypoint {}: {}", fault.index + 1, fault.obstacle);
-        Some(Reason::new("out_of_reach", message))
+        match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
+            Ok(travel) => Ok(travel.joints.last().copied()),
+            Err(fault) => {
+                let message = format!("waypoint {}: {}", fault.index + 1, fault.obstacle);
+                Err(Reason::new("out_of_reach", message))
+            }
+        }
     }
 }
 

@@ -4,11 +4,12 @@ use super::corners::Corners;
 use super::figures::{self, Kept};
 use super::findings;
 use super::ports::{Eyes, Picture2d, Record, SightError};
+use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
 use crate::inspect::{Inspection, Watch};
-use crate::locate::{self, gate};
+use crate::locate::{self, LocateError, Prepared, gate};
 use crate::path::reach::Things;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
@@ -64,6 +65,12 @@ impl Sight {
         Some(self.place? * job.corners.get(self.corners.aimed())?.teaching.panel_from_camera)
     }
 
+    /// Where the panel stands before the arm, by way of the corners that hold it.
+    pub fn approached(&self) -> Option<Approached<'_>> {
+        let (corners, things) = (self.corners.held(), self.things());
+        self.place.map(|base_from_panel| Approached { base_from_panel, corners, things })
+    }
+
     /// What the arm keeps off on its way to a corner.
     pub fn things(&self) -> Option<&Arc<Things>> {
         self.things.as_ref()
@@ -84,7 +91,8 @@ impl Sight {
         eyes: &mut dyn Eyes,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
-        (self.located, self.place, self.dry, self.corners) = (None, None, None, Corners::default());
+        (self.located, self.located_mm, self.place, self.things) = (None, None, None, None);
+        (self.dry, self.corners) = (None, Corners::default());
         let scan = match eyes.scan() {
             Ok(scan) => scan,
             Err(error) => return blind(Kind::Locate, 0, &error, record),
@@ -95,18 +103,27 @@ impl Sight {
         let settings = job.recipe.locate();
         let (camera, base_from_camera) = (&job.calibrations.scanner, job.calibrations.base_from_camera);
         let view = locate::View { scan: &scan, camera, base_from_camera };
-        let found = locate::locate(job.panel, &view, settings);
+        let prepared = Prepared::new(job.panel, &view, settings);
+        let found = prepared.as_ref().map_err(LocateError::clone).and_then(Prepared::locate);
         let judgement = match &found {
             Ok(fit) => gate::judge(fit, settings),
             Err(error) => gate::refusal(error),
         };
-        let elapsed_ms = elapsed_ms(begun);
         let (grade, fit) = (grade(&judgement), found.ok());
         let place = fit.as_ref().map(|fit| fit.base_from_panel);
+        // To what is rejected nothing moves.
+        let things = place.filter(|_| grade != Grade::Reject).map(|place| {
+            let of_panel = job.panel.points().map(|(_, point)| place * point);
+            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
+            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
+        });
+        let elapsed_ms = elapsed_ms(begun);
         let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);
         record.figure(&figures::located(job, &picture, place))?;
-        for figure in figures::reasons(job, (&view, &picture), fit.as_ref(), &judgement) {
-            record.figure(&figure)?;
+        if let Ok(prepared) = &prepared {
+            for figure in figures::reasons(job, (prepared, &view, &picture), fit.as_ref(), &judgement) {
+                record.figure(&figure)?;
+            }
         }
         record.finding(&findings::located(fit.as_ref(), judgement, elapsed_ms, job))?;
         record.budget(&Budget {
@@ -116,12 +133,7 @@ impl Sight {
             stated_mm: job.limits.tool_error_mm(),
             ..Budget::default()
         })?;
-        (self.located, self.place, self.located_mm) = (place, place, located_mm);
-        self.things = place.map(|place| {
-            let of_panel = job.panel.points().map(|(_, point)| place * point);
-            let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
-            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
-        });
+        (self.located, self.place, self.located_mm, self.things) = (place, place, located_mm, things);
         Ok(Answer::Graded(grade))
     }
 
@@ -155,10 +167,13 @@ impl Sight {
             Ok(Filming { watch, place, first_s: None, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
-            Ok(filming) => {
+            Ok(mut filming) => {
                 record.frame(dry, *dry_s, Phase::Dry)?;
                 match eyes.begin_film(job.demands().frames_per_second) {
-                    Ok(()) => Ok(Ok(filming)),
+                    Ok(began_s) => {
+                        filming.watch.begins(began_s);
+                        Ok(Ok(filming))
+                    }
                     Err(error) => blind(Kind::Inspect, pass, &error, record).map(Err),
                 }
             }
@@ -189,7 +204,11 @@ impl Sight {
         let begun = Instant::now();
         let step = match filming.watch.push(&picture, time_s, Phase::Wet) {
             Ok(step) => step,
-            Err(error) => return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err),
+            Err(error) => {
+                // Nobody will ask for the next one.
+                let _ = eyes.end_film();
+                return unseen(Kind::Inspect, pass, reason("film", &error), record).map(Err);
+            }
         };
         filming.elapsed_ms.push(elapsed_ms(begun));
         filming.kept.see(job, filming.place, &picture, &step);

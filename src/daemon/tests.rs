@@ -36,6 +36,7 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
         let broken = number.name.starts_with("broken film");
         assert!(broken || number.value.is_none_or(|value| number.limit.allows(value)), "{number:?}");
     }
+    limits_are_told(&story);
     let watched = story.findings.iter().filter_map(|finding| finding.number(name::WATCHED));
     assert!(watched.map(|seconds| seconds >= 38.0).eq([true, true]), "{story}");
     let corners = ["corner_before", "corner_after"];
@@ -45,6 +46,34 @@ fn a_greasy_panel_is_abraded_once_and_passes() {
     assert!(locate_mm.is_some_and(|mm| (0.01..1.0).contains(&mm)), "{:?}", story.budget);
     assert!(fit_mm.is_some_and(|mm| (0.01..0.5).contains(&mm)), "{:?}", story.budget);
     assert_eq!((hand_eye_mm, robot_mm), (None, None), "nobody measured or stated them");
+}
+
+/// What the gates decide by stands in the record with its limit, and each corner by itself.
+fn limits_are_told(story: &fake::Story) {
+    let last = |kind: Kind| story.findings.iter().rfind(|finding| finding.kind == kind).expect("found");
+    let unlimited = |kind: Kind| -> Vec<&str> {
+        let numbers = last(kind).numbers.iter();
+        numbers.filter(|it| it.limit == crate::record::Limit::Unlimited).map(|it| it.name.as_str()).collect()
+    };
+    let told = [
+        "camera has moved the panel since teaching, by the fixture",
+        "error of that, 95 %",
+        "error along the weakest direction, 95 %",
+        name::SCAN_TO_VERDICT,
+    ];
+    assert_eq!(unlimited(Kind::Locate), told, "{story}");
+    for (kind, number) in [
+        (Kind::Refine, "corner 1 from where the scan puts it"),
+        (Kind::Refine, "corner 2 off after the correction"),
+        (Kind::Verify, "corner 1 from where the localization puts it"),
+        (Kind::Verify, "corner 2 from where the localization puts it"),
+        (Kind::Verify, name::CORNERS),
+    ] {
+        let found =
+            last(kind).numbers.iter().find(|it| it.name == number).unwrap_or_else(|| panic!("{number}: {story}"));
+        assert!(found.value.is_some() && found.limit.bound().is_some(), "{found:?}");
+    }
+    assert_eq!(last(Kind::Verify).number(name::CORNERS), Some(2.0), "{story}");
 }
 
 const LATER: [&str; 12] = [
@@ -135,6 +164,9 @@ fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
     let refined = story.findings.iter().filter(|finding| finding.kind == Kind::Refine);
     let seen: Vec<Option<f64>> = refined.map(|finding| finding.number("corners seen")).collect();
     assert!(seen.len() == 2 && seen.iter().all(|count| *count == Some(1.0)), "{seen:?} {story}");
+    let last = story.findings.iter().rfind(|finding| finding.kind == Kind::Refine).expect("refined");
+    let why = last.details["corners_left_out"].to_string();
+    assert!(why.contains("corner 2: ") && why.contains("post"), "{why}");
 }
 
 /// The plan's disc leaves the panel by more than the recipe allows: a person must look, and nobody does.

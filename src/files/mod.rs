@@ -20,5 +20,5 @@ pub use picture::{
     PictureError, check_picture_size, read_color, read_gray, write_color_jpeg, write_color_png, write_gray_png,
 };
 pub use ply::{read_ply, write_ply};
-pub use pose::{PoseError, read_flange, read_located, write_pose};
+pub use pose::{PoseError, read_flange, read_located, read_located_mm, write_pose};
 pub use shot::{check_cloud_size, read_cloud};

@@ -43,6 +43,16 @@ pub fn read_located(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_panel, printed.verdict, key))
 }
 
+/// How well that place is known, 95 %, mm; `None` where the file does not say.
+///
+/// # Errors
+/// As [`read_located`].
+pub fn read_located_mm(bytes: &[u8]) -> Result<Option<f64>, PoseError> {
+    read_located(bytes)?;
+    let printed: Option<Located> = named(bytes, "base_from_panel")?;
+    Ok(printed.and_then(|printed| printed.uncertainty_mm))
+}
+
 /// Reads where the flange was, base from flange: a pose, or an object with the key `base_from_flange`.
 ///
 /// # Errors
@@ -62,6 +72,7 @@ pub fn write_pose(pose: &KukaPose) -> String {
 struct Located {
     base_from_panel: Option<KukaPose>,
     verdict: Option<String>,
+    uncertainty_mm: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -100,6 +111,9 @@ mod tests {
         let printed = format!(r#"{{"verdict": "accept", "base_from_panel": {BARE}, "rms_mm": 0.02}}"#);
         assert_eq!(read_located(BARE.as_bytes()), Ok(POSE));
         assert_eq!(read_located(printed.as_bytes()), Ok(POSE));
+        assert_eq!(read_located_mm(printed.as_bytes()), Ok(None));
+        assert_eq!(read_located_mm(printed.replace("rms_mm", "uncertainty_mm").as_bytes()), Ok(Some(0.02)));
+        assert_eq!(read_located_mm(BARE.as_bytes()), Ok(None));
         assert_eq!(read_flange(format!(r#"{{"base_from_flange": {BARE}}}"#).as_bytes()), Ok(POSE));
     }
 

@@ -25,6 +25,7 @@ pub struct Watch {
     pub(super) thesis: Option<thesis::OverTime>,
     pub(super) quality: Quality,
     pub(super) last: Option<(f64, Phase)>,
+    pub(super) begins_s: Option<f64>,
     pub(super) first_wet_s: Option<f64>,
     pub(super) observed_s: f64,
     pub(super) longest_gap_s: f64,
@@ -74,6 +75,7 @@ impl Watch {
             picture_px: (camera.width_px, camera.height_px),
             footprint,
             last: None,
+            begins_s: None,
             first_wet_s: None,
             observed_s: 0.0,
             longest_gap_s: 0.0,
@@ -107,6 +109,11 @@ impl Watch {
         }
     }
 
+    /// The film begins at this time, on the clock of its pictures: what is missing before its first one is a gap too.
+    pub fn begins(&mut self, time_s: f64) {
+        self.begins_s = Some(time_s);
+    }
+
     fn check(&self, picture: &ColorPicture, time_s: f64, phase: Phase) -> Result<(), InspectError> {
         let (width, height) = self.picture_px;
         if (picture.width, picture.height) != (width, height) {
@@ -131,8 +138,9 @@ impl Watch {
         if self.first_wet_s.is_none() && !self.model.has_dry() {
             self.quality.first_sharpness = self.outline.begin(picture);
         }
+        let late_s = self.begins_s.take().map_or(0.0, |begins_s| time_s - begins_s);
         let since_wet_s = time_s - *self.first_wet_s.get_or_insert(time_s);
-        self.longest_gap_s = self.longest_gap_s.max(since_wet_s - self.observed_s);
+        self.longest_gap_s = self.longest_gap_s.max(late_s).max(since_wet_s - self.observed_s);
         self.observed_s = since_wet_s;
         let (model, outline) = (&mut self.model, &self.outline);
         let (look, steady) = rayon::join(|| model.look(picture), || outline.hold_against(picture));

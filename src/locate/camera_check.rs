@@ -5,13 +5,15 @@
 //! the picture; both are constraints of one robust least-squares fit (`solve`). Things that were put there or taken away
 //! are outliers. A direction that the fixture does not show is said to be unseen, not unmoved.
 
-use super::grid::{Grid, Look, Motion, camera_point};
+use super::covariance::{WITHIN_95_PERCENT, worst_mm};
+use super::grid::{self, Grid, Look, Motion, camera_point};
 use super::model::{Model, Scan};
 use super::profile;
 use super::search::spread_over;
 use super::solve::{Constraint, Sums, Weighing, spread, twisted};
-use crate::geometry::{Camera, Panel, Pixel, Rigid};
-use crate::panel::TaughtPanel;
+use crate::geometry::{Camera, Frame, OrganizedCloud, Panel, Pixel, Rigid};
+use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
+use crate::recipe;
 use nalgebra::{Matrix6, Vector2, Vector3};
 use rayon::prelude::*;
 
@@ -38,7 +40,6 @@ const SAME_PLACE_MM: f64 = 15.0;
 const PRIOR_MM: f64 = 3.0;
 const PRIOR_RAD: f64 = 0.004;
 const ROUNDS: usize = 4;
-const WITHIN_95_PERCENT: f64 = 1.96;
 
 /// What the fixture says of the camera's place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +64,46 @@ pub(super) fn check(
     if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return None;
     }
-    let still = Still::of(panel, model, grid, inside);
+    compared(panel, model, (&taught_grid(panel, model), grid, scan), inside, placed)
+}
+
+/// What the fixture of the taught scan itself would tell of a camera that has moved by nothing: 95 % of the errors are
+/// smaller at the taught panel, mm. `None` where too little of it is seen.
+pub(super) fn at_teaching_mm(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> Option<f64> {
+    let (taught, inside) = at_teaching(panel, model, settings);
+    let placed = model.camera_from_panel;
+    compared(panel, model, (&taught, &taught, &panel.scan), &inside, &placed).map(|it| it.uncertainty_mm)
+}
+
+/// The taught scan without its panel, and which of its blocks lie in the search box.
+fn at_teaching(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> (Grid, Vec<bool>) {
+    let base_from_camera = panel_from_base_at_teaching().inverse() * panel.panel_from_camera;
+    let taught = taught_grid(panel, model);
+    let inside = grid::in_box(&taught, &base_from_camera, settings.box_min_mm(), settings.box_max_mm());
+    (taught, inside)
+}
+
+/// The taught scan without its panel.
+fn taught_grid(panel: &TaughtPanel, model: &Model) -> Grid {
+    let motion = Motion::of(&model.camera_from_panel);
+    let depth_row = motion.turn.row(2).into_owned();
+    let raw = panel.scan.raw_points_mm();
+    let depth = |index: usize| {
+        let [x, y, z] = raw[index];
+        let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
+        (depth > 0.0 && !panel.mask.inside[index]).then_some(depth as f32)
+    };
+    Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth)
+}
+
+fn compared<F: Frame>(
+    panel: &TaughtPanel,
+    model: &Model,
+    (taught, grid, scan): (&Grid, &Grid, &OrganizedCloud<F>),
+    inside: &[bool],
+    placed: &Rigid<Camera, Panel>,
+) -> Option<CameraCheck> {
+    let still = Still::of(taught, grid, inside);
     let faces = still.faces(grid);
     if faces.len() < MIN_FACES {
         return None;
@@ -105,29 +145,20 @@ pub(super) fn check(
     let covariance = information.try_inverse()?;
     Some(CameraCheck {
         moved_mm: model.largest_distance_mm(&identity, &moved),
-        uncertainty_mm: WITHIN_95_PERCENT * super::covariance::worst_mm(&covariance, model, &Motion::of(placed)),
+        uncertainty_mm: WITHIN_95_PERCENT * worst_mm(&covariance, model, &Motion::of(placed)),
         same,
     })
 }
 
 /// The blocks outside of the search box in both scans.
-struct Still {
-    taught: Grid,
+struct Still<'a> {
+    taught: &'a Grid,
     blocks: Vec<usize>,
     is_still: Vec<bool>,
 }
 
-impl Still {
-    fn of(panel: &TaughtPanel, model: &Model, grid: &Grid, inside: &[bool]) -> Still {
-        let motion = Motion::of(&model.camera_from_panel);
-        let depth_row = motion.turn.row(2).into_owned();
-        let raw = panel.scan.raw_points_mm();
-        let depth = |index: usize| {
-            let [x, y, z] = raw[index];
-            let depth = (depth_row * Vector3::new(f64::from(x), f64::from(y), f64::from(z)))[0] + motion.shift.z;
-            (depth > 0.0 && !panel.mask.inside[index]).then_some(depth as f32)
-        };
-        let taught = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
+impl<'a> Still<'a> {
+    fn of(taught: &'a Grid, grid: &Grid, inside: &[bool]) -> Still<'a> {
         let both =
             |block: usize| !inside[block] && taught.depth_mm(block).is_some() && grid.depth_mm(block).is_some();
         let is_still: Vec<bool> = (0..grid.columns * grid.rows).map(both).collect();
@@ -157,7 +188,11 @@ impl Still {
     }
 
     /// How far the taught edges lie from the scan's in the picture, and the share of them that is there at all.
-    fn edges(&self, panel: &TaughtPanel, now: (&Grid, &Scan)) -> (Vec<Constraint>, Option<f64>) {
+    fn edges<F: Frame>(
+        &self,
+        panel: &TaughtPanel,
+        now: (&Grid, &OrganizedCloud<F>),
+    ) -> (Vec<Constraint>, Option<f64>) {
         let looked = self.looked(panel, now);
         let asked = looked.len();
         let edges: Vec<Constraint> = looked.into_iter().filter_map(|(_, edge)| edge).collect();
@@ -166,7 +201,11 @@ impl Still {
     }
 
     /// Taught edges of the fixture, each with what the scan shows of it.
-    fn looked(&self, panel: &TaughtPanel, (grid, scan): (&Grid, &Scan)) -> Vec<(Steep, Option<Constraint>)> {
+    fn looked<F: Frame>(
+        &self,
+        panel: &TaughtPanel,
+        (grid, scan): (&Grid, &OrganizedCloud<F>),
+    ) -> Vec<(Steep, Option<Constraint>)> {
         let found: Vec<[Option<Steep>; 2]> = (0..self.is_still.len())
             .into_par_iter()
             .with_min_len(4_096)
@@ -242,31 +281,40 @@ impl Still {
     }
 }
 
-/// An edge of the fixture, for people.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct FixtureEdge {
-    pub pixel: Pixel,
-    /// How far it has moved across itself; `None` where it is gone.
-    pub moved_px: Option<f64>,
+/// What a scan shows where the taught picture has an edge of the fixture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum FixtureEdge {
+    /// It, moved so far across itself, px.
+    Moved(f64),
+    /// The fixture, but no such edge.
+    Gone,
+    /// Nothing, or something before it.
+    Unseen,
 }
 
-/// The fixture's edges, and how far they have moved in the picture since teaching.
+/// The fixture's taught edges, and what the scan shows of each; none where the scan has other pixels.
 pub(super) fn fixture(
     panel: &TaughtPanel,
     model: &Model,
-    now: (&Grid, &Scan),
-    inside: &[bool],
-) -> Vec<FixtureEdge> {
-    if (panel.scan.width(), panel.scan.height()) != (now.1.width(), now.1.height()) || panel.camera != now.0.camera
-    {
+    (grid, scan): (&Grid, &Scan),
+    (settings, inside): (&recipe::Locate, &[bool]),
+) -> Vec<(Pixel, FixtureEdge)> {
+    if (panel.scan.width(), panel.scan.height()) != (scan.width(), scan.height()) || panel.camera != grid.camera {
         return Vec::new();
     }
-    let looked = Still::of(panel, model, now.0, inside).looked(panel, now);
-    let edge = |(steep, now): (Steep, Option<Constraint>)| FixtureEdge {
-        pixel: steep.pixel,
-        moved_px: now.map(|constraint| constraint.residual),
+    let (taught, inside_taught) = at_teaching(panel, model, settings);
+    let looked = Still::of(&taught, grid, inside).looked(panel, (grid, scan));
+    let shown = looked.into_iter().map(|(steep, now)| {
+        (steep.pixel, now.map_or(FixtureEdge::Gone, |constraint| FixtureEdge::Moved(constraint.residual)))
+    });
+    let all = Still::of(&taught, &taught, &inside_taught).looked(panel, (&taught, &panel.scan));
+    let is_unseen = |steep: &Steep| {
+        let apart_mm =
+            taught.depth_mm(steep.block).zip(grid.depth_mm(steep.block)).map(|(was, is)| (is - was).abs());
+        apart_mm.is_none_or(|mm| mm > SAME_PLACE_MM)
     };
-    looked.into_iter().map(edge).collect()
+    let unseen = all.into_iter().filter(|(steep, _)| is_unseen(steep));
+    shown.chain(unseen.map(|(steep, _)| (steep.pixel, FixtureEdge::Unseen))).collect()
 }
 
 /// A place where the taught picture has an edge of the fixture.

@@ -13,7 +13,7 @@ mod edge;
 
 pub use edge::EdgeLine;
 
-use crate::geometry::{GrayPicture, Mask, Pixel, polygon};
+use crate::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, polygon};
 use crate::imaging::{ImagingError, bilateral_filter, min_area_box, outer_contours};
 use crate::recipe::{self, CornerName};
 
@@ -135,6 +135,19 @@ pub fn find(
         return Err(CornerError::CornerAtBorder { u: corner_px.u, v: corner_px.v });
     }
     Ok(CornerFound { corner_px, nearest_px, contour, box_px, edges })
+}
+
+/// Finds the taught corner with this number, from 0, where `expected` is its place before the camera, which gives the scale.
+///
+/// # Errors
+/// As [`find`].
+pub fn find_taught(
+    picture: &GrayPicture,
+    (settings, corner): (&recipe::Corner, usize),
+    camera: &PinholeCamera,
+    expected: Point<FlangeCamera>,
+) -> Result<CornerFound, CornerError> {
+    find(picture, settings, settings.which().of(corner), camera.px_per_mm_at(expected.mm.z).0)
 }
 
 fn panel_contour(filtered: &GrayPicture, settings: &recipe::Corner) -> Result<Vec<Pixel>, CornerError> {

@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
 
 /// 95 % of a normal distribution lie within this many standard deviations, in one direction.
-const WITHIN_95_PERCENT: f64 = 1.96;
+pub(super) const WITHIN_95_PERCENT: f64 = 1.96;
 /// ν of (1).
 const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
@@ -57,15 +57,9 @@ pub(super) fn covariance(
         information += Sums::over(kind, weighing, &residuals.centre).information / factor;
     }
     let covariance = information.try_inverse().filter(|c| (0..6).all(|i| c[(i, i)] > 0.0))?;
-    let count = model.points.len().max(1) as f64;
-    let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
-    let radius_mm = (squares / count).sqrt();
-    let scale = Matrix6::from_diagonal(&Vector6::new(radius_mm, radius_mm, radius_mm, 1.0, 1.0, 1.0));
-    let eigen = (scale * covariance * scale).symmetric_eigen();
-    let weakest_mm = WITHIN_95_PERCENT * eigen.eigenvalues.max().max(0.0).sqrt();
-    let direction = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+    let weakest = weakest(&covariance, model);
     let normal = motion.turn * model.normal;
-    let (turn, shift) = (direction.fixed_rows::<3>(0), direction.fixed_rows::<3>(3));
+    let (turn, shift) = (weakest.moves_mm.fixed_rows::<3>(0), weakest.moves_mm.fixed_rows::<3>(3));
     let (spin, lift) = (turn.dot(&normal).powi(2), shift.dot(&normal).powi(2));
     let (tilt, slide) = (turn.norm_squared() - spin, shift.norm_squared() - lift);
     let word = if lift + tilt >= spin.max(slide) {
@@ -75,7 +69,28 @@ pub(super) fn covariance(
     } else {
         Weakest::Turn
     };
-    Some((covariance, (weakest_mm, word)))
+    Some((covariance, (WITHIN_95_PERCENT * weakest.moves_mm.norm(), word)))
+}
+
+/// One standard deviation along the direction in which a pose is held least.
+pub(super) struct WeakestDirection {
+    /// As a twist (ω, v) about the panel's centre, rad and mm.
+    pub twist: Vector6<f64>,
+    /// The same in mm, where a turn counts by what it moves on average.
+    pub moves_mm: Vector6<f64>,
+}
+
+/// The largest standard deviation, turns and shifts compared by what they move on average over the panel.
+pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirection {
+    let count = model.points.len().max(1) as f64;
+    let squares = model.points.iter().map(|point| (point - model.centre).norm_squared()).sum::<f64>();
+    let radius_mm = (squares / count).sqrt();
+    let to_mm = Vector6::new(radius_mm, radius_mm, radius_mm, 1.0, 1.0, 1.0);
+    let scale = Matrix6::from_diagonal(&to_mm);
+    let eigen = (scale * covariance * scale).symmetric_eigen();
+    let along = eigen.eigenvectors.column(eigen.eigenvalues.imax());
+    let moves_mm = along * eigen.eigenvalues.max().max(0.0).sqrt();
+    WeakestDirection { twist: moves_mm.component_div(&to_mm), moves_mm }
 }
 
 /// f of (1).

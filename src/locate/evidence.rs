@@ -58,6 +58,9 @@ pub struct Fit {
     pub rival: Option<Rival>,
     /// What the fixture says of the camera's place; `None` where too little of it is seen.
     pub camera: Option<CameraCheck>,
+    /// 95 % of the errors would be smaller with which the taught scan's own fixture tells the camera's place, mm. Asked where
+    /// this scan's does not tell it well enough; `None` also where the taught scan shows too little of it.
+    pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
     /// 95 % of the errors are smaller, at the worst point of the panel, mm.
@@ -126,6 +129,16 @@ impl Fit {
     pub fn overlap(&self) -> f64 {
         self.taught_found.min(self.scan_found)
     }
+
+    /// How many pixels more a step of brightness takes at the outline than at teaching; `None` where colour shows no edge.
+    pub fn blur_px(&self) -> Option<f64> {
+        self.edge_width_px.map(|width_px| width_px - self.taught_edge_width_px)
+    }
+
+    /// How far the camera has moved the panel since teaching at least, mm: what the fixture says less its uncertainty.
+    pub fn camera_moved_mm(&self) -> Option<f64> {
+        self.camera.map(|camera| camera.moved_mm - camera.uncertainty_mm)
+    }
 }
 
 /// What is known beside the fit itself.
@@ -133,6 +146,7 @@ pub(super) struct Beside {
     pub agreement_mm: f64,
     pub rival: Option<Rival>,
     pub camera: Option<CameraCheck>,
+    pub camera_at_teaching_mm: Option<f64>,
 }
 
 /// Weighs the end of a fit.
@@ -178,6 +192,7 @@ pub(super) fn weigh(
         agreement_mm: beside.agreement_mm,
         rival: beside.rival,
         camera: beside.camera,
+        camera_at_teaching_mm: beside.camera_at_teaching_mm,
         uncertainty_mm: WORST_95_PERCENT * worst_mm(&covariance, model, &motion),
         weakest_mm: weakest.0,
         weakest: weakest.1,

@@ -6,16 +6,13 @@ use super::camera_check::{self, FixtureEdge};
 use super::edges::Edge;
 use super::evidence::Fit;
 use super::fit::{Residuals, Samples, Seen};
-use super::grid::{Grid, Motion, camera_point};
-use super::model::Model;
+use super::grid::{Motion, camera_point};
 use super::search::{Sight, sight};
 use super::shares::EDGE_FOUND_PX;
+pub use super::shares::SATURATED;
 use super::solve::twisted;
-use super::{LocateError, View, grid, pieces};
+use super::{Prepared, covariance, pieces};
 use crate::geometry::{Camera, Panel, Pixel, Rigid};
-use crate::panel::TaughtPanel;
-use crate::recipe;
-use nalgebra::{Matrix6, Vector6};
 
 /// The stated error is drawn so many times larger.
 pub const ENLARGED: f64 = 50.0;
@@ -23,8 +20,10 @@ pub const ENLARGED: f64 = 50.0;
 /// What the scan shows where a taught point should be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
-    /// The taught surface, so far before it, mm.
+    /// A scanned surface so far before the taught one, along its normal, mm; behind it where negative.
     On(f64),
+    /// The taught surface, beside an edge or missing points, where the depth is good for no number.
+    Near,
     /// Something farther.
     Through,
     /// Something nearer.
@@ -44,6 +43,17 @@ pub enum OutlineMark {
     Hidden,
 }
 
+/// What the scan shows where the fixture had an edge at teaching.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum FixtureMark {
+    /// The edge where it stood.
+    Stands,
+    /// The edge elsewhere, or none.
+    Moved,
+    /// No fixture: something is before it, or there is no point.
+    Unseen,
+}
+
 /// The evidence, pixel by pixel.
 #[derive(Debug, Clone, Default)]
 pub struct Explained {
@@ -57,44 +67,41 @@ pub struct Explained {
     pub weakest: Vec<(Pixel, Pixel)>,
     /// Where the step of brightness at the outline is widest.
     pub widest: Option<Pixel>,
-    /// Edges of the fixture, and whether they stand where they stood.
-    pub fixture: Vec<(Pixel, bool)>,
+    /// Taught edges of the fixture.
+    pub fixture: Vec<(Pixel, FixtureMark)>,
     /// Things in the search box: area, mm², and places; largest first.
     pub things: Vec<(f64, Vec<Pixel>)>,
 }
 
 /// An edge of the fixture farther from its taught place has moved, px.
-const MOVED_PX: f64 = 0.5;
+pub const MOVED_PX: f64 = 0.5;
 
-/// Looks at everything again; `fit` is what was found, if anything was.
-///
-/// # Errors
-/// Where the taught panel has too little surface or outline.
-pub fn explain(
-    taught: &TaughtPanel,
-    view: &View<'_>,
-    settings: &recipe::Locate,
-    fit: Option<&Fit>,
-) -> Result<Explained, LocateError> {
-    let (model, grid) = (Model::of(taught)?, Grid::of(view.scan, view.camera));
-    let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
-    let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
-    let thing = |piece: pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
-    let mut explained = Explained {
-        block_px: grid.factor,
-        things: pieces::pieces(&grid, &inside).into_iter().map(thing).collect(),
-        ..Explained::default()
-    };
-    let Some(fit) = fit else { return Ok(explained) };
-    let placed: Rigid<Camera, Panel> = view.base_from_camera.inverse() * fit.base_from_panel;
-    let seen = Seen { model: &model, grid: &grid, scan: view.scan };
-    explained.surface = surface(&placed, seen);
-    (explained.outline, explained.widest) = outline(&placed, seen);
-    explained.weakest = weakest(&placed, seen, fit);
-    let still = |edge: FixtureEdge| (edge.pixel, edge.moved_px.is_some_and(|px| px.abs() <= MOVED_PX));
-    let edges = camera_check::fixture(taught, &model, (&grid, view.scan), &inside);
-    explained.fixture = edges.into_iter().map(still).collect();
-    Ok(explained)
+impl Prepared<'_> {
+    /// Looks at everything again; `fit` is what was found, if anything was.
+    pub fn explain(&self, fit: Option<&Fit>) -> Explained {
+        let (grid, seen) = (&self.grid, self.seen());
+        let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
+        let thing = |piece: &pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
+        let mut explained = Explained {
+            block_px: grid.factor,
+            things: self.pieces.iter().map(thing).collect(),
+            ..Explained::default()
+        };
+        let Some(fit) = fit else { return explained };
+        let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
+        explained.surface = surface(&placed, seen);
+        (explained.outline, explained.widest) = outline(&placed, seen);
+        explained.weakest = weakest(&placed, seen, fit);
+        let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
+            FixtureEdge::Moved(px) if px.abs() <= MOVED_PX => (pixel, FixtureMark::Stands),
+            FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
+            FixtureEdge::Unseen => (pixel, FixtureMark::Unseen),
+        };
+        let (now, inside) = ((grid, self.view.scan), (self.settings, &*self.inside));
+        let edges = camera_check::fixture(self.taught, &self.model, now, inside);
+        explained.fixture = edges.into_iter().map(mark).collect();
+        explained
+    }
 }
 
 fn surface(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> Vec<(Pixel, SurfaceMark)> {
@@ -102,8 +109,9 @@ fn surface(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> Vec<(Pixel, Surface
     let mark = |i: usize| {
         let pixel = seen.grid.camera.project(camera_point(&motion.point(&seen.model.points[i])))?;
         let mark = match sight(&motion, seen.model, seen.grid, i) {
-            Sight::On(residual_mm) => SurfaceMark::On(residual_mm),
-            Sight::Near => SurfaceMark::On(0.0),
+            // The residual says how far the taught point stands before the scan.
+            Sight::On(residual_mm) => SurfaceMark::On(-residual_mm),
+            Sight::Near => SurfaceMark::Near,
             Sight::Through => SurfaceMark::Through,
             Sight::Hidden => SurfaceMark::Hidden,
             Sight::Unknown => SurfaceMark::Missing,
@@ -139,16 +147,44 @@ fn outline(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> (Vec<(Pixel, Outlin
 fn weakest(placed: &Rigid<Camera, Panel>, seen: Seen<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = Motion::of(placed);
     let centre = motion.point(&seen.model.centre);
-    let reach_mm = super::search::reach_mm(seen.model).max(1.0);
-    // Turns and shifts compare by what they move at the panel's rim.
-    let scale = Vector6::new(reach_mm, reach_mm, reach_mm, 1.0, 1.0, 1.0);
-    let diagonal = Matrix6::from_diagonal(&scale);
-    let eigen = (diagonal * fit.covariance * diagonal).symmetric_eigen();
-    let largest = eigen.eigenvectors.column(eigen.eigenvalues.imax()) * eigen.eigenvalues.max().max(0.0).sqrt();
-    let twist = largest.component_div(&scale) * (1.96 * ENLARGED);
+    let twist = covariance::weakest(&fit.covariance, seen.model).twist * (covariance::WITHIN_95_PERCENT * ENLARGED);
     let moved = Motion::of(&twisted(placed, &centre, &twist));
     let project = |motion: &Motion, k: usize| {
         seen.grid.camera.project(camera_point(&motion.point(&seen.model.outline[k].point)))
     };
     (0..seen.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{View, tests::taught};
+    use super::*;
+    use crate::geometry::OrganizedCloud;
+    use crate::sim::{self, Scene};
+
+    /// By hand: the panel where it was taught, each of its points 0.3 mm nearer to the camera along its ray. The surface
+    /// leans by 20° at most, so that along the normal the scan stands 0.28 to 0.3 mm before it.
+    #[test]
+    fn what_lies_before_the_taught_surface_is_told_as_before_it() {
+        let cell = sim::Cell::new(1, Scene::Clean, 4);
+        let (panel, recipe) = taught(&cell);
+        let (scan, base_from_camera) = (cell.taught_scan(), cell.calibrated_base_from_camera());
+        let view = View { scan: &scan, camera: cell.scanner(), base_from_camera };
+        let fit = Prepared::new(&panel, &view, recipe.locate()).and_then(|it| it.locate()).expect("a panel");
+        let nearer = scan.raw_points_mm().iter().map(|point| {
+            let way_mm = f64::from(point[0]).hypot(f64::from(point[1])).hypot(f64::from(point[2]));
+            point.map(|n| (f64::from(n) * (1.0 - 0.3 / way_mm)) as f32)
+        });
+        let scan = OrganizedCloud::new(scan.width(), scan.height(), nearer.collect(), scan.picture().rgb);
+        let view = View { scan: &scan.expect("organised"), ..view };
+        let explained = Prepared::new(&panel, &view, recipe.locate()).expect("a panel").explain(Some(&fit));
+        let before_mm = explained.surface.iter().filter_map(|(_, mark)| match mark {
+            SurfaceMark::On(mm) => Some(*mm),
+            _ => None,
+        });
+        let before_mm: Vec<f64> = before_mm.collect();
+        let mean_mm = before_mm.iter().sum::<f64>() / before_mm.len() as f64;
+        assert!(before_mm.len() > 1_000 && (0.24..0.31).contains(&mean_mm), "{} {mean_mm}", before_mm.len());
+        assert!(explained.surface.iter().any(|(_, mark)| *mark == SurfaceMark::Near), "beside the edge");
+    }
 }

@@ -20,21 +20,23 @@ pub const MAX_SEEN_THROUGH: f64 = 0.01;
 /// Outline in view that is not where the taught one says.
 pub const MAX_OUTLINE_ABSENT: f64 = 0.08;
 /// Outline residual of a panel of the taught shape, px.
-const MAX_OUTLINE_RMS_PX: f64 = 0.5;
+pub const MAX_OUTLINE_RMS_PX: f64 = 0.5;
 /// Points that a dry panel gives.
 pub const MIN_MEASURED: f64 = 0.9;
 /// A step of brightness may take this many pixels more than at teaching: of a picture that is sharp and still.
-const MAX_BLUR_PX: f64 = 1.0;
+pub const MAX_BLUR_PX: f64 = 1.0;
 /// Share of the panel that may be overexposed.
-const MAX_SATURATED: f64 = 0.2;
+pub const MAX_SATURATED: f64 = 0.2;
 /// Fits from independent starts end together, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
 /// So many times more must speak for a placement than for any other.
 pub const MIN_MARGIN: f64 = 2.0;
 /// A camera that has moved the panel by this much is another camera, mm.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
+/// A camera that moves must be noticed where it puts the panel this far off, mm, by a fixture that shows it.
+pub const MAX_CAMERA_NOTICED_MM: f64 = 0.5;
 /// Fixture that still lies where it lay: things come and go, the fixture stays.
-const MIN_FIXTURE_SAME: f64 = 0.4;
+pub const MIN_FIXTURE_SAME: f64 = 0.4;
 /// The stated error of a pose that is fit for use, mm.
 pub const MAX_UNCERTAINTY_MM: f64 = 0.25;
 /// The last step of a fit that came to its end, in steps that end it: the last bits may flicker.
@@ -46,6 +48,16 @@ pub const MAX_LAST_STEP_MM: f64 = MAX_LAST_STEPS * CONVERGED_MM;
 /// The smallest share of the outline that must be found, 0…1.
 pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
+}
+
+/// From how far on a camera that moved is noticed, by a fixture that tells its place with this uncertainty, 95 %, mm.
+pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
+    MAX_CAMERA_MOVED_MM + uncertainty_mm
+}
+
+/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it tells nothing.
+pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
+    uncertainty_mm.is_some_and(|mm| !exceeds(noticed_mm(mm), MAX_CAMERA_NOTICED_MM))
 }
 
 /// What was found against a panel, and where that leads.
@@ -128,7 +140,7 @@ fn picture(fit: &Fit, against: &mut Against) {
             100.0 * MIN_MEASURED
         )
     });
-    let blur_px = fit.edge_width_px.map_or(0.0, |width_px| width_px - fit.taught_edge_width_px);
+    let blur_px = fit.blur_px().unwrap_or(0.0);
     against.review(exceeds(blur_px, MAX_BLUR_PX), "blurred", || {
         format!(
             "the outline's edge is {blur_px:.1} px wider than at teaching, allowed are {MAX_BLUR_PX:.1} px; did the panel \
@@ -146,8 +158,22 @@ fn picture(fit: &Fit, against: &mut Against) {
 
 /// Does the camera stand where it stood at teaching?
 fn camera(fit: &Fit, against: &mut Against) {
+    let other = fit.camera.is_some_and(|camera| camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME);
+    let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    // Where teaching's own fixture shows too little as well, teaching has warned of it.
+    let unwatched = !other && !moved && !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
+    against.review(unwatched, "camera_unwatched", || {
+        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
+            let noticed_mm = noticed_mm(mm);
+            format!("by the fixture a camera is noticed where it moves the panel by {noticed_mm:.2} mm or more")
+        });
+        format!(
+            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
+             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
+        )
+    });
     let Some(camera) = &fit.camera else { return };
-    let other = camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME;
     against.reject(other, "camera_moved", || {
         format!(
             "only {:.0} % of the fixture stands where it stood at teaching, needed are {:.0} %; was the camera or the \
@@ -156,8 +182,7 @@ fn camera(fit: &Fit, against: &mut Against) {
             100.0 * MIN_FIXTURE_SAME
         )
     });
-    let moved_mm = camera.moved_mm - camera.uncertainty_mm;
-    against.reject(!other && exceeds(moved_mm, MAX_CAMERA_MOVED_MM), "camera_moved", || {
+    against.reject(moved, "camera_moved", || {
         format!(
             "by the fixture the camera has moved since teaching, which puts the panel {:.2} ± {:.2} mm off, allowed are \
              {MAX_CAMERA_MOVED_MM} mm; calibrate it again",
@@ -245,7 +270,7 @@ pub fn refusal(error: &LocateError) -> Judgement {
 }
 
 /// NaN exceeds every limit.
-fn exceeds(measured: f64, allowed: f64) -> bool {
+pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
     measured.is_nan() || measured > allowed
 }
 
@@ -278,6 +303,7 @@ mod tests {
             agreement_mm: 0.01,
             rival: None,
             camera: Some(CameraCheck { moved_mm: 0.02, uncertainty_mm: 0.05, same: 0.9 }),
+            camera_at_teaching_mm: None,
             weakest: Weakest::Normal,
             covariance: Matrix6::identity(),
             uncertainty_mm: 0.15,
@@ -350,6 +376,20 @@ mod tests {
         };
         assert_eq!(rival(40.0, 20.0), (Verdict::Review, vec!["ambiguous".into()]));
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
+    }
+
+    /// By hand: told to 0.2 mm, a camera is noticed from 0.45 mm on; told to 0.3 mm, from 0.55 mm on, which is more than 0.5.
+    /// 2 ± 2 mm is no camera that stands where it stood.
+    #[test]
+    fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
+        let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });
+        let judged = |camera, camera_at_teaching_mm| judged(&Fit { camera, camera_at_teaching_mm, ..good() });
+        for camera in [None, told(0.3), told(2.0)] {
+            assert_eq!(judged(camera, Some(0.2)), (Verdict::Review, vec!["camera_unwatched".into()]), "{camera:?}");
+            assert_eq!(judged(camera, Some(0.3)).0, Verdict::Accept, "teaching has warned of it: {camera:?}");
+            assert_eq!(judged(camera, None).0, Verdict::Accept, "{camera:?}");
+        }
+        assert_eq!(judged(told(0.2), Some(0.1)).0, Verdict::Accept);
     }
 
     /// A wrong panel that ended up far away is a wrong panel, not a shifted one.

@@ -80,7 +80,7 @@ impl Grid {
                     );
                 }
                 *block = block_inverse(&mut depths, factor * factor, block_rad);
-                if block.is_nan() {
+                if block.is_nan() && depths.len() >= needed(factor * factor) {
                     *block = slanted_inverse(factor, block_rad, |u, v| depth(first + v * width + u));
                 }
             }
@@ -147,8 +147,13 @@ impl Grid {
     }
 }
 
+/// So many of a block's pixels must agree.
+fn needed(pixels: usize) -> usize {
+    (MIN_SHARE * pixels as f64).ceil().max(1.0) as usize
+}
+
 fn block_inverse(depths: &mut [f32], pixels: usize, block_rad: f64) -> f32 {
-    let needed = (MIN_SHARE * pixels as f64).ceil().max(1.0) as usize;
+    let needed = needed(pixels);
     if depths.len() < needed {
         return f32::NAN;
     }
@@ -173,7 +178,7 @@ fn slanted_inverse(factor: usize, block_rad: f64, depth: impl Fn(usize, usize) -
     let place = |k: usize| (k % factor, k / factor);
     let inverse: Vec<Option<f64>> =
         (0..factor * factor).map(|k| depth(place(k).0, place(k).1).map(|z| 1.0 / f64::from(z))).collect();
-    let needed = (MIN_SHARE * inverse.len() as f64).ceil() as usize;
+    let needed = needed(inverse.len());
     if factor < 2 || inverse.iter().flatten().count() < needed {
         return f32::NAN;
     }

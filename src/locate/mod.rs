@@ -5,7 +5,7 @@
 //! ([`search`]); the best placements are fitted to the surface and to the outline's edges in the colour picture together
 //! ([`fit`], [`edges`]), and weighed against each other ([`rivals`]). The result is evidence, a [`Fit`], with its covariance,
 //! the agreement of independent starts, and what the fixture says of the camera's place; [`gate`] judges it.
-//! [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
+//! [`explain`] shows where in the scan a reason comes from. [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
 //! [`thesis_icp`] is the thesis's own method, to be compared with.
 //! Does not know the error of the camera's calibration, which moves taught and located panel alike.
 
@@ -67,31 +67,70 @@ const WEIGHING_SAMPLES: usize = 3_000;
 const START_SHIFT: f64 = 0.02;
 const START_TURN_RAD: f64 = 0.015;
 
+/// A taught panel and a scan made ready: what finding the one in the other and explaining that look at.
+pub struct Prepared<'a> {
+    taught: &'a TaughtPanel,
+    view: View<'a>,
+    settings: &'a recipe::Locate,
+    model: Model,
+    grid: Grid,
+    inside: Vec<bool>,
+    pieces: Vec<pieces::Piece>,
+}
+
 /// Finds the taught panel in a scan.
 ///
 /// # Errors
-/// Where nothing of the panel's size and shape lies in the search box; [`gate::refusal`] makes it a verdict.
+/// As [`Prepared::new`] and [`Prepared::locate`].
 pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) -> Result<Fit, LocateError> {
-    let (model, grid) = rayon::join(|| Model::of(taught), || Grid::of(view.scan, view.camera));
-    let model = model?;
-    let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
-    let pieces = pieces::pieces(&grid, &inside);
-    let candidates = search::candidates(&model, &grid, &pieces);
-    if candidates.is_empty() {
-        return Err(nothing_fits(&model, &pieces, inside.iter().filter(|inside| **inside).count()));
+    Prepared::new(taught, view, settings)?.locate()
+}
+
+impl<'a> Prepared<'a> {
+    /// Makes both ready.
+    ///
+    /// # Errors
+    /// Where the taught panel has too little surface or outline.
+    pub fn new(
+        taught: &'a TaughtPanel,
+        view: &View<'a>,
+        settings: &'a recipe::Locate,
+    ) -> Result<Self, LocateError> {
+        let (model, grid) = rayon::join(|| Model::of(taught), || Grid::of(view.scan, view.camera));
+        let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
+        let pieces = pieces::pieces(&grid, &inside);
+        Ok(Prepared { taught, view: *view, settings, model: model?, grid, inside, pieces })
     }
-    let placements = search::search(&model, &grid, &candidates);
-    let seen = Seen { model: &model, grid: &grid, scan: view.scan };
-    let (best, rival) = choose(&placements, seen, view.base_from_camera)
-        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-    let fitted = fit::fit(&best, seen, &Samples::all(&model))
-        .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-    let (agreement_mm, camera) = rayon::join(
-        || agreement_mm(&fitted, seen),
-        || camera_check::check(taught, &model, (&grid, view.scan), &inside, &fitted.camera_from_panel),
-    );
-    let beside = Beside { agreement_mm, rival, camera };
-    evidence::weigh(&fitted, seen, &pieces, view.base_from_camera, beside)
+
+    fn seen(&self) -> Seen<'_> {
+        Seen { model: &self.model, grid: &self.grid, scan: self.view.scan }
+    }
+
+    /// Finds the panel.
+    ///
+    /// # Errors
+    /// Where nothing of the panel's size and shape lies in the search box; [`gate::refusal`] makes it a verdict.
+    pub fn locate(&self) -> Result<Fit, LocateError> {
+        let Prepared { taught, view, model, grid, inside, pieces, .. } = self;
+        let candidates = search::candidates(model, grid, pieces);
+        if candidates.is_empty() {
+            return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
+        }
+        let placements = search::search(model, grid, &candidates);
+        let seen = self.seen();
+        let (best, rival) = choose(&placements, seen, view.base_from_camera)
+            .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+        let fitted = fit::fit(&best, seen, &Samples::all(model))
+            .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
+        let (agreement_mm, camera) = rayon::join(
+            || agreement_mm(&fitted, seen),
+            || camera_check::check(taught, model, (grid, view.scan), inside, &fitted.camera_from_panel),
+        );
+        let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
+        let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, model, self.settings));
+        let beside = Beside { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
+        evidence::weigh(&fitted, seen, pieces, view.base_from_camera, beside)
+    }
 }
 
 /// Fits the placements and finds the one that no other beats, with the one that comes nearest to it.
@@ -163,5 +202,28 @@ fn nothing_fits(model: &Model, pieces: &[pieces::Piece], found: usize) -> Locate
             area_mm2: piece.area_mm2,
             taught_area_mm2: model.area_mm2,
         },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::panel::TaughtPanel;
+    use crate::recipe::Recipe;
+    use crate::sim::{Cell, SEARCH_BOX_MM};
+
+    /// The panel of a simulated cell, with its recipe.
+    pub fn taught(cell: &Cell) -> (TaughtPanel, Recipe) {
+        let (region, [low, high]) = (cell.region(), SEARCH_BOX_MM);
+        let text = format!(
+            "panel = \"p\"\n[region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n\
+             [locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n",
+            region.corners_px.map(|px| [px.u, px.v]),
+            region.rows,
+            region.columns
+        );
+        let recipe = Recipe::check("simulated.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+        let base_from_camera = cell.calibrated_base_from_camera();
+        let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe);
+        (panel.unwrap_or_else(|error| panic!("{error}")), recipe)
     }
 }

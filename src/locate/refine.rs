@@ -33,6 +33,8 @@ const MIN_APART_MM: f64 = 25.0;
 /// One corner picture.
 #[derive(Debug, Clone, Copy)]
 pub struct CornerView<'a> {
+    /// Its number among the taught ones, from 0.
+    pub corner: usize,
     /// The corner as taught.
     pub taught: &'a TaughtCorner,
     /// Where the camera stood at this picture: base_from_flange · flange_from_camera.
@@ -49,12 +51,12 @@ pub enum RefineError {
     NoView,
     /// The corner is not before the camera.
     #[error(
-        "from the flange pose of picture {picture} the corner would be {depth_mm:.0} mm before the camera; is that pose \
+        "from the flange pose of its picture corner {corner} would be {depth_mm:.0} mm before the camera; is that pose \
          the picture's?"
     )]
     NotInView {
-        /// Which picture, from 1.
-        picture: usize,
+        /// Which of the taught corners, from 1.
+        corner: usize,
         /// Depth of the expected corner, mm.
         depth_mm: f64,
     },
@@ -63,6 +65,8 @@ pub enum RefineError {
 /// What one corner says.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CornerReport {
+    /// Its number among the taught ones, from 0.
+    pub corner: usize,
     /// Where the corner was expected.
     pub expected_px: Pixel,
     /// Found minus expected, px.
@@ -106,9 +110,9 @@ pub fn refine(
 ) -> Result<Refined, RefineError> {
     let seen = views
         .iter()
-        .enumerate()
-        .map(|(index, view)| {
-            look(located, camera, view).map_err(|depth_mm| RefineError::NotInView { picture: index + 1, depth_mm })
+        .map(|view| {
+            let unseen = |depth_mm| RefineError::NotInView { corner: view.corner + 1, depth_mm };
+            look(located, camera, view).map_err(unseen)
         })
         .collect::<Result<Vec<_>, _>>()?;
     let first = seen.first().ok_or(RefineError::NoView)?;
@@ -118,6 +122,7 @@ pub fn refine(
     let report = |seen: &Seen| {
         let [right, down] = along(seen);
         CornerReport {
+            corner: seen.corner,
             expected_px: seen.expected_px,
             error_px: seen.error_px,
             shift_mm: seen.shift_mm,
@@ -134,6 +139,7 @@ pub fn refine(
 }
 
 struct Seen {
+    corner: usize,
     point: Point<Base>,
     forward: Vector<Base>,
     expected_px: Pixel,
@@ -152,6 +158,7 @@ fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'
     let shift_mm = [depth_mm * found.mm.x - expected.mm.x, depth_mm * found.mm.y - expected.mm.y]; // Eq. 3.23
     let axis = |axis: Vector3<f64>| view.base_from_camera * Vector::new(axis);
     Ok(Seen {
+        corner: view.corner,
         point: located * view.taught.point,
         forward: axis(Vector3::z()),
         expected_px,

@@ -263,7 +263,7 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
 /// What a scan says of a taught point at a placement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Sight {
-    /// It has it, so far along the normal, mm.
+    /// It has it; the taught point stands so far before the scan along the normal, (1) of `grid`, mm.
     On(f64),
     /// It has it beside an edge or missing points, where the depth is good for no more.
     Near,

@@ -14,7 +14,7 @@ use rayon::prelude::*;
 /// A point of the outline is found where the edge is this near, px.
 pub(super) const EDGE_FOUND_PX: f64 = 1.5;
 /// A channel at this level or above is saturated.
-const SATURATED: u8 = 252;
+pub const SATURATED: u8 = 252;
 /// Pieces with at least this share on the panel are part of it.
 const PART_OF_PANEL: f64 = 0.2;
 

@@ -1,6 +1,6 @@
 //! The recipe: one TOML file for each kind of panel, checked into a form that holds only allowed values.
 //!
-//! Each table is declared in `tables.rs`, key by key with range, default and meaning; this file joins them and
+//! Each table is declared in `tables`, key by key with range, default and meaning; this file joins them and
 //! checks what concerns several keys. See `config/` for the reading itself.
 
 mod tables;

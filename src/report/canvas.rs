@@ -26,6 +26,13 @@ impl Ink {
     pub const WHITE: Ink = Ink([255, 255, 255]);
     const RIM: Ink = Ink([20, 20, 20]);
 
+    /// This colour with a share of another, 0…1.
+    #[must_use]
+    pub fn mixed(self, other: Ink, share: f64) -> Ink {
+        let mix = |i: usize| (f64::from(self.0[i]) * (1.0 - share) + f64::from(other.0[i]) * share).round() as u8;
+        Ink([mix(0), mix(1), mix(2)])
+    }
+
     fn scalar(self) -> Scalar {
         let [r, g, b] = self.0;
         Scalar::new(r.into(), g.into(), b.into(), 0.0)
@@ -47,6 +54,10 @@ const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
+/// Lengths that a scale bar may have, mm, and the share of the picture's width that it takes at most.
+const BARS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
+const BAR_SHARE: f64 = 0.25;
+
 /// A picture being drawn on.
 pub struct Canvas {
     mat: Mat,
@@ -54,6 +65,17 @@ pub struct Canvas {
 
 fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
+}
+
+/// OpenCV's own letters are ASCII's; any other would be question marks.
+fn ascii(text: &str) -> String {
+    text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-")
+}
+
+/// Scale and weight of letters of this height.
+fn lettering(height_px: f64) -> (f64, i32) {
+    let scale = height_px / FONT_HEIGHT_PX;
+    (scale, (scale * 1.6).round().max(1.0) as i32)
 }
 
 fn fixed(pixel: Pixel) -> Point2i {
@@ -120,9 +142,7 @@ impl Canvas {
         use opencv::core::MatTraitManual;
         let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
         for (pixel, _) in pixels.iter_mut().zip(&mask.inside).filter(|(_, inside)| **inside) {
-            for (value, tint) in pixel.iter_mut().zip(ink.0) {
-                *value = (f64::from(*value) * (1.0 - strength) + f64::from(tint) * strength).round() as u8;
-            }
+            *pixel = Ink(*pixel).mixed(ink, strength).0;
         }
         Ok(())
     }
@@ -132,11 +152,8 @@ impl Canvas {
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn label(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
-        // OpenCV's own letters are ASCII's; any other would be question marks.
-        let text =
-            &text.replace('²', "2").replace('°', " deg").replace('≥', ">=").replace('≤', "<=").replace('–', "-");
-        let scale = height_px / FONT_HEIGHT_PX;
-        let weight = (scale * 1.6).round().max(1.0) as i32;
+        let text = &ascii(text);
+        let (scale, weight) = lettering(height_px);
         let origin = Point2i::new(at.u.round() as i32, at.v.round() as i32);
         for (ink, weight) in [(Ink::RIM, weight * 3 + 1), (ink, weight)] {
             let color = ink.scalar();
@@ -153,6 +170,17 @@ impl Canvas {
             ))?;
         }
         Ok(())
+    }
+
+    /// A scale bar in the lower left corner, as long as a quarter of the picture's width allows; `px_per_mm` at the panel's
+    /// depth.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn scale_bar_within(&mut self, px_per_mm: f64) -> Result<(), ImagingError> {
+        let most_px = BAR_SHARE * f64::from(self.mat.cols());
+        let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * px_per_mm <= most_px);
+        self.scale_bar(bar_mm.unwrap_or(BARS_MM[BARS_MM.len() - 1]), px_per_mm)
     }
 
     /// A scale bar in the lower left corner: `px_per_mm` at the panel's depth.
@@ -180,8 +208,16 @@ impl Canvas {
         let line_px = text_px * 1.8;
         let band = (line_px * (lines.len() as f64 + 0.4)).ceil() as i32;
         let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
+        // A small picture is made as wide as what is said of it.
+        let (scale, weight) = lettering(text_px);
+        let mut widest = 0;
+        for (_, meaning) in lines {
+            let size = drawn(imgproc::get_text_size(&ascii(meaning), FONT, scale, weight, &mut 0))?;
+            widest = widest.max((text_px * 4.6).ceil() as i32 + size.width);
+        }
+        let beside = (widest - self.mat.cols()).max(0);
         let mut mat = Mat::default();
-        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, 0, border, ground))?;
+        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, 0, beside, border, ground))?;
         let mut canvas = Canvas { mat };
         for (index, (ink, meaning)) in lines.iter().enumerate() {
             let base = line_px * (index as f64 + 1.0) - text_px * 0.2;
@@ -247,6 +283,42 @@ mod tests {
         let dark = |row: usize| picture.rgb[row * 40 + 20].iter().all(|&value| value < 100);
         assert!((11..16).any(dark) && (4..9).any(dark), "a rim on both sides");
         assert_eq!(picture.rgb[20], [128; 3]);
+    }
+
+    /// A picture of 60 px beside a legend of 30 letters: no letter is cut, and a wide picture keeps its width.
+    #[test]
+    fn a_legend_is_read_to_its_end() {
+        let width = |px: usize| {
+            let canvas = Canvas::on(&ColorPicture::filled(px, 40, [90; 3])).expect("a picture");
+            let picture =
+                canvas.with_legend(&[(Ink::BLUE, "moved by more than half a pixel")]).expect("drawn").finish();
+            let picture = picture.expect("pixels");
+            let is_dark = |row: usize| picture.rgb[row * picture.width + picture.width - 1] == Ink::RIM.0;
+            assert!((0..picture.height - 40).all(is_dark), "letters at the border");
+            picture.width
+        };
+        assert!(width(60) > 200);
+        assert_eq!(width(900), 900);
+    }
+
+    /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. Of a picture 300 px wide a bar may take
+    /// 75 px: 20 mm at 3 px a mm, 5 mm at 10.
+    #[test]
+    fn a_mix_and_a_bar_are_as_large_as_asked() {
+        assert_eq!(Ink::RIM.mixed(Ink::WHITE, 0.25), Ink([79; 3]));
+        let bar_px = |px_per_mm: f64| {
+            let mut canvas = Canvas::on(&ColorPicture::filled(300, 200, [90; 3])).expect("a picture");
+            canvas.scale_bar_within(px_per_mm).expect("drawn");
+            let picture = canvas.finish().expect("pixels");
+            let whites = (0..300).filter(|u| (170..200).any(|v| picture.rgb[v * 300 + u][0] > 180));
+            whites.clone().last().unwrap_or(0) - whites.clone().next().unwrap_or(0)
+        };
+        assert!(
+            (58..=63).contains(&bar_px(3.0)) && (48..=53).contains(&bar_px(10.0)),
+            "{} {}",
+            bar_px(3.0),
+            bar_px(10.0)
+        );
     }
 
     /// By hand: pixel (3, 2) of the whole is pixel (1, 1) of the part that begins at (2, 1).

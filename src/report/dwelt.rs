@@ -18,8 +18,6 @@ const TIMES: [Ink; 2] = [Ink([222, 235, 247]), Ink([8, 48, 107])];
 const EXPLAINED: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
 /// Once, twice, more often.
 const PASSES: [Ink; 3] = [Ink([190, 215, 235]), Ink([66, 133, 190]), Ink([10, 40, 90])];
-/// Lengths that a scale bar may have, mm.
-const BARS_MM: [f64; 8] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0];
 
 /// How long each place was under the disc; dark from the longest time on.
 ///
@@ -27,11 +25,7 @@ const BARS_MM: [f64; 8] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0];
 /// Where OpenCV refuses to draw.
 pub fn dwell_map(dwell: &Dwell, region: &Region) -> Result<ColorPicture, ImagingError> {
     let longest_s = dwell.longest_s();
-    let ink = |share: f64| {
-        let [light, dark] = TIMES.map(|ink| ink.0);
-        let fade = |n: usize| f64::from(light[n]) + (f64::from(dark[n]) - f64::from(light[n])) * share.min(1.0);
-        Ink([0, 1, 2].map(|n| fade(n).round() as u8))
-    };
+    let ink = |share: f64| TIMES[0].mixed(TIMES[1], share.min(1.0));
     let color = |grid: &GridDwell, sample: usize| match f64::from(grid.dwell_s[sample]) {
         dwell_s if dwell_s > 0.0 => ink(dwell_s / longest_s),
         _ => NOT_REACHED,
@@ -81,8 +75,7 @@ fn drawn(
         let corner = Pixel::at(edge[0].u + text_px * 0.4, edge[0].v + text_px * 1.3);
         canvas.label(corner, &grid.id.to_string(), text_px, Ink::WHITE)?;
     }
-    let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * 4.0 <= sides_mm[0]).unwrap_or(1.0);
-    canvas.scale_bar(bar_mm, px_per_mm)?;
+    canvas.scale_bar_within(px_per_mm)?;
     canvas.with_legend(legend)?.finish()
 }
 

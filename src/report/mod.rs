@@ -19,4 +19,5 @@ pub use cycle::cycle_page;
 pub use dwelt::{dwell_map, overlap_map};
 pub use inspection::inspection_page;
 pub use overlay::View;
+pub use reasons::{ReasonPicture, reason_pictures};
 pub use surface_map::surface_map;

@@ -32,18 +32,14 @@ const STOPS: [(f64, Ink); 5] = [
 fn scale(share: f64) -> Ink {
     let at = share.clamp(0.0, 1.0) * (STOPS.len() - 1) as f64;
     let (low, next) = (at as usize, (at as usize + 1).min(STOPS.len() - 1));
-    let mix = |i: usize| {
-        let (a, b) = (f64::from(STOPS[low].1.0[i]), f64::from(STOPS[next].1.0[i]));
-        (a + (at - low as f64) * (b - a)).round() as u8
-    };
-    Ink([mix(0), mix(1), mix(2)])
+    STOPS[low].1.mixed(STOPS[next].1, at - low as f64)
 }
 
 /// Space around the panel in a picture of it, px at full size.
 const MARGIN_PX: f64 = 40.0;
 
 impl View<'_> {
-    fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
+    pub(super) fn pixels(&self, points: &[Point<Panel>]) -> Vec<Pixel> {
         points.iter().filter_map(|&point| self.camera.project(self.camera_from_panel * point)).collect()
     }
 
@@ -56,10 +52,10 @@ impl View<'_> {
     }
 
     /// Draws the outline, where the taught panel would show it.
-    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, ink: Ink) -> Result<(), ImagingError> {
+    pub(super) fn outline(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let step = (panel.outline.len() / 400).max(1);
         let thinned: Vec<Point<Panel>> = panel.outline.iter().copied().step_by(step).collect();
-        canvas.polyline(&self.pixels(&thinned), true, Pen { ink, width_px: self.line_px() })
+        canvas.polyline(&self.pixels(&thinned), true, pen)
     }
 
     fn grids(
@@ -106,7 +102,7 @@ impl View<'_> {
         let size = (right.saturating_sub(left).max(2), bottom.saturating_sub(top).max(2));
         let part = crop(&canvas.finish()?, left, top, size);
         let mut canvas = Canvas::on(&part)?;
-        canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
+        canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
         canvas.with_legend(legend)?.finish()
     }
 
@@ -117,7 +113,7 @@ impl View<'_> {
     pub fn taught(&self, panel: &TaughtPanel, corners: &[Point<Panel>]) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         canvas.shade(&panel.mask, Ink::BLUE, 0.25)?;
-        self.outline(&mut canvas, panel, Ink::BLUE)?;
+        self.outline(&mut canvas, panel, Pen { ink: Ink::BLUE, width_px: self.line_px() })?;
         self.grids(&mut canvas, &panel.grids, &|_| false)?;
         for pixel in self.pixels(corners) {
             canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
@@ -132,7 +128,7 @@ impl View<'_> {
     /// As [`View::taught`].
     pub fn located(&self, panel: &TaughtPanel) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
-        self.outline(&mut canvas, panel, Ink::ORANGE)?;
+        self.outline(&mut canvas, panel, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
         self.grids(&mut canvas, &panel.grids, &|_| false)?;
         self.framed(canvas, panel, &[(Ink::ORANGE, "taught outline at the place found"), (Ink::WHITE, "grids")])
     }

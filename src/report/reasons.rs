@@ -5,12 +5,12 @@
 
 use super::canvas::{Canvas, Ink, Pen, crop, resized};
 use super::overlay::View;
-use crate::geometry::{ColorPicture, Panel, Pixel, Rigid};
+use crate::geometry::{ColorPicture, Panel, Pixel, Point, Rigid};
 use crate::imaging::ImagingError;
-use crate::locate::Fit;
-use crate::locate::explain::{ENLARGED, Explained, OutlineMark, SurfaceMark};
+use crate::locate::explain::{ENLARGED, Explained, FixtureMark, MOVED_PX, OutlineMark, SATURATED, SurfaceMark};
+use crate::locate::{self, Fit};
 use crate::panel::{TaughtPanel, panel_from_base_at_teaching};
-use crate::verdict::Reason;
+use crate::verdict::{Judgement, Reason};
 
 /// Residuals with full colour, mm.
 const FULL_MM: f64 = 0.5;
@@ -22,57 +22,99 @@ const CLOSE_PX: usize = 720;
 /// Colours of things, largest first.
 const THINGS: [Ink; 5] = [Ink::ORANGE, Ink::BLUE, Ink::GREEN, Ink::YELLOW, Ink::VERMILLION];
 
+/// A reason that dots on the taught surface show.
+struct Dots {
+    codes: &'static [&'static str],
+    caption: &'static str,
+    ink: fn(SurfaceMark) -> Option<Ink>,
+    /// `{full}` stands for [`FULL_MM`].
+    legend: &'static [(Ink, &'static str)],
+}
+
+const DOTS: [Dots; 4] = [
+    Dots {
+        codes: &["poor_fit", "not_converged"],
+        caption: "How far the scan lies from the taught surface",
+        ink: residual_ink,
+        legend: &[
+            (Ink::VERMILLION, "scan {full} mm or more before it"),
+            (Ink::WHITE, "on the taught surface"),
+            (Ink::BLUE, "scan {full} mm or more behind it"),
+        ],
+    },
+    Dots {
+        codes: &["seen_through"],
+        caption: "Where the taught panel is not there",
+        ink: |mark| (mark == SurfaceMark::Through).then_some(Ink::VERMILLION),
+        legend: &[(Ink::VERMILLION, "the scan sees something behind"), (Ink::GREEN, "outline found")],
+    },
+    Dots {
+        codes: &["points_missing"],
+        caption: "Where the panel gave no points",
+        ink: |mark| (mark == SurfaceMark::Missing).then_some(Ink::YELLOW),
+        legend: &[(Ink::YELLOW, "no point"), (Ink::GREEN, "outline found")],
+    },
+    Dots {
+        codes: &["low_overlap"],
+        caption: "What of the taught panel was not found, and why",
+        ink: |mark| match mark {
+            SurfaceMark::On(_) | SurfaceMark::Near => None,
+            SurfaceMark::Hidden => Some(Ink::ORANGE),
+            SurfaceMark::Through => Some(Ink::VERMILLION),
+            SurfaceMark::Missing => Some(Ink::YELLOW),
+        },
+        legend: &[
+            (Ink::ORANGE, "hidden"),
+            (Ink::VERMILLION, "something behind is seen"),
+            (Ink::YELLOW, "no point"),
+            (Ink::GREEN, "outline found"),
+        ],
+    },
+];
+
+/// One reason of a verdict as a picture, or why it cannot be drawn.
+#[derive(Debug)]
+pub struct ReasonPicture {
+    /// The reason's code.
+    pub code: String,
+    /// What the picture shows.
+    pub caption: &'static str,
+    /// The picture.
+    pub picture: Result<ColorPicture, ImagingError>,
+}
+
+/// The pictures of a localization's reasons, over the scan's picture; none for reasons that no scan shows.
+pub fn reason_pictures(
+    panel: &TaughtPanel,
+    (picture, seen): (&ColorPicture, &locate::View<'_>),
+    (explained, fit): (&Explained, Option<&Fit>),
+    judgement: &Judgement,
+) -> Vec<ReasonPicture> {
+    let place = fit.map_or_else(|| panel_from_base_at_teaching().inverse(), |fit| fit.base_from_panel);
+    let camera_from_panel = seen.base_from_camera.inverse() * place;
+    let view = View { picture, camera: seen.camera, camera_from_panel };
+    let drawn = |reason: &Reason| {
+        let (picture, caption) = view.reason(panel, (explained, fit), reason)?;
+        Some(ReasonPicture { code: reason.code.to_string(), caption, picture })
+    };
+    judgement.reasons.iter().filter_map(drawn).collect()
+}
+
+type Drawn = Result<ColorPicture, ImagingError>;
+
 impl View<'_> {
     /// Where a reason shows in the scan's picture, and what the picture shows; `None` for reasons that no scan shows.
-    ///
-    /// # Errors
-    /// Where OpenCV refuses to draw.
-    pub fn reason(
+    fn reason(
         &self,
         panel: &TaughtPanel,
         (explained, fit): (&Explained, Option<&Fit>),
         reason: &Reason,
-    ) -> Result<Option<(ColorPicture, &'static str)>, ImagingError> {
-        let surface = |ink: &dyn Fn(SurfaceMark) -> Option<Ink>| self.dotted(explained, ink);
-        let drawn = match &*reason.code {
-            "no_panel" => (self.things(explained)?, "What stands in the search box, thing by thing"),
-            "poor_fit" | "not_converged" => {
-                let picture = surface(&|mark| residual_ink(mark));
-                let legend = [
-                    (Ink::VERMILLION, "0.5 mm before it, or more"),
-                    (Ink::WHITE, "on the taught surface"),
-                    (Ink::BLUE, "0.5 mm behind it, or more"),
-                ];
-                (self.marked(picture, panel, explained, &legend)?, "How far the scan lies from the taught surface")
-            }
-            "seen_through" => {
-                let picture = surface(&|mark| (mark == SurfaceMark::Through).then_some(Ink::VERMILLION));
-                let legend = [(Ink::VERMILLION, "the scan sees something behind"), (Ink::GREEN, "outline found")];
-                (self.marked(picture, panel, explained, &legend)?, "Where the taught panel is not there")
-            }
-            "points_missing" => {
-                let picture = surface(&|mark| (mark == SurfaceMark::Missing).then_some(Ink::YELLOW));
-                let legend = [(Ink::YELLOW, "no point"), (Ink::GREEN, "outline found")];
-                (self.marked(picture, panel, explained, &legend)?, "Where the panel gave no points")
-            }
-            "low_overlap" => {
-                let picture = surface(&|mark| match mark {
-                    SurfaceMark::On(_) => None,
-                    SurfaceMark::Hidden => Some(Ink::ORANGE),
-                    SurfaceMark::Through => Some(Ink::VERMILLION),
-                    SurfaceMark::Missing => Some(Ink::YELLOW),
-                });
-                let legend = [
-                    (Ink::ORANGE, "hidden"),
-                    (Ink::VERMILLION, "something behind is seen"),
-                    (Ink::YELLOW, "no point"),
-                    (Ink::GREEN, "outline found"),
-                ];
-                (
-                    self.marked(picture, panel, explained, &legend)?,
-                    "What of the taught panel was not found, and why",
-                )
-            }
+    ) -> Option<(Drawn, &'static str)> {
+        if let Some(dots) = DOTS.iter().find(|dots| dots.codes.contains(&&*reason.code)) {
+            return Some((self.dots(panel, explained, dots), dots.caption));
+        }
+        Some(match &*reason.code {
+            "no_panel" => (self.things(explained), "What stands in the search box, thing by thing"),
             "outline_differs" => {
                 let legend = [
                     (Ink::GREEN, "outline found"),
@@ -80,43 +122,45 @@ impl View<'_> {
                     (Ink::WHITE, "hidden or out of view"),
                 ];
                 let picture = self.picture.clone();
-                (self.marked(picture, panel, explained, &legend)?, "Where the panel's edge is not the taught one")
+                (self.marked(picture, panel, explained, &legend), "Where the panel's edge is not the taught one")
             }
             "overexposed" => {
                 let legend = [(Ink::VERMILLION, "overexposed"), (Ink::GREEN, "outline found")];
-                (self.marked(self.overexposed(), panel, explained, &legend)?, "What is overexposed")
+                (self.marked(self.overexposed(), panel, explained, &legend), "What is overexposed")
             }
-            "blurred" => match explained.widest {
-                Some(at) => (self.close(at)?, "The panel's edge where it is least sharp"),
-                None => return Ok(None),
-            },
-            "camera_moved" => (self.fixture(explained)?, "The fixture's edges as taught, over the new picture"),
+            "blurred" => (self.close(explained.widest?), "The panel's edge where it is least sharp"),
+            "camera_moved" | "camera_unwatched" => {
+                (self.fixture(explained), "The fixture's edges as taught, over the new picture")
+            }
             "uncertain" | "starts_disagree" => {
-                (self.weakest(panel, explained)?, "The direction in which the pose is held least")
+                (self.weakest(panel, explained), "The direction in which the pose is held least")
             }
-            "ambiguous" => match fit.and_then(|fit| Some((fit, fit.rival?))) {
-                Some((fit, rival)) => {
-                    let other = fit.base_from_panel.inverse() * rival.base_from_panel;
-                    let legend = [(Ink::ORANGE, "the first placement"), (Ink::BLUE, "the other")];
-                    (self.twice(panel, other, legend)?, "Two placements that explain the scan about equally well")
-                }
-                None => return Ok(None),
-            },
-            "shift_limit" | "turn_limit" | "tilt_limit" => match fit {
-                Some(fit) => {
-                    let nominal = fit.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
-                    let legend = [(Ink::ORANGE, "where it stands"), (Ink::BLUE, "its nominal place")];
-                    (self.twice(panel, nominal, legend)?, "Where the panel stands and where it should")
-                }
-                None => return Ok(None),
-            },
-            _ => return Ok(None),
-        };
-        Ok(Some(drawn))
+            "ambiguous" => {
+                let (fit, rival) = fit.and_then(|fit| Some((fit, fit.rival?)))?;
+                let other = fit.base_from_panel.inverse() * rival.base_from_panel;
+                let legend = [(Ink::ORANGE, "the first placement"), (Ink::BLUE, "the other")];
+                (self.twice(panel, other, legend), "Two placements that explain the scan about equally well")
+            }
+            "shift_limit" | "turn_limit" | "tilt_limit" => {
+                let nominal = fit?.base_from_panel.inverse() * panel_from_base_at_teaching().inverse();
+                let legend = [(Ink::ORANGE, "where it stands"), (Ink::BLUE, "its nominal place")];
+                (self.twice(panel, nominal, legend), "Where the panel stands and where it should")
+            }
+            _ => return None,
+        })
+    }
+
+    /// Dots over the picture, with the outline.
+    fn dots(&self, panel: &TaughtPanel, explained: &Explained, dots: &Dots) -> Drawn {
+        let full = FULL_MM.to_string();
+        let words: Vec<String> = dots.legend.iter().map(|(_, words)| words.replace("{full}", &full)).collect();
+        let legend: Vec<(Ink, &str)> =
+            dots.legend.iter().zip(&words).map(|((ink, _), text)| (*ink, &**text)).collect();
+        self.marked(self.dotted(explained, dots.ink), panel, explained, &legend)
     }
 
     /// The picture with dots where the taught surface is marked.
-    fn dotted(&self, explained: &Explained, ink: &dyn Fn(SurfaceMark) -> Option<Ink>) -> ColorPicture {
+    fn dotted(&self, explained: &Explained, ink: fn(SurfaceMark) -> Option<Ink>) -> ColorPicture {
         let mut picture = self.picture.clone();
         for (pixel, mark) in &explained.surface {
             if let Some(ink) = ink(*mark) {
@@ -154,7 +198,7 @@ impl View<'_> {
     fn overexposed(&self) -> ColorPicture {
         let mut picture = self.picture.clone();
         for pixel in &mut picture.rgb {
-            if pixel.iter().any(|&level| level >= 252) {
+            if pixel.iter().any(|&level| level >= SATURATED) {
                 *pixel = Ink::VERMILLION.0;
             }
         }
@@ -169,15 +213,24 @@ impl View<'_> {
     }
 
     fn fixture(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
-        let mut canvas = Canvas::on(self.picture)?;
-        let radius_px = f64::from(self.line_px()) * 3.0;
-        for (pixel, stands) in &explained.fixture {
-            let ink = if *stands { Ink::GREEN } else { Ink::VERMILLION };
-            canvas.cross(*pixel, radius_px, Pen { ink, width_px: self.line_px() })?;
+        let mut picture = self.picture.clone();
+        // The edges lie close together: rims or crosses would hide their colours.
+        let side_px = usize::try_from(4 * self.line_px()).unwrap_or(4) + 1;
+        for (pixel, mark) in &explained.fixture {
+            let ink = match mark {
+                FixtureMark::Stands => Ink::GREEN,
+                FixtureMark::Moved => Ink::VERMILLION,
+                FixtureMark::Unseen => Ink::BLUE,
+            };
+            dot(&mut picture, *pixel, side_px, ink);
         }
-        let legend =
-            [(Ink::GREEN, "stands where it stood"), (Ink::VERMILLION, "moved by half a pixel or more, or gone")];
-        canvas.with_legend(&legend)?.finish()
+        let moved = format!("moved by more than {MOVED_PX} px, or gone");
+        let legend = [
+            (Ink::GREEN, "edge of the fixture that stands where it stood"),
+            (Ink::VERMILLION, &*moved),
+            (Ink::BLUE, "not to be seen: hidden, or no point"),
+        ];
+        Canvas::on(&picture)?.with_legend(&legend)?.finish()
     }
 
     fn weakest(&self, panel: &TaughtPanel, explained: &Explained) -> Result<ColorPicture, ImagingError> {
@@ -202,10 +255,24 @@ impl View<'_> {
     ) -> Result<ColorPicture, ImagingError> {
         let mut canvas = Canvas::on(self.picture)?;
         let other = View { camera_from_panel: self.camera_from_panel * panel_from_other, ..*self };
-        other.outline(&mut canvas, panel, legend[1].0)?;
-        self.outline(&mut canvas, panel, legend[0].0)?;
-        canvas.scale_bar(50.0, self.px_per_mm(panel.centre()))?;
+        let [(here, _), (there, _)] = legend;
+        // Where both lie on each other the wider one is seen on both sides, and the hands say which way round each is.
+        let pens = [Pen { ink: there, width_px: 4 * self.line_px() }, Pen { ink: here, width_px: self.line_px() }];
+        for (view, pen) in [(&other, pens[0]), (self, pens[1])] {
+            view.outline(&mut canvas, panel, pen)?;
+            view.hand(&mut canvas, panel, pen)?;
+        }
+        canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
+        let legend =
+            [legend[0], legend[1], (Ink::WHITE, "line: from the middle to the first corner of the first grid")];
         canvas.with_legend(&legend)?.finish()
+    }
+
+    /// A line from the panel's middle to the first corner of its first grid.
+    fn hand(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
+        let first = panel.grids.first().and_then(|grid| grid.edge.first());
+        let ends: Vec<Point<Panel>> = first.into_iter().copied().chain([panel.centre()]).collect();
+        canvas.polyline(&self.pixels(&ends), false, pen)
     }
 
     fn things(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {
@@ -225,13 +292,12 @@ impl View<'_> {
     }
 }
 
-/// From behind over the surface to before it: blue, white, vermillion.
+/// From a scan behind the surface over one on it to one before it: blue, white, vermillion.
 fn residual_ink(mark: SurfaceMark) -> Option<Ink> {
     let SurfaceMark::On(mm) = mark else { return None };
     let share = (mm / FULL_MM).clamp(-1.0, 1.0);
     let end = if share > 0.0 { Ink::VERMILLION } else { Ink::BLUE };
-    let mix = |i: usize| (255.0 + share.abs() * (f64::from(end.0[i]) - 255.0)) as u8;
-    Some(Ink([mix(0), mix(1), mix(2)]))
+    Some(Ink::WHITE.mixed(end, share.abs()))
 }
 
 /// A square of ink about a pixel.
@@ -244,9 +310,7 @@ fn dot(picture: &mut ColorPicture, at: Pixel, side_px: usize, ink: Ink) {
                 continue;
             }
             let pixel = &mut picture.rgb[v as usize * picture.width + u as usize];
-            *pixel = std::array::from_fn(|i| {
-                (f64::from(pixel[i]) + INK * (f64::from(ink.0[i]) - f64::from(pixel[i]))).round() as u8
-            });
+            *pixel = Ink(*pixel).mixed(ink, INK).0;
         }
     }
 }
@@ -258,9 +322,9 @@ mod tests {
     /// By hand: a quarter of a millimetre before the surface is half way from white to vermillion (213, 94, 0).
     #[test]
     fn residuals_have_their_colours() {
-        assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(Ink([234, 174, 127])));
+        assert_eq!(residual_ink(SurfaceMark::On(0.25)), Some(Ink([234, 175, 128])));
         assert_eq!(residual_ink(SurfaceMark::On(-3.0)), Some(Ink::BLUE));
-        assert_eq!(residual_ink(SurfaceMark::Missing), None);
+        assert_eq!([SurfaceMark::Missing, SurfaceMark::Near].map(residual_ink), [None; 2]);
     }
 
     /// By hand: a square of two pixels about (0, 1) reaches from −0.5, out of the picture, to 0.5.

@@ -18,8 +18,6 @@ const MISSING: Ink = Ink([204, 121, 167]);
 const LEFT_OUT: Ink = Ink::YELLOW;
 const IN_FRONT: Ink = Ink::VERMILLION;
 const BEHIND: Ink = Ink([0, 114, 178]);
-/// Lengths that a scale bar may have, mm.
-const BARS_MM: [f64; 8] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0];
 
 /// The map with its legend and scale.
 ///
@@ -38,10 +36,8 @@ pub fn surface_map(map: &DeviationMap) -> Result<ColorPicture, ImagingError> {
         }
         .0;
     }
-    let px_per_mm = 1.0 / map.mm_per_px();
-    let bar_mm = BARS_MM.into_iter().find(|bar_mm| bar_mm * 4.0 * px_per_mm <= width as f64).unwrap_or(1.0);
     let mut canvas = Canvas::on(&picture)?;
-    canvas.scale_bar(bar_mm, px_per_mm)?;
+    canvas.scale_bar_within(1.0 / map.mm_per_px())?;
     let side_mm = (2 * MEAN_RADIUS_PX + 1) as f64 * map.mm_per_px();
     let front = format!("scan {FULL_MM} mm or more in front of the surface, mean over {side_mm:.1} mm");
     let behind = format!("scan {FULL_MM} mm or more behind it");
@@ -88,8 +84,7 @@ fn sums(values: &[[f64; 2]], (lines, length): (usize, usize), (line_step, step):
 /// White at 0, the front's colour at 1, the back's at −1.
 fn shade(share: f64) -> Ink {
     let full = if share >= 0.0 { IN_FRONT } else { BEHIND };
-    let strength = share.abs().min(1.0);
-    Ink(full.0.map(|value| (255.0 + (f64::from(value) - 255.0) * strength).round() as u8))
+    Ink::WHITE.mixed(full, share.abs().min(1.0))
 }
 
 #[cfg(test)]

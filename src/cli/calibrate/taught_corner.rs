@@ -6,11 +6,11 @@
 use super::super::fault::Fault;
 use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
-use super::super::refine::find_corner;
 use super::args::{CameraName, Verify};
 use super::verify;
 use crate::calib::CalibError;
 use crate::geometry::{Base, Flange, Rigid};
+use crate::locate::corner::find_taught;
 use crate::panel::panel_from_base_at_teaching;
 use crate::store::calibration_hash;
 use serde_json::json;
@@ -39,11 +39,12 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     };
     let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
     let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * mount.value;
-    let found = find_corner(&shot.picture, (&recipe, 0), &camera.value, &taught.panel, panel_from_camera)?;
     let in_camera = panel_from_camera.inverse() * corner.point;
     let Some(expected) = camera.value.project(in_camera) else {
         return Err(wrong("the taught corner lies behind the camera; is this the flange's pose at the picture?"));
     };
+    let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
+    let found = found.map_err(Fault::stage)?.corner_px;
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);
     let hash = calibration_hash(&[&camera.text, &mount.text]);

@@ -87,6 +87,13 @@ impl<'a> Player<'a> {
         if !deck.parted && deck.peek(false).is_some() {
             deck.part("the loop has left");
         }
+        // A look that nobody needs any more. By the wall clock one may be under way when the loop leaves.
+        let left = if deck.lock_step && !deck.parted { deck.peek(true) } else { None };
+        if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, short(&left.said))) {
+            let (what, now) = ("what the cameras were asked".to_owned(), "nothing".to_owned());
+            deck.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
+            deck.parted = true;
+        }
         Played {
             differences: std::mem::take(&mut deck.differences),
             to_the_end: !deck.parted,
@@ -282,7 +289,7 @@ impl Eyes for Player<'_> {
         self.look("picture")?.map(timed).unwrap_or_else(|| Err(missing()))
     }
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError> {
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
         self.answered(json!({ "begin_film": pictures_per_second }))
     }
 

@@ -4,6 +4,7 @@
 //! keeps time. By the wall clock nobody waits: what finds no place is counted, and the recording says that it has a gap.
 //! A disk that refuses, or that has too little room left, ends the recording and nothing else.
 
+use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
 use crate::tape::{Ending, Entry, Lost, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
@@ -23,8 +24,9 @@ const MOST_BYTES: usize = 256 << 20;
 const VALUE_BYTES: usize = 100;
 /// What was written is whole on the disk after this time, whatever comes then; so often is looked how much room is left.
 const FLUSH: Duration = Duration::from_secs(1);
-/// A disk that takes nothing for so long is waited for no more.
+/// A disk that takes nothing for so long is waited for no more: for a place, and at the end.
 const HANGS: Duration = Duration::from_secs(2);
+const HANGS_AT_THE_END: Duration = Duration::from_secs(20);
 
 /// Where entries are put; any thread may.
 #[derive(Debug, Clone)]
@@ -43,11 +45,12 @@ pub(super) struct Bounds {
     pub waits: bool,
     pub most_bytes: usize,
     pub hangs: Duration,
+    pub hangs_at_the_end: Duration,
 }
 
 impl Bounds {
     pub fn of(lock_step: bool) -> Self {
-        Bounds { waits: lock_step, most_bytes: MOST_BYTES, hangs: HANGS }
+        Bounds { waits: lock_step, most_bytes: MOST_BYTES, hangs: HANGS, hangs_at_the_end: HANGS_AT_THE_END }
     }
 }
 
@@ -121,6 +124,12 @@ impl Recording {
         let recorder = Recorder(Arc::new(Shared { inside: Mutex::default(), changed: Condvar::new(), bounds }));
         let shared = recorder.0.clone();
         let write = move || {
+            // A recording that is lost is the lesser evil, so it steps back as far as computing does.
+            if !bounds.waits
+                && let Err(error) = rustix::process::setpriority_process(None, NICE)
+            {
+                tracing::warn!("recording runs at the loop's priority: {error}");
+            }
             let mut ends = Ends { shared: shared.clone(), panics: true };
             if let Err(error) = open().and_then(|writer| shared.write_all(writer, &mut room)) {
                 shared.lock().stop(error.to_string());
@@ -141,12 +150,14 @@ impl Recording {
         self.recorder.told(&self.file)
     }
 
-    /// Ends the recording and waits until it is written.
+    /// Ends the recording and waits until it is written, as long as the disk takes anything.
     pub fn finish(self) -> Recorded {
         let Recording { file, recorder, thread } = self;
         recorder.close();
-        // A panic in there was reported where it happened, and leaves a recording that is not whole.
-        let _ = thread.join();
+        if recorder.ends() {
+            // A panic in there was reported where it happened, and leaves a recording that is not whole.
+            let _ = thread.join();
+        }
         recorder.told(&file)
     }
 }
@@ -173,7 +184,7 @@ impl Recorder {
     /// Puts an entry down, at the time of the last [`Recorder::clock`].
     pub fn put(&self, mut entry: Entry) {
         let shared = &*self.0;
-        let Bounds { waits, most_bytes, hangs } = shared.bounds;
+        let Bounds { waits, most_bytes, hangs, .. } = shared.bounds;
         let bytes = size(&entry);
         let mut inside = shared.lock();
         // The first one always finds a place, however large it is.
@@ -211,6 +222,24 @@ impl Recorder {
     pub(super) fn close(&self) {
         self.0.lock().closed = true;
         self.0.changed.notify_all();
+    }
+
+    /// Waits for the thread's end; false where its disk hangs, and the thread is left to itself.
+    fn ends(&self) -> bool {
+        let Shared { changed, bounds, .. } = &*self.0;
+        let mut inside = self.0.lock();
+        while !inside.ended {
+            let entries = inside.entries;
+            let stands = |inside: &mut Inside| !inside.ended && inside.entries == entries;
+            let waited = changed.wait_timeout_while(inside, bounds.hangs_at_the_end, stands);
+            let (guard, waited) = waited.unwrap_or_else(PoisonError::into_inner);
+            inside = guard;
+            if waited.timed_out() {
+                inside.stop(format!("its disk took nothing for {} s", bounds.hangs_at_the_end.as_secs_f64()));
+                return false;
+            }
+        }
+        true
     }
 
     /// How a recording in this file stands.

@@ -135,9 +135,9 @@ impl<P: DerefMut<Target: Eyes>> Eyes for Taped<P> {
         taken
     }
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError> {
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
         let begun = self.port.begin_film(pictures_per_second);
-        let heard = || told(&begun.as_ref().map_err(Blind::of));
+        let heard = || told(&begun.as_ref().map_err(|error| Blind::of(error)));
         self.put(Topic::Camera, || (json!({ "begin_film": pictures_per_second }), heard()));
         begun
     }

@@ -13,7 +13,7 @@ use crate::store;
 use crate::tape::{Begin, Entry, Mounted, Start, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -167,9 +167,15 @@ impl Inside {
             hand_eye_mm: calibrations.hand_eye_mm,
             robot_mm: calibrations.robot_mm,
         };
+        let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
         let begun = move || {
-            let out = open().map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
-            Writer::begin(BufWriter::new(out), &start, &files, &mounted(&calibrations))
+            let made = open().and_then(|out| {
+                // Its name is on the disk too.
+                folder.map_or(Ok(()), |folder| File::open(folder)?.sync_all())?;
+                Ok(out)
+            });
+            let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
+            Writer::begin(BufWriter::new(OnDisk(out)), &start, &files, &mounted(&calibrations))
         };
         let name = file.display().to_string();
         let recording = Recording::start(name.clone(), begun, Bounds::of(self.lock_step), room(file))?;
@@ -183,6 +189,19 @@ impl Inside {
         if let Some(recorder) = &self.recorder {
             recorder.put(Entry { topic: Topic::Request, at_ns: 0, said: Value::Null, heard, shot: None });
         }
+    }
+}
+
+/// A file that is flushed to the disk, and not to the system's memory alone: that ends with the power.
+struct OnDisk(File);
+
+impl Write for OnDisk {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.sync_data()
     }
 }
 

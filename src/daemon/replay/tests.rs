@@ -61,9 +61,13 @@ fn begun(disk: &Disk) -> Writer<Disk> {
     Writer::begin(disk.clone(), &start(), &[], &[]).expect("begun")
 }
 
+fn bounds(waits: bool, hangs_at_the_end: Duration) -> Bounds {
+    Bounds { waits, most_bytes: 40_000, hangs: Duration::from_millis(20), hangs_at_the_end }
+}
+
 /// Writes to this disk from a queue of 40 kB, while there is room.
 fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + Send + 'static) -> Recording {
-    let bounds = Bounds { waits, most_bytes: 40_000, hangs: Duration::from_millis(20) };
+    let bounds = bounds(waits, Duration::from_secs(600));
     let mut room_mb = room_mb;
     let room = Box::new(move || Ok(room_mb()));
     Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started")
@@ -145,6 +149,22 @@ fn a_disk_that_hangs_makes_a_gap_in_lock_step_too() {
     drop(go);
     assert_eq!(recording.finish().is, Stands::NotWhole);
     assert!(matches!(check(&disk.bytes()[..]), Err(TapeError::Lost { .. })));
+}
+
+/// Whoever ends it, as the service's end or the next cycle's page, does not hang with the disk.
+#[test]
+fn a_disk_that_hangs_at_the_end_is_left() {
+    let (_disk, go, writer) = hanging();
+    let room = Box::new(|| Ok(u64::MAX));
+    let bounds = bounds(false, Duration::from_millis(50));
+    let recording = Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started");
+    put_pictures(&recording.recorder(), 3);
+    let written = recording.finish();
+    assert!(
+        written.is == Stands::NotWhole && written.message.ends_with("its disk took nothing for 0.05 s"),
+        "{written:?}"
+    );
+    drop(go);
 }
 
 /// The file is ended with the reason; what came before it can be looked at.
@@ -262,6 +282,18 @@ fn another_call_or_none_parts_them() {
 
     let left = player(vec![abort()]).played();
     assert!(!left.to_the_end && left.differences[0].now.contains("left"), "{left:?}");
+}
+
+/// A look through a camera that the loop does without now is a difference, though nothing came of it then.
+#[test]
+fn a_camera_that_is_not_asked_any_more_is_a_difference() {
+    let look = line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
+    let played = player(vec![look]).played();
+    assert!(!played.to_the_end, "{played:?}");
+    assert_eq!(
+        played.differences[0].to_string(),
+        "0.000 s, what the cameras were asked: recorded \"picture\", now nothing"
+    );
 }
 
 /// What is computed beside the loop comes in when it came in, not before and no other.

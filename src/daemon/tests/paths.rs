@@ -2,6 +2,9 @@
 //! axes, feed and rounding as planned, what was executed, the disc.
 
 use super::*;
+use crate::path::Kinematics;
+use crate::path::reach::Things;
+use std::sync::Arc;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
     let of_kind = story.findings.iter().filter(|finding| finding.kind == kind);
@@ -115,4 +118,34 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
     let story = fake.run(Asks::one_cycle());
     assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
     assert_eq!(codes(&story, Kind::Reach), ["pad_stroke"], "{story}");
+}
+
+/// What is looked at is the arm that will move: over the corners that hold the place and in their order, beside the same things.
+#[test]
+fn the_arm_stands_where_its_own_corners_lead() {
+    let fake = Fake::new(Scene::Good);
+    let (cell, recipe, (panel, corners), calibrations) = fake.files();
+    let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+    let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
+    let at = |corners: &[usize], things: Option<&Arc<Things>>| {
+        stand(&job, &arm, &Approached { base_from_panel: place, corners, things })
+    };
+    assert_eq!(corners_in_reach(&job, &arm, place).expect("in reach"), [0, 1]);
+    for (chosen, last) in [(&[0, 1][..], 1), (&[1, 0], 0), (&[0], 0)] {
+        let joints = at(chosen, None).expect("in reach").from.expect("known");
+        let camera = arm.base_from_flange(&joints).expect("finite") * calibrations.flange_from_camera;
+        let wanted = place * corners[last].teaching.panel_from_camera;
+        assert!(camera.origin().distance_mm(wanted.origin()) < 0.01, "{chosen:?}");
+    }
+    assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
+    // A thing where the camera would look from.
+    let eye = (place * corners[1].teaching.panel_from_camera).origin();
+    let things = Arc::new(Things::default().with("what the scan saw", [eye]));
+    let refused = at(&[0, 1], Some(&things)).expect_err("in the way");
+    assert_eq!(refused.code, "out_of_reach");
+    assert!(
+        refused.message.contains("corner 2") && refused.message.contains("what the scan saw"),
+        "{}",
+        refused.message
+    );
 }

@@ -149,7 +149,7 @@ impl Eyes for Odd {
         self.eyes.picture()
     }
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError> {
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
         self.taken = 0;
         self.eyes.begin_film(pictures_per_second)
     }

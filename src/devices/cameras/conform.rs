@@ -49,7 +49,7 @@ pub fn pictures(scanner: &mut dyn Scanner, lens: &PinholeCamera) {
 /// some time pass.
 pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnMut()) {
     assert!(scanner.next_of_clip().is_err() && scanner.end_clip().is_err(), "none has begun");
-    scanner.begin_clip(10.0).expect("begun");
+    let began_s = scanner.begin_clip(10.0).expect("begun");
     let (mut last_s, mut taken) = (f64::NEG_INFINITY, 0);
     while taken < 4 {
         let Some(next) = scanner.next_of_clip().expect("it goes on") else {
@@ -58,6 +58,7 @@ pub fn clips(scanner: &mut dyn Scanner, lens: &PinholeCamera, mut pass: impl FnM
         };
         assert_eq!((next.picture.width, next.picture.height), (lens.width_px, lens.height_px));
         assert!(next.time_s > last_s, "{} after {last_s}", next.time_s);
+        assert!((next.time_s - began_s).abs() < 60.0, "begun at {began_s}, taken at {}: one clock", next.time_s);
         (last_s, taken) = (next.time_s, taken + 1);
     }
     scanner.end_clip().expect("ended");

@@ -67,11 +67,12 @@ pub trait Scanner: Send {
     /// Where the camera does not deliver.
     fn capture_2d(&mut self) -> Result<Picture, CameraError>;
 
-    /// Begins a clip: such pictures one after the other, at most so many a second. Any other capture ends it.
+    /// Begins a clip: such pictures one after the other, at most so many a second. Any other capture ends it. Gives the time,
+    /// on the clock of the pictures: what is missing from then on is missing in the clip.
     ///
     /// # Errors
     /// Where the camera does not begin.
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), CameraError>;
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError>;
 
     /// The clip's next picture; none where none is due yet. A camera that takes them by itself is waited for, and drops
     /// the oldest of those that nobody takes over in time: what the times say is when each was taken.
@@ -120,7 +121,7 @@ impl<S: Scanner + ?Sized> Scanner for Box<S> {
         (**self).capture_2d()
     }
 
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), CameraError> {
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         (**self).begin_clip(pictures_per_second)
     }
 

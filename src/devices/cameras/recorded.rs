@@ -110,9 +110,10 @@ impl Scanner for RecordedScanner {
     }
 
     /// Each picture is there at once, with the time that was recorded.
-    fn begin_clip(&mut self, _: f64) -> Result<(), CameraError> {
+    fn begin_clip(&mut self, _: f64) -> Result<f64, CameraError> {
         self.takes_clip = true;
-        Ok(())
+        self.pictures.check()?;
+        Ok(self.pictures.ahead.front().map_or(0.0, |next| next.time_s))
     }
 
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {

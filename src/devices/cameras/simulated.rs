@@ -75,10 +75,10 @@ impl Scanner for SimulatedScanner {
         Ok(self.picture())
     }
 
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), CameraError> {
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
         let began_ms = self.robot.with(|controller| controller.time_ms());
         self.clip = Some(Clip { began_ms, pictures_per_second, taken: 0 });
-        Ok(())
+        Ok(began_ms as f64 / 1e3)
     }
 
     /// Time stands while somebody waits for a picture, so nobody does: it is taken when it is due.

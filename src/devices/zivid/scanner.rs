@@ -1,5 +1,6 @@
 //! The Zivid as the cell's fixed camera.
 
+use super::clock::now_ns;
 use super::fault::ZividFault;
 use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage, TRIES};
 use super::link::Came;
@@ -274,8 +275,10 @@ impl Scanner for ZividScanner {
         Ok(Picture { time_s: time_s(&photo.taken), picture: photo.picture })
     }
 
-    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<(), CameraError> {
-        Ok(ZividScanner::begin_clip(self, pictures_per_second)?)
+    fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
+        ZividScanner::begin_clip(self, pictures_per_second)?;
+        // The first picture was begun before, where none has been dropped.
+        Ok(now_ns() as f64 * 1e-9)
     }
 
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {

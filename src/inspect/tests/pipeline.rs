@@ -146,6 +146,18 @@ fn part_of_a_test_says_nothing() {
     assert!((aside.footprint.grids()[2].seen_share - 0.25).abs() < 0.01, "10 of 40 columns are in the picture");
 }
 
+/// Pictures that were dropped before the first one, here at 10 s, are missing like any others.
+#[test]
+fn a_film_that_begins_late_has_a_gap() {
+    let begun = |begins_s: f64| {
+        let mut watch = watch(0.0, SHARP);
+        watch.push(&ColorPicture::filled(WIDTH, HEIGHT, DRY), 1.0, Phase::Dry).expect("first");
+        watch.begins(begins_s);
+        watched(watch, |_| vec![])
+    };
+    assert_eq!((codes(&begun(5.0)), codes(&begun(4.9))), (vec![], vec!["gap"]));
+}
+
 #[test]
 fn truth_makes_grids_fail_by_the_same_rule() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });

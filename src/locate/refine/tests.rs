@@ -45,7 +45,7 @@ fn a_corner_to_the_right_moves_the_panel_to_the_right() {
     let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let nominal = crate::panel::panel_from_base_at_teaching().inverse();
-    let view = CornerView { taught: &corner, base_from_camera, found_px: Pixel::at(1048.0, 758.0) };
+    let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(1048.0, 758.0) };
     let refined = refine(nominal, &CAMERA, &[view]).expect("in view");
     assert!((refined.base_from_panel.origin().mm.coords - Vector3::new(0.0, -2.4, 1.0)).norm() < 1e-9);
     assert!((refined.shift_mm[0] - 2.4).abs() < 1e-9 && (refined.shift_mm[1] + 1.0).abs() < 1e-9);
@@ -65,8 +65,13 @@ fn two_corners_share_the_difference() {
     let corner = Point::at(560.0, 0.0, 360.0);
     let (first, second) = (taught(corner, along_x, &CAMERA), taught(corner, along_minus_y, &CAMERA));
     let views = [
-        CornerView { taught: &first, base_from_camera: along_x, found_px: Pixel::at(1034.0, 758.0) },
-        CornerView { taught: &second, base_from_camera: along_minus_y, found_px: Pixel::at(1044.0, 748.0) },
+        CornerView { corner: 0, taught: &first, base_from_camera: along_x, found_px: Pixel::at(1034.0, 758.0) },
+        CornerView {
+            corner: 1,
+            taught: &second,
+            base_from_camera: along_minus_y,
+            found_px: Pixel::at(1044.0, 748.0),
+        },
     ];
     let nominal = crate::panel::panel_from_base_at_teaching().inverse();
     let refined = refine(nominal, &CAMERA, &views).expect("in view");
@@ -91,6 +96,7 @@ fn two_corners_apart_turn_the_panel() {
     let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
     let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
     let seen = |index: usize, y: f64, up_px: f64| CornerView {
+        corner: index,
         taught: &corners[index],
         base_from_camera: at(y),
         found_px: Pixel::at(1024.0 + 5.0, 768.0 - up_px),
@@ -105,6 +111,61 @@ fn two_corners_apart_turn_the_panel() {
     assert_eq!(disagreement(&refined, &[0.3]).expect("a finding").code, "corner_disagrees");
 }
 
+/// By hand: the second taught corner is looked at alone, 12 px off at 10 px a mm. Each gate names it as it was taught.
+#[test]
+fn a_corner_has_the_number_that_it_was_taught_with() {
+    let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
+    let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
+    let view = CornerView { corner: 1, taught: &corner, base_from_camera, found_px: Pixel::at(1036.0, 768.0) };
+    let nominal = crate::panel::panel_from_base_at_teaching().inverse();
+    let refined = refine(nominal, &CAMERA, &[view]).expect("in view");
+    let recipe = limits("max_correction_mm = 1.0\n");
+    let reasons =
+        [judge(&refined, recipe.corner()).reasons, judge_stands(&refined, recipe.corner()).reasons].concat();
+    let reasons = reasons.into_iter().chain(disagreement(&refined, &[0.1]));
+    let said: Vec<(String, bool)> =
+        reasons.map(|it| (it.code.to_string(), it.message.contains("corner 2"))).collect();
+    let codes = ["correction_limit", "moved", "corner_disagrees"];
+    assert_eq!(said, codes.map(|code| (code.to_owned(), true)));
+}
+
+/// What is not a number keeps no limit, whichever corner it is of.
+#[test]
+fn what_is_not_a_number_is_never_accepted() {
+    let report = |corner, shift_mm, left_mm| CornerReport {
+        corner,
+        expected_px: Pixel::at(0.0, 0.0),
+        error_px: 0.0,
+        shift_mm: [shift_mm, 0.0],
+        left_mm,
+    };
+    let refined = |corners| Refined {
+        base_from_panel: crate::panel::panel_from_base_at_teaching().inverse(),
+        shift_mm: [0.0; 2],
+        turned: Degrees(0.0),
+        error_px: 0.0,
+        corners,
+    };
+    let recipe = limits("");
+    for nan in [f64::NAN, -f64::NAN] {
+        let left = refined(vec![report(0, 0.0, nan), report(1, 0.0, 0.1)]);
+        let judgement = judge(&left, recipe.corner());
+        assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Review, "corners_disagree"));
+        let asked = refined(vec![report(0, nan, 0.0), report(1, 0.1, 0.0)]);
+        assert_eq!(judge(&asked, recipe.corner()).reasons[0].code, "correction_limit");
+        assert_eq!(judge_stands(&asked, recipe.corner()).reasons[0].code, "moved");
+        assert_eq!(disagreement(&asked, &[0.3]).expect("a finding").code, "corner_disagrees");
+    }
+}
+
+fn limits(of_corner: &str) -> recipe::Recipe {
+    let text = format!(
+        "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
+         [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n[corner]\n{of_corner}"
+    );
+    recipe::Recipe::check("test.toml", &text).unwrap_or_else(|problems| panic!("{problems}"))
+}
+
 /// By hand: the same two corners, each seen 1 mm towards the other: no rigid panel does that.
 #[test]
 fn corners_that_no_rigid_panel_has_are_a_finding() {
@@ -112,15 +173,14 @@ fn corners_that_no_rigid_panel_has_are_a_finding() {
     let at = |y: f64| looks_along_x(Point::at(320.0, y, 360.0));
     let corners = [100.0, -100.0].map(|y| taught(Point::at(560.0, y, 360.0), at(y), &CAMERA));
     let seen = |index: usize, y: f64, right_px: f64| CornerView {
+        corner: index,
         taught: &corners[index],
         base_from_camera: at(y),
         found_px: Pixel::at(1024.0 + right_px, 768.0),
     };
     let refined = refine(nominal, &CAMERA, &[seen(0, 100.0, 10.0), seen(1, -100.0, -10.0)]).expect("in view");
     assert!(refined.corners.iter().all(|corner| (corner.left_mm - 1.0).abs() < 1e-6), "{refined:?}");
-    let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
-                [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n";
-    let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+    let recipe = limits("");
     let judgement = judge(&refined, recipe.corner());
     assert_eq!((judgement.verdict, judgement.reasons[0].code.as_ref()), (Verdict::Review, "corners_disagree"));
 }
@@ -131,15 +191,17 @@ fn a_wrong_flange_pose_is_an_error_and_a_large_correction_a_reject() {
     let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
     let nominal = crate::panel::panel_from_base_at_teaching().inverse();
     let beyond = looks_along_x(Point::at(900.0, 0.0, 360.0));
-    let view =
-        |base_from_camera, u| CornerView { taught: &corner, base_from_camera, found_px: Pixel::at(u, 768.0) };
+    let view = |base_from_camera, u| CornerView {
+        corner: 0,
+        taught: &corner,
+        base_from_camera,
+        found_px: Pixel::at(u, 768.0),
+    };
     let error = refine(nominal, &CAMERA, &[view(beyond, 1024.0)]).expect_err("behind");
-    assert_eq!(error, RefineError::NotInView { picture: 1, depth_mm: -340.0 });
+    assert_eq!(error, RefineError::NotInView { corner: 1, depth_mm: -340.0 });
     assert_eq!(refine(nominal, &CAMERA, &[]), Err(RefineError::NoView));
 
-    let text = "panel = \"p\"\n[region]\ncorners_px = [[0, 0], [9, 0], [9, 9], [0, 9]]\nrows = 1\ncolumns = 1\n\
-                [locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 1, 1]\n[corner]\nmax_correction_mm = 8.0\n";
-    let recipe = recipe::Recipe::check("test.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+    let recipe = limits("max_correction_mm = 8.0\n");
     let verdict = |u| {
         let refined = refine(nominal, &CAMERA, &[view(base_from_camera, u)]).expect("in view");
         judge(&refined, recipe.corner())
@@ -166,7 +228,7 @@ proptest! {
         let corner = taught(Point::at(560.0, -150.0, 460.0), nominal_camera, &camera);
         let located: Rigid<Base, Panel> = Rigid::claim(small(moved, 20.0, 0.1));
         let new_pose = located * corner.teaching.panel_from_camera; // Eq. 3.22
-        let at_new_pose = CornerView { taught: &corner, base_from_camera: new_pose, found_px: Pixel::at(u, v) };
+        let at_new_pose = CornerView { corner: 0, taught: &corner, base_from_camera: new_pose, found_px: Pixel::at(u, v) };
         let refined = refine(located, &camera, &[at_new_pose]).expect("in view");
         let expected = refined.corners[0].expected_px;
         prop_assert!(expected.distance_px(corner.teaching.reference_px) < 1e-6);
@@ -191,7 +253,7 @@ proptest! {
         let base_from_camera = looks_along_x(Point::at(320.0, 0.0, 360.0));
         let corner = taught(Point::at(560.0, 0.0, 360.0), base_from_camera, &CAMERA);
         let located: Rigid<Base, Panel> = Rigid::claim(Isometry3::new(Vector3::zeros(), moved.into()));
-        let view = CornerView { taught: &corner, base_from_camera, found_px: Pixel::at(u, 700.0) };
+        let view = CornerView { corner: 0, taught: &corner, base_from_camera, found_px: Pixel::at(u, 700.0) };
         if let Ok(refined) = refine(located, &CAMERA, &[view]) {
             let turned: Rigid<Panel, Panel> = located.inverse() * refined.base_from_panel;
             prop_assert!(turned.turn().0 < 1e-6);

@@ -1,10 +1,12 @@
 //! Whether all axes may turn from one place to another together, as `move_j` does.
 //!
 //! No line is followed, so no singular place is in the way; the margins from the axes' limits are for lines, too. What
-//! remains are the limits themselves and the keep-out boxes, looked at every 2° of the axis that turns farthest.
+//! remains are the limits themselves, the keep-out boxes and the things that the arm is to keep off, looked at every 2° of
+//! the axis that turns farthest.
 
 use super::margins::keeps_out;
 use super::obstacle::Obstacle;
+use super::things::keeps_off;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
 use crate::path::kinematics::{Angles, Kinematics, angles, joints};
 
@@ -38,7 +40,8 @@ pub fn swing(
         let share = step as f64 / steps as f64;
         let at: Angles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
         let base_from_flange = arm.base_from_flange(&joints(at)).ok_or(Obstacle::NotFinite)?;
-        keeps_out(arm, (base_from_flange * flange_from_tool).origin(), &at)?;
+        let tip = (base_from_flange * flange_from_tool).origin();
+        keeps_out(arm, tip, &at).and_then(|()| keeps_off(arm, tip, &at))?;
     }
     Ok(())
 }
@@ -47,7 +50,9 @@ pub fn swing(
 mod tests {
     use super::*;
     use crate::cell::Cell;
-    use crate::geometry::KukaPose;
+    use crate::geometry::{KukaPose, Point};
+    use crate::path::reach::Things;
+    use std::sync::Arc;
 
     fn turn(a1_deg: f64) -> Joints {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
@@ -67,5 +72,20 @@ mod tests {
         let far = swing(&arm, tool, &turn(0.0), &turn(-170.5));
         assert!(matches!(far, Err(Obstacle::AxisLimit { axis: 1, .. })), "{far:?}");
         assert_eq!(swing(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Obstacle::NotFinite));
+    }
+
+    /// The same swing over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
+    #[test]
+    fn a_swing_keeps_off_what_the_scan_saw() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
+        let things = Things::default()
+            .with("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
+        let arm = Kinematics::new(cell.arm());
+        let beside = arm.clone().beside(Arc::new(things));
+        let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+        let met = swing(&beside, tool, &turn(0.0), &turn(90.0));
+        assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "what the scan saw"), "{met:?}");
+        assert_eq!(swing(&beside, tool, &turn(0.0), &turn(-90.0)), Ok(()));
+        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(90.0)), Ok(()));
     }
 }

@@ -20,9 +20,14 @@ impl Things {
     #[must_use]
     pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Things {
         let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
-        let mut kept = BTreeMap::new();
+        let (mut kept, mut last) = (BTreeMap::new(), None);
         for point in points {
-            kept.entry(cube(&point)).or_insert(point);
+            // Neighbours in a scan mostly share a cube.
+            let at = Some(cube(&point)).filter(|at| last != Some(*at));
+            if let Some(at) = at {
+                kept.entry(at).or_insert(point);
+                last = Some(at);
+            }
         }
         self.0.push((name, kept.into_values().collect()));
         self
@@ -68,10 +73,10 @@ mod tests {
         assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
     }
 
-    /// Two points of one cube are one: the first.
+    /// Points of one cube are one, the first, whether they follow each other or not.
     #[test]
     fn points_are_thinned() {
-        let things = Things::default().with("panel", [1.0, 2.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
+        let things = Things::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
         assert_eq!(things.0[0].1, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
     }
 

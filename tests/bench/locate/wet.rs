@@ -114,6 +114,7 @@ fn look(
         .iter()
         .zip(&sightings)
         .map(|(corner, &(base_from_camera, found_px))| CornerView {
+            corner: corner.which,
             taught: &corner.taught,
             base_from_camera,
             found_px,

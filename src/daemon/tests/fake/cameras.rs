@@ -24,9 +24,10 @@ impl Eyes for FakeEyes {
         Ok(self.world.borrow().sim.scan())
     }
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<(), SightError> {
-        self.film = Some((self.world.borrow().time_ms, pictures_per_second, 0));
-        Ok(())
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
+        let now_ms = self.world.borrow().time_ms;
+        self.film = Some((now_ms, pictures_per_second, 0));
+        Ok(now_ms as f64 / 1e3)
     }
 
     fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {

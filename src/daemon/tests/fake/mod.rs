@@ -223,7 +223,7 @@ impl Cell {
     }
 
     /// The cell's file, recipe, what was taught, and the calibrations.
-    fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
+    pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
         let text = format!(
             "{CELL}[limits]\nbox_min_mm = [100, -450, 50]\nbox_max_mm = [{}, 450, 900]\nmax_tilt_deg = 60\n{}",

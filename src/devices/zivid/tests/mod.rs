@@ -130,6 +130,19 @@ fn a_hot_camera_spoils_a_picture_and_not_a_shot() {
     assert!(fault.starts_with(words), "{fault}");
 }
 
+/// A text that was changed under way is not the one that its hash means.
+#[test]
+fn settings_whose_text_is_not_what_was_announced_are_refused() {
+    let (stream, _peer) = played(Plan::default())().expect("a worker");
+    let mut link = link::Link::new(stream, std::sync::Arc::default());
+    link.hello(PATIENCE).expect("its first words");
+    let hash = worker::settings_hash("scan, before");
+    let (usage, yaml) = (message::Use::Scan, "scan".to_owned());
+    let answer = link.ask(&message::Request::Settings { usage, yaml, hash }, PATIENCE).expect("an answer");
+    let link::Answer::Words(message::Reply::Refused(refusal)) = answer else { panic!("{answer:?}") };
+    assert!(refusal.message.contains("announced was"), "{refusal:?}");
+}
+
 /// A lamp that is out is told by who looks at the pictures, not as a camera that stands still.
 #[test]
 fn two_black_pictures_are_two_pictures() {

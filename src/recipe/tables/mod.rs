@@ -1,0 +1,13 @@
+//! The tables of a recipe: every key with its range, default and meaning.
+
+mod film;
+mod path;
+mod place;
+
+pub use film::{Inspect, Method, Process, Region};
+pub use path::{FitMethod, Path, Pattern, Surface};
+pub use place::{Corner, CornerName, CornerNames, Locate};
+
+pub(super) use film::{take_inspect, take_region};
+pub(super) use path::take_path;
+pub(super) use place::{take_corner, take_locate};

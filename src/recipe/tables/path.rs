@@ -1,0 +1,154 @@
+//! The surface and the tool's path over it: `[surface]` and `[path]`.
+
+use crate::config::{Choice, Section, settings};
+
+/// How control points are found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FitMethod {
+    /// The surface that deviates least from the scan.
+    LeastSquares,
+    /// The thesis's own way (4.5): points of the scan are the control points.
+    Thesis,
+}
+
+impl Choice for FitMethod {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("least-squares", FitMethod::LeastSquares), ("thesis", FitMethod::Thesis)];
+}
+
+settings! {
+    /// `[surface]`: how the B-spline surface is fitted (thesis 4.5).
+    pub struct Surface {
+        /// How control points are found.
+        method: FitMethod, (), default FitMethod::LeastSquares;
+        /// Distance between control points, mm.
+        control_spacing_mm: f64, 5.0..=200.0, default 25.0;
+        /// Largest root mean square of the fit's residuals, mm.
+        max_rms_mm: f64, 0.001..=5.0, default 0.2;
+        /// Largest share of the region's pixels without a point, percent.
+        max_missing_percent: f64, 0.0..=50.0, default 10.0;
+        /// Side of the largest square without a point, mm.
+        max_hole_mm: f64, 1.0..=200.0, default 12.0;
+    }
+}
+
+/// How the lines lie in a region that is abraded (thesis Fig. 4.26).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pattern {
+    /// Rows, there and back.
+    Raster,
+    /// Rows, and then rows across them.
+    CrossHatch,
+    /// Turns that go inwards all the time.
+    Spiral,
+    /// Closed contours, one inside the other.
+    Offset,
+    /// Contours, the end of each leading into the next one.
+    OffsetSpiral,
+}
+
+impl Choice for Pattern {
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("raster", Pattern::Raster),
+        ("cross-hatch", Pattern::CrossHatch),
+        ("spiral", Pattern::Spiral),
+        ("offset", Pattern::Offset),
+        ("offset-spiral", Pattern::OffsetSpiral),
+    ];
+}
+
+settings! {
+    /// `[path]`: how the tool moves (thesis 4.6–4.8).
+    pub struct Path {
+        /// How the lines lie.
+        pattern: Pattern, (), default Pattern::Raster;
+        /// Direction of the rows, degrees from the region's columns' direction towards its rows'.
+        feed_angle_deg: f64, -90.0..=90.0, default 0.0;
+        /// Are neighbouring grids abraded as one, or each by itself?
+        join_grids: bool, (), default true;
+        /// Diameter of the disc's contact, mm.
+        disc_diameter_mm: f64, 2.0..=300.0, default 30.0;
+        /// Largest distance between neighbouring rows, on the surface, mm.
+        step_over_mm: f64, 0.5..=200.0, default 12.0;
+        /// Largest distance between waypoints along a row, mm.
+        waypoint_spacing_mm: f64, 1.0..=100.0, default 10.0;
+        /// How far the straight way between two waypoints may lie off the surface, mm; waypoints come closer where the
+        /// panel bends more.
+        chord_error_mm: f64, 0.005..=5.0, default 0.1;
+        /// What the controller needs to plan one line, ms; where waypoints are closer, the feed is lower.
+        planning_time_ms: f64, 1.0..=500.0, default 60.0;
+        /// Rounding at a waypoint, as a share of the shorter line beside it. The controller takes at most a half.
+        blend_share: f64, 0.0..=0.5, default 0.2;
+        /// How far the disc may reach beyond the panel's outline, mm.
+        edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
+        /// Feed along the surface, mm/s.
+        feed_mm_s: f64, 1.0..=500.0, default 60.0;
+        /// Acceleration of the tool's point from and to a stop, mm/s².
+        acceleration_mm_s2: f64, 50.0..=10_000.0, default 1_000.0;
+        /// Height of approach and retract above the surface, mm.
+        approach_mm: f64, 5.0..=300.0, default 40.0;
+        /// Way along the surface on which the tool comes down to it and leaves it, moving, mm; 0 goes straight down.
+        landing_mm: f64, 0.0..=100.0, default 15.0;
+        /// Height above the surface at which that way begins, mm.
+        landing_height_mm: f64, 0.5..=50.0, default 3.0;
+        /// The tool is lifted where a hole holds a square of this side, mm; smaller ones it passes over.
+        lift_hole_mm: f64, 1.0..=200.0, default 10.0;
+        /// How far the tool's point goes into the panel along the normal: the compression of its pad, mm.
+        press_in_mm: f64, 0.0..=50.0, default 0.0;
+        /// What the pad can be compressed, mm; a press-in needs it stated.
+        pad_stroke_mm: Option<f64>, 0.5..=100.0, default None;
+        /// Lean of the tool along its spin axis X, degrees.
+        lead_deg: f64, -20.0..=20.0, default 0.0;
+        /// Lean of the tool across that axis, degrees.
+        tilt_deg: f64, -20.0..=20.0, default 0.0;
+        /// Reference of the tool's spin, a direction in the panel's frame; [0, 0, 0] takes each grid's feed axis.
+        reference_axis: [f64; 3], -1.0..=1.0, default [0.0, 0.0, 0.0];
+        /// Is the tool round, so that its spin may be turned for the arm's reach?
+        round_tool: bool, (), default true;
+        /// Contact area that one disc lasts for, mm² of panel; unstated, discs are not counted.
+        disc_life_mm2: Option<f64>, 100.0..=10_000_000.0, default None;
+    }
+}
+
+pub(in crate::recipe) fn take_path(section: &Section<'_, '_>) -> Option<Path> {
+    let path = Path::take(section)?;
+    if path.step_over_mm() > path.disc_diameter_mm() {
+        section.problem(
+            "step_over_mm",
+            format!(
+                "found {}, allowed is at most disc_diameter_mm, {}: wider rows leave stripes",
+                path.step_over_mm(),
+                path.disc_diameter_mm()
+            ),
+        );
+        return None;
+    }
+    match path.pad_stroke_mm() {
+        Some(stroke_mm) if path.press_in_mm() > stroke_mm => {
+            let message = format!("found {}, allowed is at most pad_stroke_mm, {stroke_mm}", path.press_in_mm());
+            section.problem("press_in_mm", message);
+            return None;
+        }
+        None if path.press_in_mm() > 0.0 => {
+            section.problem("pad_stroke_mm", "is missing; a press_in_mm needs the stroke of the pad that takes it");
+            return None;
+        }
+        _ => {}
+    }
+    if path.landing_height_mm() > path.approach_mm() {
+        let message =
+            format!("found {}, allowed is at most approach_mm, {}", path.landing_height_mm(), path.approach_mm());
+        section.problem("landing_height_mm", message);
+        return None;
+    }
+    // A direction need not have length 1, but one this short is a slip of the pen. √3 is the longest.
+    let length = nalgebra::Vector3::from(path.reference_axis()).norm();
+    if length > 0.0 && length < 0.1 {
+        section.problem(
+            "reference_axis",
+            format!("found a direction of length {length}, allowed is 0.1 to 1.8, or [0, 0, 0]"),
+        );
+        return None;
+    }
+    Some(path)
+}

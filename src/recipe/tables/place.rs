@@ -1,0 +1,123 @@
+//! Where the panel stands: `[locate]` and `[corner]`.
+
+use crate::config::{Choice, Section, Setting, settings};
+use toml::de::DeValue;
+
+settings! {
+    /// `[locate]`: where the panel is searched, and what is accepted (thesis 3.8).
+    pub struct Locate {
+        /// Lower corner of the search box in the base frame, mm.
+        box_min_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Upper corner of the search box in the base frame, mm.
+        box_max_mm: [f64; 3], -5_000.0..=5_000.0, required;
+        /// Largest shift of the panel's centre from its nominal place, mm.
+        max_shift_mm: f64, 0.0..=1_000.0, default 60.0;
+        /// Largest turn in the panel's plane, degrees.
+        turn_limit_deg: f64, 0.0..=180.0, default 15.0;
+        /// Largest tilt of the panel's normal, degrees.
+        max_tilt_deg: f64, 0.0..=45.0, default 15.0;
+        /// Largest root mean square of the point-to-plane residuals, mm.
+        max_rms_mm: f64, 0.001..=5.0, default 0.25;
+        /// Smallest share of taught points found in the scan, and of the scan's panel found among them, 0…1; a fifth of
+        /// the panel may be hidden.
+        min_overlap: f64, 0.0..=1.0, default 0.75;
+    }
+}
+
+pub(in crate::recipe) fn take_locate(section: &Section<'_, '_>) -> Option<Locate> {
+    let locate = Locate::take(section)?;
+    let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
+    if (0..3).any(|axis| low[axis] >= high[axis]) {
+        section.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
+        return None;
+    }
+    Some(locate)
+}
+
+/// Which corner of the panel, as the flange camera sees it at the taught pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CornerName {
+    /// Up and to the left.
+    TopLeft,
+    /// Up and to the right.
+    TopRight,
+    /// Down and to the right.
+    BottomRight,
+    /// Down and to the left.
+    BottomLeft,
+}
+
+impl Choice for CornerName {
+    const WORDS: &'static [(&'static str, Self)] = &[
+        ("top-left", CornerName::TopLeft),
+        ("top-right", CornerName::TopRight),
+        ("bottom-right", CornerName::BottomRight),
+        ("bottom-left", CornerName::BottomLeft),
+    ];
+}
+
+/// Which corner each of the taught pictures shows: one word for all of them, or a list in the order of teaching.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CornerNames(Vec<CornerName>);
+
+impl CornerNames {
+    /// The corner of a taught picture, counted from 0; pictures beyond the list show the last one named.
+    pub fn of(&self, picture: usize) -> CornerName {
+        self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
+    }
+}
+
+impl From<CornerName> for CornerNames {
+    fn from(name: CornerName) -> CornerNames {
+        CornerNames(vec![name])
+    }
+}
+
+impl Setting for CornerNames {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let Some(list) = value.as_array() else { return CornerName::parse(value, &()).map(CornerNames::from) };
+        if list.is_empty() {
+            return Err("found an empty list, allowed is a corner for each taught picture".to_owned());
+        }
+        list.iter().map(|item| CornerName::parse(item.get_ref(), &())).collect::<Result<_, _>>().map(CornerNames)
+    }
+}
+
+settings! {
+    /// `[corner]`: how the corner picture is read (thesis 3.9, Fig. 3.17).
+    pub struct Corner {
+        /// Which corner of the panel each taught picture shows.
+        which: CornerNames, (), default CornerName::TopLeft.into();
+        /// Neighbourhood of the bilateral filter, px.
+        bilateral_diameter_px: usize, 3..=31, default 9;
+        /// How far two brightnesses may differ and still be averaged.
+        bilateral_sigma_gray: f64, 1.0..=255.0, default 40.0;
+        /// Darkest brightness that is panel.
+        panel_gray_min: usize, 0..=255, default 0;
+        /// Brightest brightness that is panel.
+        panel_gray_max: usize, 0..=255, default 110;
+        /// Length of edge beside the corner that is left out, for its rounding, mm.
+        rounding_mm: f64, 0.0..=100.0, default 8.0;
+        /// Length of each edge that is fitted, mm.
+        edge_mm: f64, 2.0..=200.0, default 25.0;
+        /// Largest correction in the camera's plane, mm.
+        max_correction_mm: f64, 0.1..=50.0, default 8.0;
+        /// A picture that asks for less than this is the last one, mm.
+        settled_mm: f64, 0.05..=5.0, default 0.3;
+        /// Moves after the first picture, at most.
+        max_moves: usize, 0..=10, default 3;
+        /// Farthest that the corner may stand from where the localization puts it just before contact, mm.
+        verify_mm: f64, 0.05..=5.0, default 0.2;
+    }
+}
+
+pub(in crate::recipe) fn take_corner(section: &Section<'_, '_>) -> Option<Corner> {
+    let corner = Corner::take(section)?;
+    if corner.panel_gray_min() >= corner.panel_gray_max() {
+        section.problem("panel_gray_max", format!("must exceed panel_gray_min, {}", corner.panel_gray_min()));
+        return None;
+    }
+    Some(corner)
+}
