@@ -206,7 +206,7 @@ pub(super) enum Computing<'p> {
     /// Here: the loop waits while a result is taken.
     Here { job: &'p Job<'p>, eyes: &'p mut dyn Eyes, orders: VecDeque<Work> },
     /// On a thread of its own.
-    Aside(Aside),
+    Aside(Box<Aside>),
 }
 
 /// The thread and what it was given.
@@ -250,7 +250,8 @@ impl<'p> Computing<'p> {
             }
         };
         thread::Builder::new().name("computing".to_owned()).spawn(serve)?;
-        Ok(Computing::Aside(Aside { orders, results, under_way: VecDeque::new(), result: None }))
+        let aside = Aside { orders, results, under_way: VecDeque::new(), result: None };
+        Ok(Computing::Aside(Box::new(aside)))
     }
 
     /// Has it done; `task` is what the service's cycle works by.

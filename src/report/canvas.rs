@@ -311,7 +311,7 @@ mod tests {
             canvas.scale_bar_within(px_per_mm).expect("drawn");
             let picture = canvas.finish().expect("pixels");
             let whites = (0..300).filter(|u| (170..200).any(|v| picture.rgb[v * 300 + u][0] > 180));
-            whites.clone().last().unwrap_or(0) - whites.clone().next().unwrap_or(0)
+            whites.clone().next_back().unwrap_or(0) - whites.clone().next().unwrap_or(0)
         };
         assert!(
             (58..=63).contains(&bar_px(3.0)) && (48..=53).contains(&bar_px(10.0)),
