@@ -142,7 +142,7 @@ bench-recording:
 	  rm -rf $(READERS); echo 'The Python package mcap cannot be set up.' >&2; exit 1; }
 	$(READERS)/bin/python tests/bench/recording_peers.py fixtures/*.mcap
 
-# The cycles in fixtures/, recorded anew: a fifth of the pixels each way, a picture of the film every two seconds.
+# The cycles in fixtures/, recorded anew: a seventh of the pixels each way, a picture of the film every two seconds.
 RECORDED := target/fixtures
 fixtures: setup
 	cargo build --locked
@@ -151,7 +151,7 @@ fixtures: setup
 	$(call record,wrong-panel,rejected)
 
 define record
-	target/debug/panelprep render --scene $(1) --reduction 5 --seconds 20 --out $(RECORDED)/$(2)
+	target/debug/panelprep render --scene $(1) --reduction 7 --seconds 20 --out $(RECORDED)/$(2)
 	sed -i 's/^frames_per_second = .*/frames_per_second = 0.5/' $(RECORDED)/$(2)/recipe.toml
 	target/debug/panelprep teach --cell $(RECORDED)/$(2)/cell.toml --recipe $(RECORDED)/$(2)/recipe.toml \
 	  --scan $(RECORDED)/$(2)/taught_scan.pcd --corner $(RECORDED)/$(2)/taught_corner.png \

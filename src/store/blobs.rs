@@ -77,9 +77,7 @@ impl Blobs {
         let written = write_flushed(&probe, b"probe").map_err(at("write", &probe));
         let removed = fs::remove_file(&probe).map_err(at("remove", &probe));
         written.and(removed)?;
-        let disk = rustix::fs::statvfs(&self.folder);
-        let disk = disk.map_err(|error| at("look at the disk of", &self.folder)(error.into()))?;
-        Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+        free_mb(&self.folder).map_err(at("look at the disk of", &self.folder))
     }
 
     pub fn get(&self, hash: &str) -> Result<Vec<u8>, StoreError> {
@@ -88,6 +86,15 @@ impl Blobs {
         let found = content_hash(&bytes);
         if found == hash { Ok(bytes) } else { Err(StoreError::DamagedBlob { path, found }) }
     }
+}
+
+/// Free space on the disk of what is at this path, MB.
+///
+/// # Errors
+/// Where nothing is there.
+pub fn free_mb(path: &Path) -> std::io::Result<u64> {
+    let disk = rustix::fs::statvfs(path)?;
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
 }
 
 fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {

@@ -20,7 +20,7 @@ mod schema;
 mod teaching;
 mod verifications;
 
-pub use blobs::BlobWriter;
+pub use blobs::{BlobWriter, free_mb};
 pub use cycles::CycleStart;
 pub use error::StoreError;
 pub use teaching::{Taught, TaughtCorner, Teaching};

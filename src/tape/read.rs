@@ -140,7 +140,7 @@ impl Seen {
                 self.topics.insert(channel.id, topic(&channel.topic)?);
             }
             Record::Message { header, .. } => {
-                let began_ns = self.began_ns()?;
+                let began_ns = self.start()?.unix_ns;
                 let Some(&topic) = self.topics.get(&header.channel_id) else {
                     return Err(TapeError::Foreign {
                         problem: format!("channel {} is not there", header.channel_id),
@@ -190,10 +190,10 @@ impl Seen {
         if self.is_ours { Ok(()) } else { Err(TapeError::Foreign { problem: problem() }) }
     }
 
-    fn began_ns(&self) -> Result<u64, TapeError> {
+    fn start(&self) -> Result<&Start, TapeError> {
         self.ours()?;
         let missing = || TapeError::Foreign { problem: format!("the attachment {START:?} is missing") };
-        self.start.as_ref().map(|start| start.unix_ns).ok_or_else(missing)
+        self.start.as_ref().ok_or_else(missing)
     }
 
     fn until_s(&self) -> f64 {
@@ -223,7 +223,7 @@ impl Seen {
 
     /// The file's end was reached: is all there?
     fn whole(self) -> Result<Checked, TapeError> {
-        self.began_ns()?;
+        let start = self.start()?.clone();
         let Some(ended) = &self.ended else { return Err(self.unfinished()) };
         let text = |key: &str| ended.get(key).map_or("", String::as_str);
         let unreadable = |error: serde_json::Error| TapeError::Foreign { problem: format!("{END}: {error}") };
@@ -243,8 +243,7 @@ impl Seen {
             }
         }
         let (entries, length_s) = (self.entries(), self.until_s());
-        let missing = TapeError::Foreign { problem: format!("the attachment {START:?} is missing") };
-        Ok(Checked { start: self.start.ok_or(missing)?, files: self.files, entries, length_s })
+        Ok(Checked { start, files: self.files, entries, length_s })
     }
 }
 

@@ -2,6 +2,8 @@
 
 use super::{Check, judge};
 use crate::cli::calibrate::now_unix_s;
+use crate::daemon;
+use crate::store::free_mb;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -51,12 +53,20 @@ pub(super) fn disk(store: &Path) -> Check {
     if rustix::fs::access(&folder, rustix::fs::Access::WRITE_OK).is_err() {
         return Check::wrong("disk", format!("{} must not be written by this user", folder.display()), advice);
     }
-    match rustix::fs::statvfs(&folder) {
-        Ok(disk) => {
-            judge::disk(&folder.display().to_string(), disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
-        }
+    match free_mb(&folder) {
+        Ok(free_mb) => judge::disk(&folder.display().to_string(), free_mb),
         Err(error) => Check::wrong("disk", format!("{}: {error}", folder.display()), advice),
     }
+}
+
+/// Recordings in the store, which nobody removes; nothing to say where there are none.
+pub(super) fn recordings(store: &Path) -> Option<Check> {
+    let folder = daemon::recordings(store);
+    let bytes = |entry: std::io::Result<fs::DirEntry>| Some(entry.ok()?.metadata().ok()?.len());
+    let sizes: Vec<u64> = fs::read_dir(&folder).ok()?.filter_map(bytes).collect();
+    let (count, mb) = (sizes.len(), sizes.iter().sum::<u64>() / 1_000_000);
+    let found = format!("{count} of {mb} MB in {}; they stay until you remove them", folder.display());
+    (count > 0).then(|| Check::right("recordings", found))
 }
 
 /// The kernel's largest receive buffer.

@@ -62,6 +62,7 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
 
 fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     let mut checks = vec![cell::file(common, files), machine::disk(files.store_folder())];
+    checks.extend(machine::recordings(files.store_folder()));
     let (check, store) = cell::store(files);
     checks.push(check);
     checks.extend(machine::clock_behind(files.store_folder()));

@@ -137,7 +137,7 @@ impl<P: DerefMut<Target: Eyes>> Eyes for Taped<P> {
 
     fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
         let begun = self.port.begin_film(pictures_per_second);
-        let heard = || told(&begun.as_ref().map_err(|error| Blind::of(error)));
+        let heard = || told(&begun.as_ref().map_err(Blind::of));
         self.put(Topic::Camera, || (json!({ "begin_film": pictures_per_second }), heard()));
         begun
     }

@@ -9,6 +9,7 @@ use super::queue::{Bounds, Recorded, Recorder, Recording, Room};
 use crate::cycle::{Request, State};
 use crate::geometry::KukaPose;
 use crate::record::CycleId;
+use crate::store;
 use crate::tape::{Begin, Entry, Mounted, Start, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
@@ -223,12 +224,10 @@ fn room(file: &Path) -> Room {
 /// Free space on the disk where this file is, or will be, MB.
 ///
 /// # Errors
-/// Where no part of the path is there.
+/// Where the disk cannot be asked.
 pub fn free_mb(file: &Path) -> io::Result<u64> {
     let there = std::path::absolute(file)?;
-    let there = there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/"));
-    let disk = rustix::fs::statvfs(there)?;
-    Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+    store::free_mb(there.ancestors().find(|path| path.exists()).unwrap_or(Path::new("/")))
 }
 
 /// By the wall clock, a label; a clock that stands before 1970 has none.

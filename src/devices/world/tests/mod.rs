@@ -272,13 +272,13 @@ fn a_simulated_clip_keeps_the_worlds_time() {
     let mut bench = Bench::new();
     let mut scanner = bench.scanner.clone();
     scanner.begin_clip(2.0).expect("begun");
-    let mut times_s = Vec::new();
-    for _ in 0..12 {
+    let (mut times_s, until_ms) = (Vec::new(), bench.now_ms() + 1_300);
+    while bench.now_ms() < until_ms {
         times_s.extend(scanner.next_of_clip().expect("it goes on").map(|picture| picture.time_s));
         bench.pass_s(0.1);
     }
     let since: Vec<f64> = times_s.iter().map(|time_s| time_s - times_s[0]).collect();
-    assert!(since.len() == 3 && (since[1] - 0.5).abs() < 0.11 && (since[2] - 1.0).abs() < 0.11, "{since:?}");
+    assert!(since.len() == 3 && (since[1] - 0.5).abs() < 0.2 && (since[2] - 1.0).abs() < 0.2, "{since:?}");
 }
 
 #[test]

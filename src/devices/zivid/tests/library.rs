@@ -46,7 +46,6 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
     conform::shots(&mut scanner, &lens());
     conform::pictures(&mut scanner, &lens());
-    conform::clips(&mut scanner, &lens(), || ());
     scanner.capture_3d().expect("a shot after pictures");
     let found = scanner.intrinsics().expect("a lens");
     assert_eq!(found.matrix_px, [lens().fx_px, lens().fy_px, 80.5, 49.5]);
@@ -56,6 +55,8 @@ fn the_camera_behind_the_sdk_does_what_every_scanner_does() {
     let taken = scanner.shot().expect("a shot").taken;
     assert_eq!((taken.serial.as_str(), taken.lens_c), ("2127A0F3", Some(35.5)));
     assert_eq!(scanner.history().0, []);
+    // It asks what must be refused, too.
+    conform::clips(&mut scanner, &lens(), || ());
 }
 
 /// By hand, for pixel (81, 50) of 162×100: z = 700 + 25 sin 3 + 15 · 50/162 = 708.158 and up to 0.05 more, x = 0.5 z / f.
