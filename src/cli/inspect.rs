@@ -260,10 +260,6 @@ impl Inspected {
             breaks.len(),
             self.ms_per_frame
         ));
-        for grid in inspection.grids.iter().filter(|grid| grid.failed) {
-            let when = grid.time_to_break_s.map(|time| format!(" from {time:.1} s")).unwrap_or_default();
-            outcome.say(format!("  {} failed: {:.0} mm² broken{when}", grid.id, grid.broken_mm2));
-        }
         outcome.put("observed_s", json!(observation.observed_s));
         outcome.put("frames", json!(observation.frames));
         outcome.put("breaks", json!(breaks));

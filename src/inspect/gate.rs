@@ -2,10 +2,12 @@
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
 //! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
-//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail where film broke on a grid. What the recipe masks is no
-//! part of the test: it hides no break elsewhere, and its grids do not pass. A break always stays in the reasons.
+//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
+//! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
+//! do not pass. A break always stays in the reasons.
 
-use super::quality::{Flaw, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, Quality};
+use super::model::FILM_ASSUMED;
+use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
@@ -17,8 +19,6 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 const MIN_CHANGE_LEVELS: f64 = 6.0;
-/// What a film leaves of the dry brightness, where the clip did not tell.
-const FILM_ASSUMED: f64 = 0.62;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,6 +125,12 @@ impl Observation {
     /// By how much the film changes the panel, grey levels.
     pub fn change_levels(&self) -> f64 {
         self.dry_levels * (1.0 - self.film_left.unwrap_or(FILM_ASSUMED))
+    }
+
+    /// How much less light and how much more than the dry picture's is made up for, percent.
+    pub fn light_limits_percent(&self, settings: &recipe::Inspect) -> [f64; 2] {
+        let brighter = most_brighter_percent(self.film_left.unwrap_or(FILM_ASSUMED), settings);
+        [settings.max_light_change_percent(), brighter]
     }
 }
 
@@ -237,31 +243,50 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
     if enough && (unseen_s <= allowed_s || quality.usable == *frames) {
         return reasons;
     }
-    let (flaw, count) = Flaw::ALL
-        .into_iter()
-        .zip(quality.flawed)
-        .fold((Flaw::Light, 0), |most, found| if found.1 > most.1 { found } else { most });
-    let what = match flaw {
-        Flaw::Light => format!(
-            "the light differs from the dry picture's by more than {:.0} %, or in a way that is no light",
-            settings.max_light_change_percent()
-        ),
-        Flaw::Bright => {
-            format!("glints or overexposure hide more than {:.1} % of the region", settings.max_bright_percent())
-        }
-        Flaw::Moved => {
-            format!("the panel moved by more than {:.1} px since the dry picture", settings.max_moved_px())
-        }
-        Flaw::Focus => format!("the panel's edge has less than {MIN_SHARPNESS:.1} of its first sharpness"),
-        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
-    };
+    let (flaw, flawed) =
+        Flaw::ALL.into_iter().zip(quality.flawed).fold((Flaw::Darker, Flawed::default()), |most, found| {
+            if found.1.pictures > most.1.pictures { found } else { most }
+        });
+    let what = shown(flaw, flawed.worst, observation, settings);
     let message = format!(
         "{} of {frames} wet pictures cannot be judged by, {unseen_s:.1} s of them without one that can (allowed {allowed_s:.1} \
-         s); in {count} of them {what}: repeat the test",
-        frames - quality.usable
+         s); in {} of them {what}: repeat the test",
+        frames - quality.usable,
+        flawed.pictures
     );
     reasons.push(Reason::new(flaw.word(), message));
     reasons
+}
+
+/// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
+fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
+    let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
+    match flaw {
+        Flaw::Darker => format!(
+            "the light is up to {worst:.1} % less than the dry picture's (allowed {darker_percent:.1} %); keep the lamp steady"
+        ),
+        Flaw::Brighter => format!(
+            "the light is up to {worst:.1} % more than the dry picture's (allowed {brighter_percent:.1} %, beyond which it \
+             could be a film that broke all over); keep the lamp steady and other light away"
+        ),
+        Flaw::Untold => format!(
+            "as little as {worst:.0} % of the region is as bright as wet and dry places are in one light (needed {:.0} %); keep \
+             other light and shadows away",
+            100.0 * MIN_TOLD
+        ),
+        Flaw::Bright => format!(
+            "glints or overexposure hide up to {worst:.1} % of the region (allowed {:.1} %)",
+            settings.max_bright_percent()
+        ),
+        Flaw::Moved => format!(
+            "the panel lies up to {worst:.1} px from where the first picture has it (allowed {:.1} px)",
+            settings.max_moved_px()
+        ),
+        Flaw::Focus => format!(
+            "the panel's edge has as little as {worst:.2} of its first sharpness (needed {MIN_SHARPNESS:.2})"
+        ),
+        Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
+    }
 }
 
 fn names(grids: &[GridInspection], which: impl Fn(&GridInspection) -> bool) -> Vec<String> {
@@ -288,4 +313,73 @@ fn broken(min_break_mm2: f64, grids: &[GridInspection]) -> Option<Reason> {
         .collect();
     let message = format!("the film broke on {}; a grid fails from {min_break_mm2:.1} mm²", failed.join(", "));
     (!failed.is_empty()).then(|| Reason::new("broken", message))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::inspect_table;
+    use super::*;
+
+    const DEMANDS: Demands =
+        Demands { observation_s: 10.0, frames_per_second: 1.0, min_break_mm2: 5.0, persist_s: 1.0 };
+
+    fn good() -> Observation {
+        Observation {
+            observed_s: 10.0,
+            frames: 10,
+            longest_gap_s: 1.0,
+            min_break_mm2: 5.0,
+            has_dry: true,
+            never_wet_percent: 0.0,
+            film_left: Some(0.6),
+            dry_levels: 70.0,
+            detection_limit_mm2: 3.0,
+            quality: Quality { usable: 10, ..Quality::default() },
+        }
+    }
+
+    fn codes(observation: &Observation) -> Vec<String> {
+        let judgement = judge(observation, &[], &DEMANDS, &inspect_table(""));
+        judgement.reasons.into_iter().map(|reason| reason.code.to_string()).collect()
+    }
+
+    /// By hand: 8 of 10 pictures, 5 intervals, 15 levels of which the film takes 0.4, and a fifth of the edge are enough.
+    #[test]
+    fn each_demand_is_kept_at_its_limit_and_not_beyond() {
+        let quality = |quality: Quality| Observation { quality, ..good() };
+        let usable =
+            |usable: usize, longest_unseen_s: f64| quality(Quality { usable, longest_unseen_s, ..good().quality });
+        let first = |sharpness: f64| quality(Quality { first_sharpness: Some(sharpness), ..good().quality });
+        let pairs = [
+            (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
+            (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
+            (Observation { frames: 8, ..good() }, Observation { frames: 7, ..good() }, "too_few_frames"),
+            (Observation { longest_gap_s: 5.0, ..good() }, Observation { longest_gap_s: 5.1, ..good() }, "gap"),
+            (Observation { dry_levels: 15.1, ..good() }, Observation { dry_levels: 14.9, ..good() }, "dark"),
+            (
+                Observation { never_wet_percent: 20.0, ..good() },
+                Observation { never_wet_percent: 20.1, ..good() },
+                "never_wet",
+            ),
+            (first(0.2), first(0.19), "focus"),
+            (usable(8, 5.0), usable(7, 5.0), "light"),
+            (usable(8, 5.0), usable(8, 5.1), "light"),
+        ];
+        for (kept, missed, code) in pairs {
+            assert_eq!((codes(&kept), codes(&missed)), (vec![], vec![code.to_owned()]), "{missed:?}");
+        }
+    }
+
+    /// Two brighter pictures and one that is out of focus: the light is named, by the worst and its own limit.
+    #[test]
+    fn the_limit_that_was_broken_is_named() {
+        let mut quality = Quality { usable: 7, longest_unseen_s: 6.0, ..good().quality };
+        quality.flawed[Flaw::Brighter as usize] = Flawed { pictures: 2, worst: 36.4 };
+        quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
+        let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table(""));
+        let message = &judgement.reasons[0].message;
+        let told = "3 of 10 wet pictures cannot be judged by, 6.0 s of them without one that can (allowed 5.0 s); in 2 of \
+                    them the light is up to 36.4 % more than the dry picture's (allowed 33.3 %";
+        assert!(message.starts_with(told), "{message}");
+    }
 }

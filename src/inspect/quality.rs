@@ -5,9 +5,7 @@ use super::steady::Steadiness;
 use crate::recipe;
 
 /// Of the region this share must be as bright as its state lets expect.
-const MIN_TOLD: f64 = 0.5;
-/// More light than this looks too much like a film that broke everywhere.
-pub const MOST_BRIGHTER_PERCENT: f64 = 25.0;
+pub const MIN_TOLD: f64 = 0.5;
 /// A picture with less of the first one's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;
 /// Less is no sharp picture to begin with: the largest step from pixel to pixel, of the whole edge.
@@ -16,8 +14,12 @@ pub const MIN_FIRST_SHARPNESS: f64 = 0.2;
 /// What keeps a picture from being judged by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Flaw {
-    /// The light is another one than can be made up for.
-    Light,
+    /// There is less light than can be made up for.
+    Darker,
+    /// There is more; or is it a film that broke all over?
+    Brighter,
+    /// What is brighter or darker is no light: too little of the region is as one light would have it.
+    Untold,
     /// Glints or overexposure hide too much.
     Bright,
     /// The panel is not where it was.
@@ -30,12 +32,13 @@ pub enum Flaw {
 
 impl Flaw {
     /// Every one.
-    pub const ALL: [Flaw; 5] = [Flaw::Light, Flaw::Bright, Flaw::Moved, Flaw::Focus, Flaw::Frozen];
+    pub const ALL: [Flaw; 7] =
+        [Flaw::Darker, Flaw::Brighter, Flaw::Untold, Flaw::Bright, Flaw::Moved, Flaw::Focus, Flaw::Frozen];
 
     /// Its stable word.
     pub fn word(self) -> &'static str {
         match self {
-            Flaw::Light => "light",
+            Flaw::Darker | Flaw::Brighter | Flaw::Untold => "light",
             Flaw::Bright => "bright",
             Flaw::Moved => "moved",
             Flaw::Focus => "focus",
@@ -44,13 +47,22 @@ impl Flaw {
     }
 }
 
+/// The pictures with one flaw.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Flawed {
+    /// How many; a picture counts for its first flaw alone.
+    pub pictures: usize,
+    /// The worst that was measured, in the unit of its limit.
+    pub worst: f64,
+}
+
 /// How well a film could be seen.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quality {
     /// Pictures that were judged by.
     pub usable: usize,
-    /// Pictures with each flaw, in the order of [`Flaw::ALL`]; a picture counts for its first flaw alone.
-    pub flawed: [usize; 5],
+    /// The pictures with each flaw, in the order of [`Flaw::ALL`].
+    pub flawed: [Flawed; 7],
     /// The longest time without a usable picture, s.
     pub longest_unseen_s: f64,
     /// The least and the most light of a usable picture, the dry picture's being 1.
@@ -69,7 +81,7 @@ impl Default for Quality {
     fn default() -> Self {
         Quality {
             usable: 0,
-            flawed: [0; 5],
+            flawed: [Flawed::default(); 7],
             longest_unseen_s: 0.0,
             light: [f64::INFINITY, f64::NEG_INFINITY],
             moved_px: None,
@@ -97,7 +109,13 @@ impl Quality {
         let flaw = flaw(look, steady, settings);
         self.last_s = time_s;
         match flaw {
-            Some(flaw) => self.flawed[flaw as usize] += 1,
+            Some((flaw, measured)) => {
+                let Flawed { pictures, worst } = &mut self.flawed[flaw as usize];
+                let least_is_worst = matches!(flaw, Flaw::Untold | Flaw::Focus);
+                let is_worse = if least_is_worst { measured < *worst } else { measured > *worst };
+                *worst = if *pictures == 0 || is_worse { measured } else { *worst };
+                *pictures += 1;
+            }
             None => {
                 self.usable += 1;
                 self.longest_unseen_s = self.longest_unseen_s.max(time_s - self.last_usable_s);
@@ -114,21 +132,90 @@ impl Quality {
     }
 }
 
-fn flaw(look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<Flaw> {
-    let limit_percent = settings.max_light_change_percent();
+/// The most light above the dry picture's that can be made up for, percent. Under (1 + τ)/2τ of it a wet place is as
+/// bright as the bound between wet and dry, and the picture says as much for a film that broke all over.
+pub fn most_brighter_percent(film_left: f64, settings: &recipe::Inspect) -> f64 {
+    (50.0 * (1.0 / film_left - 1.0)).min(settings.max_light_change_percent())
+}
+
+/// The first flaw of a picture, and what was measured.
+fn flaw(look: &Look, steady: Option<Steadiness>, settings: &recipe::Inspect) -> Option<(Flaw, f64)> {
     let (darker, brighter) = ((1.0 - look.light) * 100.0, (look.light - 1.0) * 100.0);
-    let is_other_light = darker > limit_percent || brighter > limit_percent.min(MOST_BRIGHTER_PERCENT);
-    if look.frozen {
-        Some(Flaw::Frozen)
-    } else if steady.is_some_and(|steady| steady.sharpness < MIN_SHARPNESS && steady.sharpness > 0.0) {
-        Some(Flaw::Focus)
-    } else if look.hidden * 100.0 > settings.max_bright_percent() {
-        Some(Flaw::Bright)
-    } else if is_other_light || look.told < MIN_TOLD {
-        Some(Flaw::Light)
-    } else if steady.is_some_and(|steady| steady.moved_px > settings.max_moved_px()) {
-        Some(Flaw::Moved)
-    } else {
-        None
+    let hidden = look.hidden * 100.0;
+    let blurred = steady.map(|steady| steady.sharpness).filter(|sharpness| *sharpness > 0.0);
+    let moved_px = steady.map_or(0.0, |steady| steady.moved_px);
+    let tests = [
+        (look.frozen, Flaw::Frozen, 0.0),
+        (blurred.is_some_and(|sharpness| sharpness < MIN_SHARPNESS), Flaw::Focus, blurred.unwrap_or(0.0)),
+        (hidden > settings.max_bright_percent(), Flaw::Bright, hidden),
+        (darker > settings.max_light_change_percent(), Flaw::Darker, darker),
+        (brighter > most_brighter_percent(look.film_left, settings), Flaw::Brighter, brighter),
+        (look.told < MIN_TOLD, Flaw::Untold, look.told * 100.0),
+        (moved_px > settings.max_moved_px(), Flaw::Moved, moved_px),
+    ];
+    tests.into_iter().find(|(has, ..)| *has).map(|(_, flaw, measured)| (flaw, measured))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::inspect_table;
+    use super::*;
+
+    const GOOD: Look = Look { light: 1.0, told: 1.0, hidden: 0.0, frozen: false, film_left: 0.6 };
+    const STEADY: Steadiness = Steadiness { moved_px: 0.0, sharpness: 1.0 };
+
+    /// By hand, at both sides of each limit of the recipe's defaults; (1/0.6 − 1)/2 = 33.3 % more light.
+    #[test]
+    fn each_limit_has_its_flaw() {
+        let settings = inspect_table("");
+        let found = |look: Look, steady: Steadiness| flaw(&look, Some(steady), &settings).map(|(flaw, _)| flaw);
+        let looks = [
+            (Look { light: 0.61, ..GOOD }, Look { light: 0.59, ..GOOD }, Flaw::Darker),
+            (Look { light: 1.33, ..GOOD }, Look { light: 1.34, ..GOOD }, Flaw::Brighter),
+            (Look { told: 0.5, ..GOOD }, Look { told: 0.49, ..GOOD }, Flaw::Untold),
+            (Look { hidden: 0.049, ..GOOD }, Look { hidden: 0.051, ..GOOD }, Flaw::Bright),
+            (GOOD, Look { frozen: true, ..GOOD }, Flaw::Frozen),
+        ];
+        for (good, bad, expected) in looks {
+            assert_eq!((found(good, STEADY), found(bad, STEADY)), (None, Some(expected)));
+        }
+        let moved = |moved_px: f64, sharpness: f64| found(GOOD, Steadiness { moved_px, sharpness });
+        assert_eq!([moved(1.0, 0.6), moved(1.1, 0.6)], [None, Some(Flaw::Moved)]);
+        assert_eq!(
+            [moved(0.0, 0.59), moved(8.0, 0.0)],
+            [Some(Flaw::Focus), Some(Flaw::Moved)],
+            "gone, not blurred"
+        );
+        assert_eq!(
+            flaw(&Look { film_left: 0.5, light: 1.41, ..GOOD }, None, &settings).map(|found| found.0),
+            Some(Flaw::Brighter)
+        );
+    }
+
+    /// By hand: of pictures a second apart three in the middle and the last two are flawed, each kind by its worst.
+    #[test]
+    fn what_was_not_seen_and_the_worst_of_it() {
+        let mut quality = Quality::default();
+        let blurred = |sharpness: f64| Steadiness { sharpness, ..STEADY };
+        let darker = |light: f64| Look { light, ..GOOD };
+        let shown = [
+            (darker(0.9), STEADY),
+            (darker(0.5), STEADY),
+            (darker(0.4), STEADY),
+            (darker(0.45), STEADY),
+            (darker(1.1), STEADY),
+            (GOOD, blurred(0.3)),
+            (GOOD, blurred(0.5)),
+        ];
+        for (second, (look, steady)) in shown.iter().enumerate() {
+            quality.take(look, Some(*steady), &inspect_table(""), second as f64);
+        }
+        assert_eq!((quality.usable, quality.longest_unseen_s, quality.light), (2, 4.0, [0.9, 1.1]));
+        quality.end();
+        let [dark, focus] = [Flaw::Darker, Flaw::Focus].map(|flaw| quality.flawed[flaw as usize]);
+        assert!(
+            (dark.pictures, focus.pictures) == (3, 2) && (dark.worst - 60.0).abs() < 1e-9 && focus.worst == 0.3
+        );
+        assert_eq!((quality.longest_unseen_s, quality.sharpness), (4.0, Some(0.3)));
     }
 }

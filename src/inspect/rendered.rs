@@ -5,7 +5,7 @@ use crate::geometry::Mask;
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::sim::{self, Cell, Film, FilmSpec, Grease, SEARCH_BOX_MM, Scene, SpotKind, WET_FROM_S};
+use crate::sim::{self, Cell, Film, FilmSpec, Grease, SEARCH_BOX_MM, Scene, Spot, SpotKind, WET_FROM_S};
 use crate::verdict::Verdict;
 
 const FRAMES_PER_SECOND: f64 = 5.0;
@@ -88,6 +88,23 @@ fn a_clean_panel_passes_in_bad_light() {
         let film = test.cell.film_as(&[], &FilmSpec::hard(seed), 0);
         let (inspection, _) = test.inspect(&film);
         assert_eq!(inspection.judgement.verdict, Verdict::Pass, "{seed}: {:?}", inspection.judgement);
+    }
+}
+
+/// The lamp grows by 15 % while the film thins, and flickers: together almost a third more than the first picture's.
+#[test]
+fn light_that_drifts_as_far_as_it_may_fails_nothing_and_hides_nothing() {
+    let places = Grease::Mixed { count: 4, until_s: WET_FROM_S + 25.0 };
+    for (seed, grease, verdict) in [(15, None, Verdict::Pass), (9, Some(places), Verdict::Fail)] {
+        let worst = FilmSpec { drift: 0.15, flicker: 0.03, thinning: 0.15, ..FilmSpec::hard(seed) };
+        let test = Test::new(seed, 4, 30.0);
+        let spots: Vec<Spot> = grease.iter().flat_map(|grease| test.cell.greased(grease, seed)).collect();
+        let film = test.cell.film_as(&spots, &worst, seed);
+        let (inspection, truth) = test.inspect(&film);
+        let light = inspection.observation.quality.light;
+        assert!(light[1] > 1.27, "{light:?}");
+        assert_eq!(inspection.judgement.verdict, verdict, "{:?}", inspection.judgement);
+        agrees(&inspection, &truth, 0.93);
     }
 }
 

@@ -150,18 +150,17 @@ fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
 
 /// The mean of the channels between four pixels; `None` beyond the picture.
 fn gray(picture: &ColorPicture, at: Vector2<f32>) -> Option<f32> {
-    let (left, top) = (at.x.floor(), at.y.floor());
-    let fits = left >= 0.0 && top >= 0.0 && left + 1.0 < picture.width as f32 && top + 1.0 < picture.height as f32;
-    if !fits {
+    let within = |at: f32, length: usize| at >= 0.0 && at < length as f32 - 1.0;
+    if !within(at.x, picture.width) || !within(at.y, picture.height) {
         return None;
     }
-    let (across, down) = (at.x - left, at.y - top);
-    let value = |column: usize, row: usize| {
-        let [r, g, b] = picture.rgb[row * picture.width + column].map(f32::from);
-        (r + g + b) / 3.0
+    let (column, row) = (at.x as usize, at.y as usize);
+    let (across, down) = (at.x - column as f32, at.y - row as f32);
+    let value = |[r, g, b]: [u8; 3]| f32::from(u16::from(r) + u16::from(g) + u16::from(b)) / 3.0;
+    let mix = |row: usize| {
+        let pixels = &picture.rgb[row * picture.width + column..][..2];
+        value(pixels[0]) * (1.0 - across) + value(pixels[1]) * across
     };
-    let (column, row) = (left as usize, top as usize);
-    let mix = |row: usize| value(column, row) * (1.0 - across) + value(column + 1, row) * across;
     Some(mix(row) * (1.0 - down) + mix(row + 1) * down)
 }
 
@@ -212,6 +211,20 @@ mod tests {
         }
         let blurred = outline.hold_against(&square(0.0, 6.0, 42.0)).expect("contrast");
         assert!(blurred.moved_px < 0.1 && blurred.sharpness < 0.4, "{blurred:?}");
+    }
+
+    /// By hand: 16 of 208 places see an edge 4 px farther in, which alone would be a move of 16 · 4/104 = 0.6 px.
+    #[test]
+    fn a_drop_at_the_edge_is_no_move_and_a_panel_that_is_gone_is_one() {
+        let mut outline = outline();
+        outline.begin(&square(0.0, 1.0, 70.0)).expect("contrast");
+        let mut dented = square(0.0, 1.0, 70.0);
+        for row in 60..76 {
+            dented.rgb[row * 100 + 18..row * 100 + 24].fill([180; 3]);
+        }
+        assert!(outline.hold_against(&dented).expect("contrast").moved_px < 0.1);
+        let gone = Steadiness { moved_px: f64::from(REACH_PX), sharpness: 0.0 };
+        assert_eq!(outline.hold_against(&square(0.0, 1.0, 178.0)), Some(gone));
     }
 
     #[test]

@@ -105,7 +105,8 @@ impl Watch {
                 self.model.spray(picture);
                 Ok(Step::default())
             }
-            Phase::Wet => self.wet(picture, time_s),
+            // One way into the pool for all that follows: each way wakes a thread that sleeps.
+            Phase::Wet => rayon::scope(|_| self.wet(picture, time_s)),
         }
     }
 

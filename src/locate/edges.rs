@@ -2,6 +2,10 @@
 //!
 //! The measured depths say roughly: inside of the edge they lie on the panel's surface, outside of it behind. Colour says
 //! exactly, where both sides differ in brightness. Where something nearer hides the edge there is none to be found.
+//!
+//! A 3D camera has no points where its projector does not reach: the panel's shadow lies on what is behind it, along its
+//! edge on one side, and the shadow of a thing before the panel on the panel. Missing points beyond the surface are therefore
+//! no distance to its edge, and where points are missing inside of the edge depth says nothing and colour alone decides.
 
 use super::grid::{Motion, camera_point};
 use super::model::{Model, Scan};
@@ -20,7 +24,9 @@ const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
 /// Colour and depth may put the edge this far apart, px.
 const COLOUR_NEAR_PX: f64 = 2.6;
-/// Depths that leave the edge open over more than this say nothing, px.
+/// Points beyond a surface that are missing over more than this are missing for want of light, px.
+const RIM_PX: i32 = 3;
+/// Depths that leave the edge open over more than this do not say where it is without colour, px.
 const MAX_OPEN_PX: i32 = 8;
 
 /// What was found beside a point of the outline.
@@ -133,46 +139,56 @@ fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, tangent: &Tangent) -> E
         }
     };
     let depths: Vec<Depth> = (-reach..=reach).map(depth).collect();
-    let (last_on, first_off) = match by_depth(&depths) {
-        Ok(found) => found,
-        Err(edge) => return edge,
+    let (rough_px, known) = match by_depth(&depths) {
+        Rough::At(offset_px) => (offset_px, true),
+        Rough::Near(offset_px) => (offset_px, false),
+        Rough::Not(edge) => return edge,
     };
-    let rough_px = f64::from(last_on + first_off) / 2.0 - f64::from(reach);
     let line = profile::line(scan, pixel, [across.x, across.y]);
     let step = line.and_then(|line| profile::step(&line, rough_px));
     match step.filter(|step| (step.offset_px - rough_px).abs() <= COLOUR_NEAR_PX) {
         Some(step) => Edge::Colour { offset_px: step.offset_px, width_px: step.width_px },
-        None => Edge::Depth { offset_px: rough_px },
+        None if known => Edge::Depth { offset_px: rough_px },
+        None => Edge::Absent,
     }
 }
 
-/// The last place on the surface and the first one off it.
-fn by_depth(depths: &[Depth]) -> Result<(i32, i32), Edge> {
+/// What depths say of an edge, px from the middle of the line outwards.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Rough {
+    At(f64),
+    /// If it is there at all, which colour must show.
+    Near(f64),
+    /// There is none to be looked for.
+    Not(Edge),
+}
+
+fn by_depth(depths: &[Depth]) -> Rough {
     let count = depths.len() as i32;
     let at = |i: i32| depths.get(i as usize).copied().unwrap_or(Depth::Missing);
     // A single flying point is no end: two of three beyond it must be off as well.
     let ends = |i: i32, what: Depth| at(i) == what && (i + 1..i + 4).filter(|&j| at(j) == what).count() >= 2;
     let farther = (0..count).find(|&i| ends(i, Depth::Farther));
     let nearer = (0..count).find(|&i| ends(i, Depth::Nearer));
-    let first_off = match (farther, nearer) {
-        (None, None) => {
-            // Nothing was measured beyond: the hall, or black things.
-            let last = (0..count).rev().find(|&i| at(i) == Depth::On).ok_or(Edge::Absent)?;
-            if last >= count - 4 {
-                return Err(Edge::Absent);
-            }
-            last + 2
-        }
-        (Some(far), Some(near)) if near < far => return Err(Edge::Hidden),
-        (None, Some(_)) => return Err(Edge::Hidden),
-        (Some(far), _) => far,
-    };
-    let last_on = (0..first_off).rev().find(|&i| at(i) == Depth::On).ok_or(Edge::Absent)?;
-    let on = (last_on - INSIDE_PX + 1..=last_on).filter(|&i| i >= 0 && at(i) == Depth::On).count();
-    if on < MIN_INSIDE || first_off - last_on > MAX_OPEN_PX {
-        return Err(Edge::Absent);
+    let hidden = nearer.is_some_and(|near| farther.is_none_or(|far| near < far));
+    if hidden {
+        return Rough::Not(Edge::Hidden);
     }
-    Ok((last_on, first_off))
+    let middle = count / 2;
+    let unlit = (middle - INSIDE_PX..middle).filter(|&i| at(i) == Depth::Missing).count() > MIN_INSIDE;
+    let surface_ends = farther.unwrap_or(count);
+    let last_on = (0..surface_ends).rev().find(|&i| at(i) == Depth::On);
+    let on = |last: i32| (last - INSIDE_PX + 1..=last).filter(|&i| i >= 0 && at(i) == Depth::On).count();
+    let Some(last_on) = last_on.filter(|&last| on(last) >= MIN_INSIDE) else {
+        return if unlit { Rough::Near(0.0) } else { Rough::Not(Edge::Absent) };
+    };
+    // Nothing was measured beyond: a shadow, the hall, or black things; else the surface goes on.
+    if farther.is_none() && last_on >= count - 4 {
+        return Rough::Not(Edge::Absent);
+    }
+    let open = farther.map_or(2, |far| far - last_on);
+    let rough_px = f64::from(last_on - middle) + f64::from(open.min(RIM_PX)) / 2.0;
+    if open <= MAX_OPEN_PX { Rough::At(rough_px) } else { Rough::Near(rough_px) }
 }
 
 #[cfg(test)]
@@ -190,14 +206,30 @@ mod tests {
             .collect()
     }
 
-    /// By hand: the surface ends at place 9, the plate begins at 12; one flying point on the way is nothing.
+    /// By hand, with the middle at place 8: the surface ends at place 9, the plate begins at 12, so the edge is at 10.5, which
+    /// is 2.5 outside; one flying point on the way is nothing.
     #[test]
     fn depths_say_where_the_surface_ends() {
-        assert_eq!(by_depth(&depths("oooooooooo--ffffff")), Ok((9, 12)));
-        assert_eq!(by_depth(&depths("ooooofoooo--ffffff")), Ok((9, 12)), "a flying point");
-        assert_eq!(by_depth(&depths("oooooooooo--------")), Ok((9, 11)), "the hall");
-        assert_eq!(by_depth(&depths("ooooooo-nnnnnnffff")), Err(Edge::Hidden), "something before it");
-        assert_eq!(by_depth(&depths("oooooooooooooooooo")), Err(Edge::Absent), "it goes on");
-        assert_eq!(by_depth(&depths("ffffffffffffffffff")), Err(Edge::Absent), "it is not there");
+        let rough = |text: &str| by_depth(&depths(text));
+        assert_eq!(rough("oooooooooo--fffff"), Rough::At(2.5));
+        assert_eq!(rough("ooooofoooo--fffff"), Rough::At(2.5), "a flying point");
+        assert_eq!(rough("oooooooooo-------"), Rough::At(2.0), "a wide shadow, or the hall");
+        assert_eq!(rough("ooooooo-nnnnnnfff"), Rough::Not(Edge::Hidden), "something before it");
+        assert_eq!(rough("ooooooooooooooooo"), Rough::Not(Edge::Absent), "it goes on");
+        assert_eq!(rough("fffffffffffffffff"), Rough::Not(Edge::Absent), "it is not there");
+    }
+
+    /// By hand: beyond the last point on the surface, at place 5, a shadow of 6 px; the edge is at its near end, 5 + 1.5, and
+    /// not in its middle. Where the shadow is so wide that it might be points of the panel that are missing, colour
+    /// must show the edge; likewise where the panel itself is in a shadow.
+    #[test]
+    fn missing_points_are_no_distance_to_the_edge() {
+        let rough = |text: &str| by_depth(&depths(text));
+        assert_eq!(rough("oooooo------fffff"), Rough::At(-1.5));
+        assert_eq!(rough("oooooo---------ff"), Rough::At(-2.0), "two points are no plate");
+        assert_eq!(rough("oooo----------fff"), Rough::Near(-3.5));
+        assert_eq!(rough("---------ffffffff"), Rough::Near(0.0), "the panel is in shadow, the plate is not");
+        assert_eq!(rough("-----------------"), Rough::Near(0.0), "both are");
+        assert_eq!(rough("-----fffffffffff-"), Rough::Not(Edge::Absent), "the plate where the panel should be");
     }
 }

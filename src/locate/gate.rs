@@ -89,6 +89,7 @@ pub fn judge(fit: &Fit, limits: &recipe::Locate) -> Judgement {
     camera(fit, &mut against);
     // Where something that is not the panel ended up is no reason for anything.
     if against.reject.is_empty() {
+        watch(fit, &mut against);
         knowledge(fit, &mut against);
         motion(fit, limits, &mut against);
     }
@@ -158,22 +159,9 @@ fn picture(fit: &Fit, against: &mut Against) {
 
 /// Does the camera stand where it stood at teaching?
 fn camera(fit: &Fit, against: &mut Against) {
-    let other = fit.camera.is_some_and(|camera| camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME);
-    let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
-    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
-    // Where teaching's own fixture shows too little as well, teaching has warned of it.
-    let unwatched = !other && !moved && !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
-    against.review(unwatched, "camera_unwatched", || {
-        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
-            let noticed_mm = noticed_mm(mm);
-            format!("by the fixture a camera is noticed where it moves the panel by {noticed_mm:.2} mm or more")
-        });
-        format!(
-            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
-             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
-        )
-    });
     let Some(camera) = &fit.camera else { return };
+    let other = camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME;
+    let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
     against.reject(other, "camera_moved", || {
         format!(
             "only {:.0} % of the fixture stands where it stood at teaching, needed are {:.0} %; was the camera or the \
@@ -187,6 +175,23 @@ fn camera(fit: &Fit, against: &mut Against) {
             "by the fixture the camera has moved since teaching, which puts the panel {:.2} ± {:.2} mm off, allowed are \
              {MAX_CAMERA_MOVED_MM} mm; calibrate it again",
             camera.moved_mm, camera.uncertainty_mm
+        )
+    });
+}
+
+/// Can this scan tell that the camera stands where it stood?
+fn watch(fit: &Fit, against: &mut Against) {
+    let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+    // Where teaching's own fixture shows too little as well, teaching has warned of it.
+    let unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
+    against.review(unwatched, "camera_unwatched", || {
+        let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
+            let noticed_mm = noticed_mm(mm);
+            format!("by the fixture a camera is noticed where it moves the panel by {noticed_mm:.2} mm or more")
+        });
+        format!(
+            "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
+             teaching; is something before the fixture? If the camera was calibrated again since, teach again"
         )
     });
 }

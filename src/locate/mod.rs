@@ -27,6 +27,7 @@ mod profile;
 pub mod refine;
 mod rivals;
 mod search;
+mod shadow;
 mod shares;
 mod solve;
 

@@ -1,7 +1,8 @@
 //! What of the panel and of the scan found a partner.
 //!
 //! Each taught point is looked for where it projects to, each point of the outline where its edge should be, and the scan's
-//! pieces where the taught panel would show them. What is hidden or out of view says nothing, but is not found either.
+//! pieces where the taught panel would show them. What is hidden or out of view says nothing, but is not found either; nor
+//! does a point that is missing beside a nearer thing, in whose shadow it may lie.
 
 use super::edges::Edge;
 use super::fit::{Residuals, Seen};
@@ -9,6 +10,7 @@ use super::grid::{Motion, camera_point};
 use super::model::Model;
 use super::pieces::Piece;
 use super::search::{Sight, covered, sight};
+use super::shadow;
 use rayon::prelude::*;
 
 /// A point of the outline is found where the edge is this near, px.
@@ -33,13 +35,15 @@ impl SurfaceShares {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
             let place = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height()));
             let measured = place.is_some_and(|(column, row)| scan.point(column, row).is_some());
-            (sight(motion, model, grid, i), measured)
+            let unlit =
+                || pixel.is_some_and(|pixel| shadow::may_hide(grid, pixel, motion.point(&model.points[i]).z));
+            (sight(motion, model, grid, i), measured, !measured && unlit())
         };
-        let looks: Vec<(Sight, bool)> =
+        let looks: Vec<(Sight, bool, bool)> =
             (0..model.points.len()).into_par_iter().with_min_len(1_024).map(look).collect();
         let (mut on, mut near, mut through, mut squares) = (0usize, 0usize, 0usize, 0.0);
         let (mut in_view, mut measured) = (0usize, 0usize);
-        for (sight, has_point) in &looks {
+        for (sight, has_point, unlit) in &looks {
             match sight {
                 Sight::On(residual_mm) => (on, squares) = (on + 1, squares + residual_mm * residual_mm),
                 Sight::Near => near += 1,
@@ -47,7 +51,7 @@ impl SurfaceShares {
                 Sight::Unknown => {}
                 Sight::Hidden => continue,
             }
-            in_view += 1;
+            in_view += usize::from(!unlit);
             measured += usize::from(*has_point);
         }
         let share = |part: usize, whole: usize| part as f64 / whole.max(1) as f64;

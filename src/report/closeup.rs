@@ -82,6 +82,8 @@ pub fn film_strip(pictures: &[StripPicture]) -> Result<ColorPicture, ImagingErro
 /// When a strip's six pictures are taken, s after the first fully wet one: close together where the film opens.
 pub fn strip_times_s(opens_s: Option<f64>, end_s: f64) -> [f64; 6] {
     let times_s = match opens_s {
+        // The first picture shows it already.
+        Some(opens_s) if opens_s <= 0.0 => [0.0, 1.0, 3.0, 8.0, (8.0 + end_s) / 2.0, end_s],
         Some(opens_s) => [0.0, opens_s, opens_s + 1.0, opens_s + 3.0, opens_s + 8.0, end_s],
         None => [0.0, 0.2 * end_s, 0.4 * end_s, 0.6 * end_s, 0.8 * end_s, end_s],
     };

@@ -69,7 +69,7 @@ fn grids(inspection: &Inspection) -> Section {
 fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> Section {
     let observation = &inspection.observation;
     let (quality, settings) = (&observation.quality, recipe.inspect());
-    let light = settings.max_light_change_percent();
+    let [darker, brighter] = observation.light_limits_percent(settings);
     let percent = |share: f64| format!("{:+.1} %", 100.0 * (share - 1.0));
     let unknown = || "not measured: the outline has no contrast".to_owned();
     let mut rows = vec![
@@ -109,7 +109,7 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
     ];
     if quality.usable > 0 {
         let value = format!("{} to {}", percent(quality.light[0]), percent(quality.light[1]));
-        rows.insert(4, Row::new("change of the light", value, format!("±{light:.0} %")));
+        rows.insert(4, Row::new("change of the light", value, format!("−{darker:.0} % to +{brighter:.0} %")));
     }
     if let Some(film) = observation.film_left {
         rows.push(Row::new("the film leaves of the dry brightness", format!("{:.0} %", 100.0 * film), ""));

@@ -228,7 +228,7 @@ impl View<'_> {
         let legend = [
             (Ink::GREEN, "edge of the fixture that stands where it stood"),
             (Ink::VERMILLION, &*moved),
-            (Ink::BLUE, "not to be seen: hidden, or no point"),
+            (Ink::BLUE, "no fixture there: hidden, gone, or no point"),
         ];
         Canvas::on(&picture)?.with_legend(&legend)?.finish()
     }
@@ -264,15 +264,17 @@ impl View<'_> {
         }
         canvas.scale_bar_within(self.px_per_mm(panel.centre()))?;
         let legend =
-            [legend[0], legend[1], (Ink::WHITE, "line: from the middle to the first corner of the first grid")];
+            [legend[0], legend[1], (Ink::WHITE, "from the middle to the first corner of the first grid, ringed")];
         canvas.with_legend(&legend)?.finish()
     }
 
-    /// A line from the panel's middle to the first corner of its first grid.
+    /// A line from the panel's middle to the first corner of its first grid, which has a ring.
     fn hand(&self, canvas: &mut Canvas, panel: &TaughtPanel, pen: Pen) -> Result<(), ImagingError> {
         let first = panel.grids.first().and_then(|grid| grid.edge.first());
         let ends: Vec<Point<Panel>> = first.into_iter().copied().chain([panel.centre()]).collect();
-        canvas.polyline(&self.pixels(&ends), false, pen)
+        let (ends, pen) = (self.pixels(&ends), Pen { width_px: self.line_px(), ..pen });
+        canvas.polyline(&ends, false, pen)?;
+        ends.first().map_or(Ok(()), |corner| canvas.cross(*corner, f64::from(pen.width_px) * 8.0, pen))
     }
 
     fn things(&self, explained: &Explained) -> Result<ColorPicture, ImagingError> {

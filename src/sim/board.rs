@@ -4,7 +4,8 @@
 //! levels of the print are not black and white, and the light falls off towards one side, as in a workshop.
 
 use super::noise::{LEVEL, PixelNoise, Seed, to_byte};
-use crate::geometry::{Board, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
+use super::projector::Projector;
+use crate::geometry::{Board, Camera, Frame, GrayPicture, PinholeCamera, Pixel, Point, Rigid, Vector};
 use rayon::prelude::*;
 
 /// A marker in a square of the board.
@@ -132,16 +133,18 @@ impl BoardPrint {
         picture
     }
 
-    /// The points that a 3D camera measures of the board: missing beside it, noise along the ray.
-    pub(super) fn points<C: Frame>(
+    /// The points that the 3D camera measures of the board: missing beside it and where its projector does not reach, noise
+    /// along the ray.
+    pub(super) fn points(
         &self,
         camera: &PinholeCamera,
-        camera_from_board: &Rigid<C, Board>,
+        camera_from_board: &Rigid<Camera, Board>,
         mut noise_mm: impl FnMut() -> f64,
     ) -> Vec<[f32; 3]> {
         let plane = Plane::of(camera_from_board);
         let (columns, rows) = self.span(camera, camera_from_board);
         let mut points = vec![[f32::NAN; 3]; camera.width_px * camera.height_px];
+        let projector = Projector::alone();
         for row in rows {
             for column in columns.clone() {
                 let pixel = Pixel::at(column as f64, row as f64);
@@ -150,6 +153,9 @@ impl BoardPrint {
                     continue;
                 }
                 let point = (*camera_from_board * Point::at(x, y, 0.0)).mm.coords;
+                if !projector.lights(&point, None) {
+                    continue;
+                }
                 let point = point * (1.0 + noise_mm() / point.norm());
                 points[row * camera.width_px + column] = [point.x as f32, point.y as f32, point.z as f32];
             }
@@ -211,7 +217,7 @@ impl Plane {
 
     /// Where the ray of a pixel meets the plane, in the board's x and y.
     fn meet(&self, camera: &PinholeCamera, pixel: Pixel) -> Option<[f64; 2]> {
-        let ray: Vector<crate::geometry::Camera> = camera.unproject(pixel)?;
+        let ray: Vector<Camera> = camera.unproject(pixel)?;
         let depth = self.axes[2].dot(&self.origin) / self.axes[2].dot(&ray.mm);
         let offset = ray.mm * depth - self.origin;
         (depth > 0.0).then(|| [self.axes[0].dot(&offset), self.axes[1].dot(&offset)])

@@ -106,7 +106,8 @@ pub(super) struct View<'a> {
     panel: Option<PanelView<'a>>,
 }
 
-struct PanelView<'a> {
+/// A panel before a camera, or before what throws light as a camera sees.
+pub(super) struct PanelView<'a> {
     shape: &'a Shape,
     /// The camera's centre and axes in sheet coordinates.
     origin: Point3<f64>,
@@ -174,7 +175,7 @@ impl<'a> View<'a> {
 }
 
 impl<'a> PanelView<'a> {
-    fn new(camera: &PinholeCamera, shape: &'a Shape, camera_from_sheet: &Isometry3<f64>) -> Self {
+    pub fn new(camera: &PinholeCamera, shape: &'a Shape, camera_from_sheet: &Isometry3<f64>) -> Self {
         let sheet_from_camera = camera_from_sheet.inverse();
         let (columns, rows) = bounds(camera, shape, camera_from_sheet);
         PanelView {
@@ -187,10 +188,20 @@ impl<'a> PanelView<'a> {
         }
     }
 
-    // (1), from the neighbour's depth or else from the sheet's plane
-    fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelSight> {
+    /// May this pixel show the panel?
+    pub fn may_show(&self, column: usize, row: usize) -> bool {
+        self.columns.contains(&column) && self.rows.contains(&row)
+    }
+
+    /// A direction of the camera's frame in sheet coordinates.
+    pub fn turned(&self, direction: &Vector3<f64>) -> Vector3<f64> {
+        self.axes[0] * direction.x + self.axes[1] * direction.y + self.axes[2] * direction.z
+    }
+
+    /// Where a ray (x, y, 1) meets the surface (1), from the neighbour's depth or else from the sheet's plane.
+    pub fn meet(&self, ray: Vector3<f64>, guess_mm: Option<f64>) -> Option<PanelSight> {
         const STEPS: usize = 20;
-        let r = self.axes[0] * ray.x + self.axes[1] * ray.y + self.axes[2];
+        let r = self.turned(&ray);
         let o = &self.origin;
         let mut depth = guess_mm.unwrap_or(-o.z / r.z);
         for _ in 0..STEPS {

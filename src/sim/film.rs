@@ -1,7 +1,7 @@
 //! The water film as the 3D camera's colour picture shows it: dry, sprayed, whole, breaking.
 //!
-//! What does not change is made once: the dry and the fully wet colour of each pixel, when water reaches it, when its
-//! film breaks and when it closes. A picture at time t then is
+//! What does not change is made once: the dry and the fully wet colour of each pixel, and what water does to it
+//! ([`super::wetting`]). A picture at time t then is
 //!     exposure · light(t) · (dry + (wet − dry) w r (1 + n) + glints w) + noise,
 //! with w the film's presence, r the run-off, a streaky pattern that travels down the panel, and n how much thicker the
 //! new film is; a drop is thick film, also over a break, where water has come. A picture is a function of its time: any
@@ -11,12 +11,12 @@ use super::appearance::{Color, dry_and_wet};
 use super::cast::View;
 use super::film_spec::FilmSpec;
 use super::lamp::Lamp;
-use super::noise::{PixelNoise, Purpose, Seed, ValueNoise, to_byte};
+use super::noise::{PixelNoise, Purpose, Seed, to_byte};
 use super::runoff::Runoff;
-use super::spots::{Spot, SpotKind};
+use super::spots::Spot;
 use super::travellers::{Ground, Spotted, Travellers};
+use super::wetting::{SPRAY_FROM_S, Water, Wetted};
 use crate::geometry::{ColorPicture, Mask};
-use rand::RngExt;
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -42,38 +42,13 @@ impl Phase {
     }
 }
 
-/// When the spray begins, s.
-pub const SPRAY_FROM_S: f64 = 1.0;
 /// When the panel is fully wet and its film is watched from, s.
 pub const WET_FROM_S: f64 = 4.0;
 
-/// How long the front takes from the panel's top to its bottom, s, and how unevenly it comes.
-const FRONT_S: f64 = 2.3;
-const FRONT_UNEVEN_S: f64 = 0.12;
-/// How long a place takes to become wet, its film to open, and to close again, s.
-const WETTING_S: f64 = 0.2;
-const OPENING_S: f64 = 0.15;
-const CLOSING_S: f64 = 0.4;
 /// How fast the new film thins out, s.
 const THINS_S: f64 = 12.0;
 /// How much a drop darkens beyond the film.
 const DROP_THICKNESS: f32 = 1.2;
-
-/// A pixel of the panel.
-#[derive(Debug, Clone, Copy)]
-struct Wetted {
-    wet: Color,
-    wet_from_s: f32,
-    /// Infinite where no grease is.
-    breaks_at_s: f32,
-    closes_at_s: f32,
-    /// The share of this pixel that lies in the spot.
-    greasy: f32,
-    /// The share of it that a bead keeps wet when the film around it has broken.
-    bead: f32,
-    /// Column and row of the run-off pattern.
-    streak: [u16; 2],
-}
 
 /// The pixels of one row that show the panel.
 #[derive(Debug, Clone, Default)]
@@ -98,18 +73,10 @@ pub struct Film {
     seed: Seed,
 }
 
-/// A place that stays wet in a break.
-struct Bead {
-    centre_mm: [f64; 2],
-    radius_mm: f64,
-}
-
 impl Film {
     pub(super) fn new(view: &View<'_>, spots: &[Spot], spec: &FilmSpec, pixels: &PixelNoise, seed: Seed) -> Self {
         let (width, height) = (view.width(), view.height());
-        let front = ValueNoise::new(seed.stream(Purpose::Film, 0), 25.0, 260.0);
-        let beads: Vec<Vec<Bead>> =
-            spots.iter().enumerate().map(|(index, spot)| beads(spot, index, spec, seed)).collect();
+        let water = Water::new(spots, spec, seed);
         let mut dry = vec![Color::default(); width * height];
         let mut rows = vec![Row::default(); height];
         dry.par_chunks_mut(width).zip(rows.par_iter_mut()).enumerate().for_each(|(index, (dry, row))| {
@@ -122,11 +89,8 @@ impl Film {
                     row.first_column = column;
                 }
                 // Outlines are convex, so a row's pixels of the panel are neighbours; a gap would be dry.
-                row.wetted.resize(column - row.first_column, Wetted { wet: dry_color, ..NEVER });
-                let place = panel.place;
-                let wetted =
-                    Wetted { wet, wet_from_s: reached_s(&front, place), streak: Runoff::place(place), ..NEVER };
-                row.wetted.push(broken(spots, &beads, (place, panel.pixel_mm), wetted));
+                row.wetted.resize(column - row.first_column, Wetted::beside(dry_color));
+                row.wetted.push(water.at(panel.place, panel.pixel_mm, wet));
             });
         });
         let ground = ground(&rows, view);
@@ -228,7 +192,7 @@ impl Film {
         let mut mask = Mask::empty(self.width, self.height);
         for (index, row) in self.rows.iter().enumerate() {
             for (offset, wetted) in row.wetted.iter().enumerate() {
-                let open = wetted.greasy >= 0.5 && holds(wetted);
+                let open = wetted.is_greasy() && holds(wetted);
                 mask.inside[index * self.width + row.first_column + offset] = open;
             }
         }
@@ -239,23 +203,13 @@ impl Film {
     pub fn break_times_s(&self) -> Vec<f32> {
         let mut times_s = vec![f32::INFINITY; self.width * self.height];
         for (index, row) in self.rows.iter().enumerate() {
-            for (offset, wetted) in row.wetted.iter().enumerate().filter(|(_, wetted)| wetted.greasy >= 0.5) {
+            for (offset, wetted) in row.wetted.iter().enumerate().filter(|(_, wetted)| wetted.is_greasy()) {
                 times_s[index * self.width + row.first_column + offset] = wetted.breaks_at_s;
             }
         }
         times_s
     }
 }
-
-const NEVER: Wetted = Wetted {
-    wet: [0; 3],
-    wet_from_s: f32::INFINITY,
-    breaks_at_s: f32::INFINITY,
-    closes_at_s: f32::INFINITY,
-    greasy: 0.0,
-    bead: 0.0,
-    streak: [0; 2],
-};
 
 fn exposed(color: Color, exposure: f64) -> Color {
     color.map(|level| (f64::from(level) * exposure).round() as u16)
@@ -283,70 +237,6 @@ fn ground(rows: &[Row], view: &View<'_>) -> Ground {
     // The panel stands 780 mm before the camera, more or less.
     let px_per_mm = view.focal_px() / 780.0;
     Ground { low_px: [left as f64, top as f64], high_px: [right as f64, bottom as f64], px_per_mm }
-}
-
-fn beads(spot: &Spot, index: usize, spec: &FilmSpec, seed: Seed) -> Vec<Bead> {
-    let mut random = seed.stream(Purpose::Drops, 1_000_000 + index as u64);
-    let [s, t] = spot.centre_mm();
-    let reach_mm = 0.7 * spot.least_radius_mm();
-    let bead = |_| {
-        let mut between = |low: f64, high: f64| random.random_range(low..high);
-        let (away_mm, angle_rad) = (reach_mm * between(0.0, 1.0).sqrt(), between(0.0, std::f64::consts::TAU));
-        Bead {
-            centre_mm: [s + away_mm * angle_rad.cos(), t + away_mm * angle_rad.sin()],
-            radius_mm: between(0.4, 1.2).min(0.25 * reach_mm),
-        }
-    };
-    (0..spec.beads).map(bead).collect()
-}
-
-impl Wetted {
-    /// How far water has come over this pixel at this time, 0…1.
-    fn reached(&self, time_s: f32) -> f32 {
-        ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
-    }
-
-    /// How much of this pixel has its film at this time, 0…1.
-    fn film(&self, time_s: f32) -> f32 {
-        let reached = self.reached(time_s);
-        let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
-        let closed = ((time_s - self.closes_at_s) / CLOSING_S as f32).clamp(0.0, 1.0);
-        reached * (1.0 - self.greasy * (1.0 - self.bead) * open * (1.0 - closed))
-    }
-}
-
-/// When the spray's front comes to a place, s.
-fn reached_s(front: &ValueNoise, place: [f64; 2]) -> f32 {
-    const TOP_MM: f64 = 130.0;
-    const HEIGHT_MM: f64 = 260.0;
-    let down = ((TOP_MM - place[1]) / HEIGHT_MM).clamp(0.0, 1.0);
-    let uneven = (FRONT_UNEVEN_S * front.at(place)).clamp(-0.3, 0.3);
-    (SPRAY_FROM_S + 0.35 + FRONT_S * down + uneven - WETTING_S / 2.0) as f32
-}
-
-/// The pixel with when its film breaks and closes, and which share of it lies in a spot.
-fn broken(spots: &[Spot], beads: &[Vec<Bead>], (place, pixel_mm): ([f64; 2], f64), wetted: Wetted) -> Wetted {
-    let away_mm = |[s, t]: [f64; 2]| (place[0] - s).hypot(place[1] - t);
-    for (spot, beads) in spots.iter().zip(beads) {
-        if away_mm(spot.centre_mm()) > spot.radius_mm() + 2.0 * pixel_mm {
-            continue;
-        }
-        let (reached, left_mm) = spot.reach(place);
-        let greasy = (0.5 + left_mm / pixel_mm).clamp(0.0, 1.0);
-        if greasy > 0.0 {
-            let share = |bead: &Bead| (0.5 + (bead.radius_mm - away_mm(bead.centre_mm)) / pixel_mm).clamp(0.0, 1.0);
-            let bead = beads.iter().map(share).fold(0.0, f64::max);
-            return Wetted {
-                breaks_at_s: spot.breaks_where_wet_s(reached, f64::from(wetted.wet_from_s)) as f32,
-                closes_at_s: spot.closes_at_s as f32,
-                greasy: greasy as f32,
-                // Where water never stays no bead does.
-                bead: if spot.kind == SpotKind::NeverWets { 0.0 } else { bead as f32 },
-                ..wetted
-            };
-        }
-    }
-    wetted
 }
 
 #[cfg(test)]

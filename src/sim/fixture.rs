@@ -2,6 +2,7 @@
 //!
 //! Every part is an upright rectangle that faces the robot, at a constant X of the base frame.
 
+use super::clutter::Slab;
 use nalgebra::{Point3, Vector3};
 
 /// An upright rectangle at one X, mm in the base frame; grey level as lit from the front.
@@ -19,6 +20,16 @@ const BOARDS: [Board; 3] = [
     Board { x_mm: 650.0, y_mm: [-118.0, -84.0], z_mm: [-40.0, 760.0], color: [158.0, 161.0, 166.0] },
     Board { x_mm: 665.0, y_mm: [-520.0, 520.0], z_mm: [-20.0, 740.0], color: [186.0, 188.0, 184.0] },
 ];
+
+/// Its parts as things in the way of light.
+pub(super) fn slabs() -> [Slab; 3] {
+    BOARDS.map(|board| {
+        let middle = |[low, high]: [f64; 2]| (low + high) / 2.0;
+        let centre = Point3::new(board.x_mm, middle(board.y_mm), middle(board.z_mm));
+        let half_mm = [board.y_mm, board.z_mm].map(|[low, high]| (high - low) / 2.0);
+        Slab::facing(centre, -Vector3::x(), 0.0, half_mm, board.color)
+    })
+}
 
 /// What is seen beyond the fixture: the hall, out of focus and too far for points.
 const HALL: [f64; 3] = [52.0, 55.0, 60.0];
@@ -81,6 +92,17 @@ mod tests {
         assert!((plate.depth_mm.expect("a plate") - 665.0).abs() < 1e-9 && plate.color[0] > 170.0);
         let post = look(&from(95.0), &Vector3::x(), 1e-3);
         assert!((post.depth_mm.expect("a post") - 650.0).abs() < 1e-9 && post.color[0] < 170.0);
+    }
+
+    /// A slab's frame has its x along the base's Y and its y upwards: corners of a part are corners of its slab.
+    #[test]
+    fn parts_are_slabs_of_their_size() {
+        for (board, slab) in BOARDS.iter().zip(slabs()) {
+            let corner = Point3::new(board.x_mm, board.y_mm[1], board.z_mm[1]);
+            let at = slab.base_from_slab.inverse_transform_point(&corner);
+            assert!((at.x.abs() - slab.half_mm[0]).abs() < 1e-9 && (at.y - slab.half_mm[1]).abs() < 1e-9, "{at}");
+            assert!(at.z.abs() < 1e-9, "{at}");
+        }
     }
 
     #[test]

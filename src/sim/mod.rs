@@ -8,8 +8,9 @@
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
 //! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
-//! - `scanner`, `flange`, `wet_flange`, `film`, `runoff`, `lamp`, `travellers`: what the cameras deliver · `film_spec`: how
-//!   hard it is to read · `spots`: grease · `truth`: what is true of it all
+//! - `scanner`, `flange`, `wet_flange`, `film`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver ·
+//!   `projector`: which points the 3D camera has · `film_spec`: how hard films are to read · `spots`: grease · `truth`:
+//!   what is true of it all
 //!
 //! Not simulated: focus, the arm in view; glints and drops on the fixture.
 
@@ -25,6 +26,7 @@ mod flange;
 mod lamp;
 mod noise;
 mod outline;
+mod projector;
 mod runoff;
 mod scanner;
 mod scene;
@@ -36,10 +38,11 @@ mod trial;
 mod truth;
 mod variety;
 mod wet_flange;
+mod wetting;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
-pub use film::{Film, Phase, SPRAY_FROM_S, WET_FROM_S};
+pub use film::{Film, Phase, WET_FROM_S};
 pub use film_spec::FilmSpec;
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
@@ -47,12 +50,14 @@ pub use spots::{Grease, Spot, SpotKind};
 pub use target::Target;
 pub use trial::{TRIAL_BOX_MM, Trial, Wrong};
 pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, TruthNumbers};
+pub use wetting::SPRAY_FROM_S;
 
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid,
 };
 use cast::{Rays, View};
 use noise::{PixelNoise, Purpose, Seed};
+use projector::Projector;
 use shape::Shape;
 
 /// Which of the panel's two places a camera looks at.
@@ -168,7 +173,8 @@ impl Cell {
     }
 
     fn shot(&self, panel: Option<(&Shape, &Rigid<Base, Panel>)>, shot: u64) -> OrganizedCloud<Camera> {
-        scanner::capture(&self.scanner_view(panel), &self.pixels, self.seed.child(Purpose::Scan, shot))
+        let projector = Projector::new(&scene::base_from_camera(), panel, &[]);
+        scanner::capture(&self.scanner_view(panel), &projector, &self.pixels, self.seed.child(Purpose::Scan, shot))
     }
 
     fn scanner_view<'a>(&'a self, panel: Option<(&'a Shape, &Rigid<Base, Panel>)>) -> View<'a> {

@@ -1,12 +1,13 @@
 //! A shot of the 3D camera: points with their noise, and the colour picture on the same pixels.
 //!
-//! Noise along the ray: white, σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise
+//! A pixel has a point where the projector lights what it sees (`projector`). Noise along the ray: white, σ = 0.055 mm · (z / 700 mm)² / cos(incidence); on the panel also correlated, value noise
 //! of 0.06 mm rms at the nodes of a square lattice of 50–85 mm, drawn anew for each shot. At the panel's edge a tenth
-//! of the pixels flies between panel and background, and most others are missing; 0.2 % drop out anywhere.
+//! of the pixels flies between panel and background if both are lit, and most others are missing; 0.2 % drop out anywhere.
 
 use super::appearance::dry_and_wet;
-use super::cast::{Sight, View};
+use super::cast::{PanelSight, Sight, View};
 use super::noise::{Normal, PIXEL_NOISE_GRAY, PixelNoise, Purpose, Seed, ValueNoise, to_bytes};
+use super::projector::{self, Projector};
 use crate::geometry::{Camera, OrganizedCloud};
 use rand::RngExt;
 use rayon::prelude::*;
@@ -16,7 +17,7 @@ const WHITE_AT_MM: f64 = 700.0;
 const CORRELATED_MM: f64 = 0.06;
 const LATTICE_MM: std::ops::Range<f64> = 50.0..85.0;
 /// Half the side of the square that the lattice covers: more than the largest panel.
-const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
+pub(super) const LATTICE_HALF_WIDTH_MM: f64 = 260.0;
 /// How near to the panel's edge a pixel sees both sides, px.
 const EDGE_PX: f64 = 1.0;
 const FLYING_SHARE: f64 = 0.10;
@@ -38,6 +39,10 @@ pub struct NoiseFigures {
     pub edge_missing_share: f64,
     /// Share of all other pixels without a point.
     pub drop_out_share: f64,
+    /// From the camera to its projector, mm: what the one sees and the other does not has no points.
+    pub projector_baseline_mm: f64,
+    /// What is nearer to the projector than a point by this share of its depth throws a shadow on it.
+    pub projector_shadow_share: f64,
     /// Pixel noise of both cameras, grey levels.
     pub pixel_gray: f64,
 }
@@ -51,17 +56,23 @@ pub fn noise_in_force() -> NoiseFigures {
         edge_flying_share: FLYING_SHARE,
         edge_missing_share: EDGE_MISSING_SHARE,
         drop_out_share: DROP_OUT_SHARE,
+        projector_baseline_mm: projector::baseline_mm(),
+        projector_shadow_share: projector::SHADOW_SHARE,
         pixel_gray: PIXEL_NOISE_GRAY,
     }
 }
 
 /// Takes a shot; `shot` is its own seed.
-pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> OrganizedCloud<Camera> {
+pub(super) fn capture(
+    view: &View<'_>,
+    projector: &Projector<'_>,
+    pixels: &PixelNoise,
+    shot: Seed,
+) -> OrganizedCloud<Camera> {
     let (width, height) = (view.width(), view.height());
     let mut points = vec![[f32::NAN; 3]; width * height];
     let mut colors = vec![[0_u8; 3]; width * height];
-    let lattice_mm = shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
-    let correlated = ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM);
+    let correlated = correlated(shot);
     let rows = points.par_chunks_mut(width).zip(colors.par_chunks_mut(width)).enumerate();
     rows.for_each(|(row, (points, colors))| {
         let mut normal = Normal::new(shot.stream(Purpose::ScanRow, row as u64));
@@ -69,7 +80,7 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Organ
         view.look_along_row(row, |column, sight| {
             let (dry, _) = dry_and_wet(&sight);
             colors[column] = to_bytes(dry, noise, column);
-            if let Some(point) = measured(&sight, &correlated, &mut normal) {
+            if let Some(point) = measured(&sight, projector, &correlated, &mut normal) {
                 points[column] = point;
             }
         });
@@ -80,21 +91,52 @@ pub(super) fn capture(view: &View<'_>, pixels: &PixelNoise, shot: Seed) -> Organ
     }
 }
 
-/// A surface that a ray may end on.
+/// The correlated noise of a shot, in units of its rms.
+pub(super) fn correlated(shot: Seed) -> ValueNoise {
+    let lattice_mm = shot.stream(Purpose::Scan, 0).random_range(LATTICE_MM);
+    ValueNoise::new(shot.stream(Purpose::Scan, 1), lattice_mm, LATTICE_HALF_WIDTH_MM)
+}
+
+/// A lit surface that a ray may end on.
 struct Surface {
     depth_mm: f64,
     cos_incidence: f64,
     correlated_mm: f64,
 }
 
-pub(super) fn measured(sight: &Sight, correlated: &ValueNoise, normal: &mut Normal) -> Option<[f32; 3]> {
+impl Surface {
+    fn of_panel(
+        sight: &Sight,
+        panel: &PanelSight,
+        projector: &Projector<'_>,
+        correlated: &ValueNoise,
+    ) -> Option<Self> {
+        projector.lights(&(sight.ray * panel.depth_mm), Some(panel)).then(|| Surface {
+            depth_mm: panel.depth_mm,
+            cos_incidence: panel.cos_incidence,
+            correlated_mm: CORRELATED_MM * correlated.at(panel.place),
+        })
+    }
+
+    fn behind(sight: &Sight, projector: &Projector<'_>) -> Option<Self> {
+        let depth_mm = sight.background.depth_mm?;
+        projector.lights(&(sight.ray * depth_mm), None).then_some(Surface {
+            depth_mm,
+            cos_incidence: sight.background.cos_incidence,
+            correlated_mm: 0.0,
+        })
+    }
+}
+
+/// The point that a pixel measures of what it sees.
+pub(super) fn measured(
+    sight: &Sight,
+    projector: &Projector<'_>,
+    correlated: &ValueNoise,
+    normal: &mut Normal,
+) -> Option<[f32; 3]> {
     // Drawn for every pixel, so that what one pixel sees does not shift the noise of the next.
     let (white, chance, between) = (normal.next(), normal.share(), normal.share());
-    let background = sight.background.depth_mm.map(|depth_mm| Surface {
-        depth_mm,
-        cos_incidence: sight.background.cos_incidence,
-        correlated_mm: 0.0,
-    });
     let near = sight.panel.filter(|panel| panel.edge_px < EDGE_PX);
     let at_edge = near.is_some_and(|panel| panel.edge_px > -EDGE_PX);
     let missing = if at_edge { FLYING_SHARE..FLYING_SHARE + EDGE_MISSING_SHARE } else { 0.0..DROP_OUT_SHARE };
@@ -102,22 +144,13 @@ pub(super) fn measured(sight: &Sight, correlated: &ValueNoise, normal: &mut Norm
         return None;
     }
     let surface = match near {
-        Some(panel) => {
-            let mut own = Surface {
-                depth_mm: panel.depth_mm,
-                cos_incidence: panel.cos_incidence,
-                correlated_mm: CORRELATED_MM * correlated.at(panel.place),
-            };
-            if at_edge && chance < FLYING_SHARE {
-                own.depth_mm += between * (background?.depth_mm - own.depth_mm);
-                own
-            } else if panel.edge_px < 0.0 {
-                own
-            } else {
-                background?
-            }
+        Some(panel) if at_edge && chance < FLYING_SHARE => {
+            let own = Surface::of_panel(sight, &panel, projector, correlated)?;
+            let behind = Surface::behind(sight, projector)?;
+            Surface { depth_mm: own.depth_mm + between * (behind.depth_mm - own.depth_mm), ..own }
         }
-        None => background?,
+        Some(panel) if panel.edge_px < 0.0 => Surface::of_panel(sight, &panel, projector, correlated)?,
+        _ => Surface::behind(sight, projector)?,
     };
     let scale = surface.depth_mm / WHITE_AT_MM;
     let along_ray_mm = white * WHITE_MM * scale * scale / surface.cos_incidence + surface.correlated_mm;

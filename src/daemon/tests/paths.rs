@@ -131,12 +131,18 @@ fn the_arm_stands_where_its_own_corners_lead() {
         stand(&job, &arm, &Approached { base_from_panel: place, corners, things })
     };
     assert_eq!(corners_in_reach(&job, &arm, place).expect("in reach"), [0, 1]);
-    for (chosen, last) in [(&[0, 1][..], 1), (&[1, 0], 0), (&[0], 0)] {
+    for (chosen, last) in [(&[0, 1][..], 1), (&[0], 0)] {
         let joints = at(chosen, None).expect("in reach").from.expect("known");
         let camera = arm.base_from_flange(&joints).expect("finite") * calibrations.flange_from_camera;
         let wanted = place * corners[last].teaching.panel_from_camera;
         assert!(camera.origin().distance_mm(wanted.origin()) < 0.01, "{chosen:?}");
     }
+    // From the ready pose straight to the second corner axis 3 would have to go beyond its margin.
+    let second_first = at(&[1, 0], None).expect_err("out of reach");
+    assert!(
+        second_first.message.contains("corner 2") && second_first.message.contains("axis 3"),
+        "{second_first:?}"
+    );
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
     // A thing where the camera would look from.
     let eye = (place * corners[1].teaching.panel_from_camera).origin();

@@ -1,75 +1,88 @@
 //! What the model knows of each pixel of the window.
 
 use super::Model;
-use super::kernel::{BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
+use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};
 
 /// A pixel that showed nothing in a larger share of the pictures was not seen.
 const MOST_UNSEEN: f64 = 0.5;
 
 impl Model {
-    fn at(&self, index: usize) -> usize {
-        index / self.window.width * self.stride + index % self.window.width
+    /// Block and place in it of a pixel of the window.
+    fn at(&self, index: usize) -> (usize, usize) {
+        let (row, column) = (index / self.window.width, index % self.window.width);
+        (row * self.columns + column / BLOCK_PX, column % BLOCK_PX)
+    }
+
+    fn kept(&self, index: usize) -> u16 {
+        let (block, at) = self.at(index);
+        self.kept[block][at]
     }
 
     /// How bright the region is when dry, grey levels.
     pub fn mean_dry_levels(&self) -> f64 {
-        let inside = self.kept.iter().zip(&self.dry).filter(|(kept, _)| **kept & INSIDE > 0);
+        let inside =
+            self.kept.as_flattened().iter().zip(self.dry.as_flattened()).filter(|(kept, _)| **kept & INSIDE > 0);
         let (sum, count) = inside.fold((0_u64, 0_u64), |(sum, count), (_, dry)| (sum + u64::from(*dry), count + 1));
         sum as f64 / count.max(1) as f64 / f64::from(LEVEL)
     }
 
     /// A pixel's dry brightness, of any unit.
     pub fn dry_brightness(&self, index: usize) -> f64 {
-        f64::from(self.dry[self.at(index)])
+        let (block, at) = self.at(index);
+        f64::from(self.dry[block][at])
     }
 
     /// Whether a pixel of the window was looked at.
     pub fn sees(&self, index: usize) -> bool {
-        self.kept[self.at(index)] & INSIDE > 0
+        self.kept(index) & INSIDE > 0
     }
 
     /// Whether it showed that it is wet or dry, and did so in half of the pictures: no glint, nothing that flickers.
     pub fn saw(&self, index: usize) -> bool {
-        let at = self.at(index);
+        let (block, at) = self.at(index);
         let judged = self.times_s.len() - 1;
         self.sees(index)
-            && self.kept[at] & (EVER_WET | BROKE | RUN) > 0
-            && f64::from(self.unseen[at]) <= MOST_UNSEEN * judged as f64
+            && self.kept(index) & (EVER_WET | BROKE | RUN) > 0
+            && f64::from(self.past[block].unseen[at]) <= MOST_UNSEEN * judged as f64
     }
 
     /// Whether it was seen wet in a picture.
     pub fn ever_wet(&self, index: usize) -> bool {
-        self.kept[self.at(index)] & EVER_WET > 0
+        self.kept(index) & EVER_WET > 0
     }
 
     /// Whether its film is open now.
     pub fn is_open(&self, index: usize) -> bool {
-        self.kept[self.at(index)] & OPEN > 0
+        self.kept(index) & OPEN > 0
     }
 
     /// How long its film was open, where it broke and closed again, s.
     pub fn was_open_s(&self, index: usize) -> Option<f32> {
-        let at = self.at(index);
-        let time_s = |picture: u16| self.times_s[usize::from(picture)];
-        (self.kept[at] & (BROKE | OPEN) == BROKE).then(|| time_s(self.until[at]) - time_s(self.since[at]))
+        let (block, at) = self.at(index);
+        let (past, time_s) = (&self.past[block], |picture: u16| self.times_s[usize::from(picture)]);
+        (self.kept(index) & (BROKE | OPEN) == BROKE).then(|| time_s(past.until[at]) - time_s(past.since[at]))
     }
 
     /// How far from its dry brightness it was while it looked dry, as a share of what the film takes.
     pub fn off_dry(&self, index: usize) -> f32 {
-        let at = self.at(index);
-        f32::from(self.off[at]) / (f32::from(self.dry[at]) * (1.0 - self.wetting.film as f32)).max(1.0)
+        let (block, at) = self.at(index);
+        f32::from(self.past[block].off[at] as i16)
+            / (f32::from(self.dry[block][at]) * (1.0 - self.wetting.film as f32)).max(1.0)
     }
 
     /// When its film broke, s; `None` where it did not.
     pub fn broke_s(&self, index: usize) -> Option<f32> {
-        let at = self.at(index);
-        (self.kept[at] & BROKE > 0).then(|| self.times_s[usize::from(self.since[at])])
+        (self.kept(index) & BROKE > 0).then(|| self.since_s(index))
     }
 
     /// Since when it has looked dry, though not long enough to count.
     pub fn looks_dry_since_s(&self, index: usize) -> Option<f32> {
-        let at = self.at(index);
-        let looks_dry = self.kept[at] & (BROKE | INSIDE) == INSIDE && self.kept[at] & RUN > 0;
-        looks_dry.then(|| self.times_s[usize::from(self.since[at])])
+        let kept = self.kept(index);
+        (kept & (BROKE | INSIDE) == INSIDE && kept & RUN > 0).then(|| self.since_s(index))
+    }
+
+    fn since_s(&self, index: usize) -> f32 {
+        let (block, at) = self.at(index);
+        self.times_s[usize::from(self.past[block].since[at])]
     }
 }

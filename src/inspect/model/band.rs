@@ -1,93 +1,77 @@
 //! One row of tiles while it is judged: the light on its cells, and where glints make a dry look doubtful.
 
-use super::judging::{Line, OverTime, Rule, judge};
-use super::kernel::{self, NEW};
-use super::light::{CELL_PX, Light, TILE_PX};
+use super::judging::{Past, Rule, Seen, judge, stirred};
+use super::kernel::{self, BLOCK_PX, Block, CELL_PX, CELLS, NEW};
+use super::light::Light;
+use std::ops::Range;
 
 /// A cell with fewer bright pixels, of the half of them that are looked at, holds noise.
 const MIN_CORE_PX: u16 = 3;
+/// One row in so many is looked at: a core is larger than that.
+const CORE_EVERY: usize = 2;
 
 /// A row of tiles.
 pub struct Band<'a> {
-    pub light: &'a [u16],
-    pub before: &'a [u16],
-    pub dry: &'a [u16],
-    pub over_time: OverTime<'a>,
+    /// Blocks of each of its rows.
+    pub columns: usize,
+    pub light: &'a [Block],
+    /// The picture before.
+    pub before: &'a [Block],
+    pub dry: &'a [Block],
+    pub kept: &'a mut [Block],
+    pub past: &'a mut [Past],
+    /// Of each row the blocks with pixels of the region.
+    pub inside: &'a [Range<usize>],
 }
 
 impl Band<'_> {
-    /// Judges its pixels, the band-th of rows `stride` long; `broke` is told those that broke now. Before the film is
-    /// watched nothing is doubtful.
-    pub fn judge(
-        &mut self,
-        light: &Light,
-        (band, stride): (usize, usize),
-        rule: Rule,
-        watching: bool,
-        mut broke: impl FnMut(usize),
-    ) {
-        let cells = stride / CELL_PX;
-        let mut gains = vec![0_u16; cells];
-        let mut gain_q12 = vec![0_u16; stride * TILE_PX / CELL_PX];
-        for (cell_row, gain_q12) in gain_q12.chunks_exact_mut(stride).enumerate() {
-            light.row_q12(band * (TILE_PX / CELL_PX) + cell_row, &mut gains);
-            gain_q12.as_chunks_mut::<CELL_PX>().0.iter_mut().zip(&gains).for_each(|(cell, gain)| cell.fill(*gain));
+    /// Judges its pixels, those of the index-th row of tiles; those that broke now come back, as indices of the band.
+    /// Before the film is watched nothing is doubtful.
+    pub fn judge(&mut self, lamp: &Light, index: usize, rule: Rule, watching: bool) -> Vec<usize> {
+        let columns = self.columns;
+        let gains = lamp.blocks_q12(index);
+        // Rows of a cell share one row of gains.
+        let cells = |at: usize| at / columns / CELL_PX * columns + at % columns;
+        let mut found = Vec::new();
+        for (row, inside) in self.inside.iter().enumerate() {
+            let part = row * columns + inside.start..row * columns + inside.end;
+            let gain_q12 = &gains[row / CELL_PX * columns..][inside.clone()];
+            let given = [&self.light[part.clone()], &self.dry[part.clone()], &self.kept[part.clone()], gain_q12];
+            stirred(part.start, given, rule.film_q16, &mut found);
         }
-        let mut doubtful = vec![0_u16; stride];
-        let glints = if watching { self.glint_cells(&gain_q12, stride) } else { Vec::new() };
-        for row in 0..TILE_PX {
-            if row % CELL_PX == 0 && watching {
-                mark_around(&glints, (row / CELL_PX, cells), &mut doubtful);
-            }
-            let part = row * stride..(row + 1) * stride;
-            let OverTime { kept, since, until, off, unseen } = &mut self.over_time;
-            let mut line = Line {
-                light: &self.light[part.clone()],
-                before: &self.before[part.clone()],
-                dry: &self.dry[part.clone()],
-                gain_q12: &gain_q12[row / CELL_PX * stride..][..stride],
-                doubtful: &doubtful,
-                over_time: OverTime {
-                    kept: &mut kept[part.clone()],
-                    since: &mut since[part.clone()],
-                    until: &mut until[part.clone()],
-                    off: &mut off[part.clone()],
-                    unseen: &mut unseen[part.clone()],
-                },
+        let mut cores = vec![[0; CELLS]; gains.len()];
+        for &at in found.iter().filter(|&at| watching && (at / columns).is_multiple_of(CORE_EVERY)) {
+            let hidden = kernel::hidden_in_cells(&self.light[at], &self.dry[at], &self.kept[at], &gains[cells(at)]);
+            cores[cells(at)].iter_mut().zip(hidden).for_each(|(core, hidden)| *core += hidden);
+        }
+        let doubtful = around(cores.as_flattened(), columns * CELLS);
+        let (doubtful, _) = doubtful.as_chunks::<CELLS>();
+        let mut broke = Vec::new();
+        for at in found {
+            let seen = Seen {
+                light: &self.light[at],
+                before: &self.before[at],
+                dry: &self.dry[at],
+                gain_q12: &gains[cells(at)],
+                doubtful: &std::array::from_fn(|i| u16::from(doubtful[cells(at)][i / CELL_PX])),
             };
-            if judge(&mut line, rule) {
-                let new = kept[part.clone()].iter().enumerate().filter(|(_, kept)| **kept & NEW > 0);
-                new.for_each(|(column, _)| broke(part.start + column));
+            if judge(seen, &mut self.kept[at], &mut self.past[at], rule) {
+                let new = (0..BLOCK_PX).filter(|&i| self.kept[at][i] & NEW > 0);
+                broke.extend(new.map(|i| at * BLOCK_PX + i));
             }
         }
-    }
-
-    /// The cells of this row of tiles that hold a glint's core.
-    fn glint_cells(&self, gain_q12: &[u16], stride: usize) -> Vec<bool> {
-        let mut found = Vec::with_capacity(stride / CELL_PX * TILE_PX / CELL_PX);
-        let mut columns = vec![0_u16; stride];
-        for (cell_row, gain_q12) in gain_q12.chunks_exact(stride).enumerate() {
-            columns.fill(0);
-            // One row in two: a core is larger than that.
-            for row in (0..CELL_PX).step_by(2) {
-                let part = (cell_row * CELL_PX + row) * stride..(cell_row * CELL_PX + row + 1) * stride;
-                let (light, dry) = (&self.light[part.clone()], &self.dry[part.clone()]);
-                kernel::count_hidden(light, dry, &self.over_time.kept[part], gain_q12, &mut columns);
-            }
-            let cells = columns.as_chunks::<CELL_PX>().0.iter();
-            found.extend(cells.map(|cell| cell.iter().sum::<u16>() >= MIN_CORE_PX));
-        }
-        found
+        broke
     }
 }
 
-/// Marks one row of cells where it or a neighbour holds a glint's core.
-fn mark_around(glints: &[bool], (row, cells): (usize, usize), doubtful: &mut [u16]) {
-    let rows = glints.len() / cells;
-    let at = |row: usize, cell: usize| glints[row * cells + cell];
-    for (cell, mark) in doubtful.as_chunks_mut::<CELL_PX>().0.iter_mut().enumerate() {
-        let near = row.saturating_sub(1)..(row + 2).min(rows);
-        let columns = cell.saturating_sub(1)..(cell + 2).min(cells);
-        mark.fill(u16::from(near.into_iter().any(|row| columns.clone().any(|cell| at(row, cell)))));
+/// Cells, in rows of this length, that hold a glint's core or have a neighbour which does.
+fn around(cores: &[u16], cells: usize) -> Vec<bool> {
+    let mut near = vec![false; cores.len()];
+    for at in (0..cores.len()).filter(|&at| cores[at] >= MIN_CORE_PX) {
+        let (row, cell) = (at / cells, at % cells);
+        for row in row.saturating_sub(1)..(row + 2).min(cores.len() / cells) {
+            near[row * cells + cell.saturating_sub(1)..row * cells + (cell + 2).min(cells)].fill(true);
+        }
     }
+    near
 }

@@ -13,41 +13,46 @@
 #![allow(unsafe_code, reason = "multiversion's dispatch; nothing here is unsafe by itself")]
 
 use super::kernel::{
-    BLOCK_PX, BRIGHTNESS, BROKE, EVER_WET, HIDDEN, INSIDE, LEVEL, NEW, OPEN, RUN, glint_from, high, lit,
+    BLOCK_PX, BRIGHTNESS, BROKE, Block, EVER_WET, HIDDEN, INSIDE, LEVEL, NEW, OPEN, RUN, choose, high, is_hidden,
+    lit, where_,
 };
 use multiversion::multiversion;
 
 /// What noise adds to the bound of (2).
 const STEADY_MARGIN: u16 = 5 * LEVEL / 2;
 
-/// One row of pixels as the model has them.
-pub struct Line<'a> {
-    pub light: &'a [u16],
+/// One block of pixels as a picture shows it.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    pub light: &'a Block,
     /// The picture before.
-    pub before: &'a [u16],
-    pub dry: &'a [u16],
+    pub before: &'a Block,
+    pub dry: &'a Block,
     /// The lamp's light, 1/4096.
-    pub gain_q12: &'a [u16],
+    pub gain_q12: &'a Block,
     /// A glint's neighbourhood, not 0: what looks dry there may be its rim.
-    pub doubtful: &'a [u16],
-    pub over_time: OverTime<'a>,
+    pub doubtful: &'a Block,
 }
 
-/// What is kept of a row's pixels from picture to picture.
-pub struct OverTime<'a> {
-    /// State and run.
-    pub kept: &'a mut [u16],
+/// What is kept of a block's pixels from picture to picture besides their states.
+#[derive(Debug, Clone, Copy)]
+pub struct Past {
     /// The picture since which it looks dry.
-    pub since: &'a mut [u16],
+    pub since: Block,
     /// The picture in which its film closed again, where it broke before.
-    pub until: &'a mut [u16],
-    /// How far it was from its dry brightness while it looked dry: a mean that forgets, 1/64 level.
-    pub off: &'a mut [i16],
+    pub until: Block,
+    /// How far it was from its dry brightness while it looked dry: a mean that forgets, 1/64 level; signed.
+    pub off: Block,
     /// In how many pictures it showed neither that it is wet nor that it is dry.
-    pub unseen: &'a mut [u16],
+    pub unseen: Block,
 }
 
-/// How a row is judged.
+impl Past {
+    pub const NONE: Past =
+        Past { since: [0; BLOCK_PX], until: [0; BLOCK_PX], off: [0; BLOCK_PX], unseen: [0; BLOCK_PX] };
+}
+
+/// How pixels are judged.
 #[derive(Debug, Clone, Copy)]
 pub struct Rule {
     /// τ in 1/65536.
@@ -64,70 +69,72 @@ pub struct Rule {
     pub notes: u16,
 }
 
-/// Judges one row of whole blocks; says whether a pixel of it broke now.
-pub fn judge(line: &mut Line<'_>, rule: Rule) -> bool {
-    let Line { light, before, dry, gain_q12, doubtful, over_time } = line;
-    let OverTime { kept, since, until, off, unseen } = over_time;
-    judge_slices((light, before, dry, gain_q12, doubtful), (kept, since, until, off, unseen), rule) & NEW > 0
+/// What is darker than this is wet, by (1).
+#[inline(always)]
+fn wet_below(dry_lit: u16, film_q16: u16) -> u16 {
+    dry_lit / 2 + high(dry_lit, film_q16) / 2
 }
 
+/// Adds those of a row's blocks, the first of them `first`, of which not every pixel of the region is wet and was so
+/// before. A hidden pixel is not wet, so no glint lies in another.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-fn judge_slices(
-    given: (&[u16], &[u16], &[u16], &[u16], &[u16]),
-    over_time: (&mut [u16], &mut [u16], &mut [u16], &mut [i16], &mut [u16]),
-    rule: Rule,
-) -> u16 {
-    let (light, before, dry, gain_q12, doubtful) = given;
-    let (kept, since, until, off, unseen) = over_time;
-    let mut any = 0_u16;
-    for from in (0..light.len()).step_by(BLOCK_PX) {
-        let block = from..from + BLOCK_PX;
-        // One length for all, so that no bound is checked within the loops.
-        let (light, before, dry) = (&light[block.clone()], &before[block.clone()], &dry[block.clone()]);
-        let (gain_q12, doubtful) = (&gain_q12[block.clone()], &doubtful[block.clone()]);
-        let (kept, off) = (&mut kept[block.clone()], &mut off[block.clone()]);
-        let (since, until, unseen) = (&mut since[block.clone()], &mut until[block.clone()], &mut unseen[block]);
-        let mut stirred = 0_u16;
+pub fn stirred(first: usize, [light, dry, kept, gain_q12]: [&[Block]; 4], film_q16: u16, found: &mut Vec<usize>) {
+    for (index, (((light, dry), kept), gain_q12)) in light.iter().zip(dry).zip(kept).zip(gain_q12).enumerate() {
+        let mut stirred = 0;
         for i in 0..BLOCK_PX {
-            let s = light[i] & BRIGHTNESS;
-            let dl = lit(dry[i], gain_q12[i]);
-            let wet = (s < dl / 2 + high(dl, rule.film_q16) / 2) & (light[i] & HIDDEN == 0);
-            let still = wet & (kept[i] & (RUN | OPEN | NEW | EVER_WET) == EVER_WET);
-            stirred |= u16::from(!still & (kept[i] & INSIDE > 0));
+            let wet = light[i] & BRIGHTNESS < wet_below(lit(dry[i], gain_q12[i]), film_q16);
+            let still = wet & (light[i] & HIDDEN == 0) & (kept[i] & (RUN | OPEN | NEW | EVER_WET) == EVER_WET);
+            stirred |= if still { 0 } else { kept[i] & INSIDE };
         }
-        if stirred == 0 {
-            continue;
-        }
-        for i in 0..BLOCK_PX {
-            let s = light[i] & BRIGHTNESS;
-            let dl = lit(dry[i], gain_q12[i]);
-            let wl = high(dl, rule.film_q16);
-            let glint = (s > glint_from(dl)) | (light[i] & HIDDEN > 0);
-            let wet = (s < dl / 2 + wl / 2) & !glint;
-            let steady = s.abs_diff(lit(before[i] & BRIGHTNESS, rule.brighter_q12)) <= dl / 16 + STEADY_MARGIN;
-            let looks_dry = !wet & !glint & steady & (doubtful[i] == 0);
-            let was = kept[i] & RUN;
-            let up = u16::from(looks_dry & (was < rule.persist));
-            let down = u16::from(wet & (was > 0));
-            let run = was + up - down;
-            let away = s.wrapping_sub(dl) as i16;
-            let mean = if was == 0 { away } else { off[i].wrapping_add(away.wrapping_sub(off[i]) >> 2) };
-            off[i] = if looks_dry { mean } else { off[i] };
-            since[i] = if (was == 0) & (up == 1) & (kept[i] & BROKE == 0) { rule.before } else { since[i] };
-            until[i] = if (was == 1) & (down == 1) { rule.now } else { until[i] };
-            unseen[i] += u16::from(!wet & !looks_dry & (rule.notes > 0));
-            // A third of the way from wet to dry: beyond doubt it is wet.
-            let surely_wet = (s < wl + high(dl - wl, 21_845)) & !glint;
-            let opens = (run >= rule.persist) & (kept[i] & INSIDE > 0);
-            let mut next = kept[i] & !(NEW | RUN) | if surely_wet { EVER_WET } else { 0 };
-            let new = if opens & (next & BROKE == 0) { rule.notes } else { 0 };
-            next = if run == 0 { next & !OPEN } else { next };
-            next |= if opens { OPEN | new } else { 0 };
-            kept[i] = next | run;
-            any |= next;
+        if stirred > 0 {
+            found.push(first + index);
         }
     }
-    any
+}
+
+/// Judges one block; says whether a pixel of it broke now.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
+pub fn judge(seen: Seen<'_>, kept: &mut Block, past: &mut Past, rule: Rule) -> bool {
+    // Copies, which nothing else can point at: else the loop is not turned into vectors.
+    let Seen { light, before, dry, gain_q12, doubtful } = seen;
+    let (light, before, dry, gain_q12, doubtful) = (*light, *before, *dry, *gain_q12, *doubtful);
+    let (mut state, Past { mut since, mut until, mut off, mut unseen }) = (*kept, *past);
+    let counts = u16::from(rule.notes > 0);
+    let mut any = 0;
+    for i in 0..BLOCK_PX {
+        let s = light[i] & BRIGHTNESS;
+        let dl = lit(dry[i], gain_q12[i]);
+        let wl = high(dl, rule.film_q16);
+        let seen = !where_(is_hidden(light[i], dl));
+        let wet = where_(s < wet_below(dl, rule.film_q16)) & seen;
+        let change = s.abs_diff(lit(before[i] & BRIGHTNESS, rule.brighter_q12));
+        let steady = where_(change <= dl / 16 + STEADY_MARGIN);
+        let looks_dry = !wet & seen & steady & where_(doubtful[i] == 0);
+        let was = state[i] & RUN;
+        let up = looks_dry & where_(was < rule.persist);
+        let down = wet & where_(was > 0);
+        let run = was + (up & 1) - (down & 1);
+        let begins = where_(was == 0);
+        let away = s.wrapping_sub(dl);
+        let change = ((away.wrapping_sub(off[i]) as i16) >> 2) as u16;
+        let mean = choose(begins, away, off[i].wrapping_add(change));
+        off[i] = choose(looks_dry, mean, off[i]);
+        since[i] = choose(begins & up & where_(state[i] & BROKE == 0), rule.before, since[i]);
+        until[i] = choose(where_(was == 1) & down, rule.now, until[i]);
+        unseen[i] += !wet & !looks_dry & counts;
+        // A third of the way from wet to dry: beyond doubt it is wet.
+        let surely_wet = where_(s < wl + high(dl - wl, 21_845)) & seen;
+        let opens = where_(run >= rule.persist) & where_(state[i] & INSIDE > 0);
+        let closed = where_(run == 0);
+        let mut next = state[i] & !(NEW | RUN) | surely_wet & EVER_WET;
+        let new = opens & where_(next & BROKE == 0) & rule.notes;
+        next = next & !(closed & OPEN) | opens & OPEN | new;
+        state[i] = next | run;
+        any |= next;
+    }
+    *kept = state;
+    *past = Past { since, until, off, unseen };
+    any & NEW > 0
 }
 
 #[cfg(test)]
@@ -146,32 +153,31 @@ mod tests {
 
     /// One pixel; the rest of its block lies outside.
     struct One {
-        kept: [u16; BLOCK_PX],
-        since: [u16; BLOCK_PX],
-        until: [u16; BLOCK_PX],
-        off: [i16; BLOCK_PX],
-        unseen: [u16; BLOCK_PX],
+        kept: Block,
+        past: Past,
     }
 
     impl One {
         fn new(run: u16) -> Self {
             let mut kept = [0; BLOCK_PX];
             kept[0] = INSIDE | run;
-            let none = [0; BLOCK_PX];
-            One { kept, since: none, until: none, off: [0; BLOCK_PX], unseen: none }
+            One { kept, past: Past::NONE }
         }
 
+        /// Judged where it is stirred, as a band does it.
         fn judge(&mut self, [before, level]: [u16; 2], gain_q12: u16, rule: Rule) -> bool {
-            let One { kept, since, until, off, unseen } = self;
-            let mut line = Line {
-                light: &[level * 64; BLOCK_PX],
-                before: &[before * 64; BLOCK_PX],
+            let [before, light, gain_q12, doubtful] = [before * 64, level * 64, gain_q12, 0].map(|n| [n; BLOCK_PX]);
+            let mut found = Vec::new();
+            let row = [&light, &[DRY; BLOCK_PX], &self.kept, &gain_q12].map(std::slice::from_ref);
+            stirred(0, row, rule.film_q16, &mut found);
+            let seen = Seen {
+                light: &light,
+                before: &before,
                 dry: &[DRY; BLOCK_PX],
-                gain_q12: &[gain_q12; BLOCK_PX],
-                doubtful: &[0; BLOCK_PX],
-                over_time: OverTime { kept, since, until, off, unseen },
+                gain_q12: &gain_q12,
+                doubtful: &doubtful,
             };
-            judge(&mut line, rule)
+            !found.is_empty() && judge(seen, &mut self.kept, &mut self.past, rule)
         }
 
         fn run(&self) -> u16 {
@@ -197,6 +203,17 @@ mod tests {
         );
     }
 
+    /// By hand, dry 100 and wet 60 levels: up to 60 + 40/3 = 73.3 it is wet beyond doubt.
+    #[test]
+    fn a_third_of_the_way_to_dry_it_is_surely_wet() {
+        let wet = |level: u16| {
+            let mut one = One::new(0);
+            one.judge([level; 2], 4096, RULE);
+            one.kept[0] & EVER_WET > 0
+        };
+        assert_eq!([60, 73, 74, 79].map(wet), [true, true, false, false]);
+    }
+
     /// Dry in pictures 1, 2, then hidden, then dry: steady in 2, 5 and 6, it breaks in picture 6 and broke at 1; wet for
     /// three pictures it closes.
     #[test]
@@ -214,7 +231,7 @@ mod tests {
             .collect();
         assert_eq!(broke.iter().position(|broke| *broke), Some(6));
         // Unseen in 1 and 4, where it was not steady, and in 3.
-        assert_eq!((one.since[0], one.until[0], one.unseen[0]), (1, 9, 3));
+        assert_eq!((one.past.since[0], one.past.until[0], one.past.unseen[0]), (1, 9, 3));
         assert_eq!(one.kept[0] & (OPEN | BROKE | EVER_WET), BROKE | EVER_WET);
     }
 
@@ -225,7 +242,7 @@ mod tests {
         for levels in [[96, 96], [96, 96], [96, 88]] {
             one.judge(levels, 4096, RULE);
         }
-        assert_eq!(one.off[0], -6 * 64);
+        assert_eq!(one.past.off[0] as i16, -6 * 64);
     }
 
     /// What is left alone is as it would be if it had been judged: wet, seen wet before, no run.
@@ -235,8 +252,8 @@ mod tests {
         one.judge([60, 60], 4096, RULE);
         let kept = one.kept;
         assert_eq!(kept[0], INSIDE | EVER_WET);
-        assert!(!one.judge([60, 60], 4096, RULE) && one.kept == kept && one.unseen[0] == 0);
+        assert!(!one.judge([60, 60], 4096, RULE) && one.kept == kept && one.past.unseen[0] == 0);
         one.judge([60, 200], 4096, RULE);
-        assert_eq!(one.unseen[0], 1);
+        assert_eq!(one.past.unseen[0], 1);
     }
 }

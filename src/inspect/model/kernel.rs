@@ -19,8 +19,12 @@ const OVEREXPOSED: u8 = 250;
 /// What noise adds to a glint's bound.
 const GLINT_MARGIN: u16 = 3 * LEVEL / 2;
 
-/// Pixels that are judged, or left, together; rows are whole blocks.
+/// Pixels of a row that are judged, or left, together; rows are whole blocks.
 pub const BLOCK_PX: usize = 32;
+pub type Block = [u16; BLOCK_PX];
+/// The light is constant over a cell of this side, px; a block holds so many.
+pub const CELL_PX: usize = 8;
+pub const CELLS: usize = BLOCK_PX / CELL_PX;
 
 /// A pixel's run, in the low byte of what is kept of it …
 pub const RUN: u16 = 0x00ff;
@@ -41,6 +45,18 @@ pub fn high(a: u16, b: u16) -> u16 {
     ((u32::from(a) * u32::from(b)) >> 16) as u16
 }
 
+/// Every bit where it holds: with masks in place of branches, loops become vectors.
+#[inline(always)]
+pub fn where_(holds: bool) -> u16 {
+    u16::from(holds).wrapping_neg()
+}
+
+/// The first where the mask is set, else the second.
+#[inline(always)]
+pub fn choose(mask: u16, first: u16, second: u16) -> u16 {
+    (first & mask) | (second & !mask)
+}
+
 /// Brightness over light of a gain in 1/4096, below 4; in 1/64 level.
 #[inline(always)]
 pub fn lit(brightness: u16, gain_q12: u16) -> u16 {
@@ -49,18 +65,21 @@ pub fn lit(brightness: u16, gain_q12: u16) -> u16 {
 
 /// The brightness from which a glint hides what is dry at `dry_lit`.
 #[inline(always)]
-pub fn glint_from(dry_lit: u16) -> u16 {
+fn glint_from(dry_lit: u16) -> u16 {
     dry_lit.saturating_add(dry_lit / 8 + GLINT_MARGIN)
 }
 
 /// Weighted sums of the channels; `weights` add up to [`LEVEL`].
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
 pub fn brightness(pixels: &[[u8; 3]], weights: [u16; 3], out: &mut [u16]) {
-    for (out, pixel) in out.iter_mut().zip(pixels) {
-        let [r, g, b] = pixel.map(u16::from);
+    let count = out.len().min(pixels.len());
+    let (out, bytes) = (&mut out[..count], &pixels.as_flattened()[..3 * count]);
+    // By bytes, since compilers unravel those of a pixel in vectors, and load triples one by one.
+    for i in 0..count {
+        let [r, g, b] = [bytes[3 * i], bytes[3 * i + 1], bytes[3 * i + 2]].map(u16::from);
         let sum = r * weights[0] + g * weights[1] + b * weights[2];
         let brightest = r.max(g).max(b);
-        *out = sum | if brightest >= u16::from(OVEREXPOSED) { HIDDEN } else { 0 };
+        out[i] = sum | if brightest >= u16::from(OVEREXPOSED) { HIDDEN } else { 0 };
     }
 }
 
@@ -75,7 +94,7 @@ pub struct Sum {
 /// Which of a tile's rows are added up, and which brightness counts.
 #[derive(Debug, Clone, Copy)]
 pub struct Adding {
-    /// From one row to the next, pixels.
+    /// From one row to the next, blocks.
     pub stride: usize,
     /// One row in so many.
     pub every: usize,
@@ -85,53 +104,69 @@ pub struct Adding {
     pub band_q10: [u16; 2],
 }
 
-/// Adds up a tile: its first row begins the slices, and its rows are [`BLOCK_PX`] long.
+/// So many brightnesses of 14 bits add up within 16.
+const WITHIN_16_BITS: usize = 4;
+
+/// Adds up a tile, one block wide: its first row's begins the slices.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn add_up(light: &[u16], dry: &[u16], kept: &[u16], adding: Adding) -> Sum {
+pub fn add_up(light: &[Block], dry: &[Block], kept: &[Block], adding: Adding) -> Sum {
     let Adding { stride, every, film_q16, band_q10 } = adding;
     let band_q15 = band_q10.map(|bound| bound << 5);
-    let (mut found, mut expected, mut pixels) = (0_u32, 0_u32, 0_u32);
+    let mut sum = Sum::default();
     let step = stride * every;
-    for ((light, dry), kept) in light.chunks(step).zip(dry.chunks(step)).zip(kept.chunks(step)) {
-        let (light, dry, kept) = (&light[..BLOCK_PX], &dry[..BLOCK_PX], &kept[..BLOCK_PX]);
-        for i in 0..BLOCK_PX {
-            let s = light[i] & BRIGHTNESS;
-            let m = if kept[i] & OPEN > 0 { dry[i] } else { high(dry[i], film_q16) };
-            let within = (s >= high(m << 1, band_q15[0])) & (s <= high(m << 1, band_q15[1]));
-            let counts = within & (kept[i] & INSIDE > 0) & (light[i] & HIDDEN == 0);
-            found += u32::from(if counts { s } else { 0 });
-            expected += u32::from(if counts { m } else { 0 });
-            pixels += u32::from(counts);
+    let rows = light.len().div_ceil(step);
+    for from in (0..rows).step_by(WITHIN_16_BITS) {
+        let (mut found, mut expected, mut pixels) = ([0; BLOCK_PX], [0; BLOCK_PX], [0; BLOCK_PX]);
+        for row in from..rows.min(from + WITHIN_16_BITS) {
+            let (light, dry, kept) = (&light[row * step], &dry[row * step], &kept[row * step]);
+            for i in 0..BLOCK_PX {
+                let s = light[i] & BRIGHTNESS;
+                let m = choose(where_(kept[i] & OPEN > 0), dry[i], high(dry[i], film_q16));
+                let within = where_(s >= high(m << 1, band_q15[0])) & where_(s <= high(m << 1, band_q15[1]));
+                let counts = within & where_(kept[i] & INSIDE > 0) & where_(light[i] & HIDDEN == 0);
+                found[i] += s & counts;
+                expected[i] += m & counts;
+                pixels[i] += 1 & counts;
+            }
         }
-    }
-    Sum { found, expected, pixels }
-}
-
-/// How many of a row's pixels in the region a glint or overexposure hides under light of this gain.
-#[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn hidden(light: &[u16], dry: &[u16], kept: &[u16], gain_q12: u16) -> u32 {
-    let mut sum = 0_u32;
-    for ((&light, &dry), &kept) in light.iter().zip(dry).zip(kept) {
-        let glint = (light & BRIGHTNESS > glint_from(lit(dry, gain_q12))) | (light & HIDDEN > 0);
-        sum += u32::from(glint & (kept & INSIDE > 0));
+        sum.found += total(&found);
+        sum.expected += total(&expected);
+        sum.pixels += total(&pixels);
     }
     sum
 }
 
-/// How many of a row's pixels lie in the region.
-pub fn inside(kept: &[u16]) -> u32 {
-    kept.iter().map(|kept| u32::from(kept & INSIDE > 0)).sum()
+#[inline(always)]
+fn total(lanes: &Block) -> u32 {
+    lanes.iter().copied().map(u32::from).sum()
 }
 
-/// Adds one to each column of a row that a glint or overexposure hides.
+/// How many of a row's pixels in the region a glint or overexposure hides under light of this gain.
 #[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
-pub fn count_hidden(light: &[u16], dry: &[u16], kept: &[u16], gain_q12: &[u16], columns: &mut [u16]) {
-    let count = columns.len();
-    let (light, dry, kept, gain_q12) = (&light[..count], &dry[..count], &kept[..count], &gain_q12[..count]);
-    for i in 0..count {
-        let glint = (light[i] & BRIGHTNESS > glint_from(lit(dry[i], gain_q12[i]))) | (light[i] & HIDDEN > 0);
-        columns[i] += u16::from(glint & (kept[i] & INSIDE > 0));
+pub fn hidden(light: &[Block], dry: &[Block], kept: &[Block], gain_q12: u16) -> u32 {
+    let mut lanes = [0; BLOCK_PX];
+    for ((light, dry), kept) in light.iter().zip(dry).zip(kept) {
+        for i in 0..BLOCK_PX {
+            lanes[i] += u16::from(is_hidden(light[i], lit(dry[i], gain_q12)) & (kept[i] & INSIDE > 0));
+        }
     }
+    total(&lanes)
+}
+
+/// Whether a glint or overexposure hides a pixel that would be this bright when dry.
+#[inline(always)]
+pub fn is_hidden(light: u16, dry_lit: u16) -> bool {
+    (light & BRIGHTNESS > glint_from(dry_lit)) | (light & HIDDEN > 0)
+}
+
+/// How many pixels of each of a block's cells a glint or overexposure hides.
+#[multiversion(targets("x86_64+avx2+bmi1+bmi2+fma", "x86_64+sse4.1+ssse3"))]
+pub fn hidden_in_cells(light: &Block, dry: &Block, kept: &Block, gain_q12: &Block) -> [u16; CELLS] {
+    let mut hidden = [0; BLOCK_PX];
+    for i in 0..BLOCK_PX {
+        hidden[i] = u16::from(is_hidden(light[i], lit(dry[i], gain_q12[i])) & (kept[i] & INSIDE > 0));
+    }
+    std::array::from_fn(|cell| hidden[cell * CELL_PX..(cell + 1) * CELL_PX].iter().sum())
 }
 
 #[cfg(test)]
@@ -151,8 +186,8 @@ mod tests {
     fn only_what_is_near_what_is_expected_tells_the_light() {
         let mut light = [0; BLOCK_PX];
         (light[0], light[1], light[2]) = (60 * 64, 100 * 64, 30 * 64);
-        let adding = Adding { stride: BLOCK_PX, every: 1, film_q16: 39_321, band_q10: [820, 1331] };
-        let sum = add_up(&light, &[100 * 64; BLOCK_PX], &[INSIDE; BLOCK_PX], adding);
+        let adding = Adding { stride: 1, every: 1, film_q16: 39_321, band_q10: [820, 1331] };
+        let sum = add_up(&[light], &[[100 * 64; BLOCK_PX]], &[[INSIDE; BLOCK_PX]], adding);
         assert_eq!((sum.pixels, sum.found), (1, 60 * 64));
         assert!(sum.expected.abs_diff(60 * 64) < 2);
     }

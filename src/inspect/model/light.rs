@@ -5,15 +5,12 @@
 //! glint. A tile's factor is then a mean over its neighbours, bounded from above by little more than the region's median:
 //! a shadow darkens a part, nothing brightens a part alone. So a break that fills a tile is not taken for light.
 
-use super::kernel::Sum;
+use super::kernel::{BLOCK_PX, Block, CELL_PX, CELLS, Sum};
 
 /// A tile's side, px.
-pub const TILE_PX: usize = 32;
+pub const TILE_PX: usize = BLOCK_PX;
 /// No light is brighter, 1/4096; a picture in which it were could not be judged by.
 const MOST_Q12: f64 = 16_383.0;
-
-/// The light is constant over a cell of this side, px.
-pub const CELL_PX: usize = 8;
 
 /// Of a tile this share at least must be near what is expected.
 const MIN_SHARE: f64 = 0.25;
@@ -80,25 +77,30 @@ impl Light {
         Light { tiles: vec![global; self.tiles.len()], global, ..self.clone() }
     }
 
-    /// The light on one row of cells, 1/4096, between the tiles' centres.
-    pub fn row_q12(&self, cell_row: usize, cells: &mut [u16]) {
-        let rows = self.tiles.len() / self.columns;
-        let per_tile = (TILE_PX / CELL_PX) as f64;
-        let place = |cell: usize, count: usize| {
-            let at = ((cell as f64 + 0.5) / per_tile - 0.5).clamp(0.0, count as f64 - 1.0);
-            let first = (at as usize).min(count.saturating_sub(2));
-            (first, (first + 1).min(count - 1), at - first as f64)
-        };
-        let (above, below, down) = place(cell_row, rows);
-        for (cell, gain) in cells.iter_mut().enumerate() {
-            let (left, right, across) = place(cell, self.columns);
-            let at = |row: usize| {
-                let (a, b) = (self.tiles[row * self.columns + left], self.tiles[row * self.columns + right]);
-                a + across * (b - a)
-            };
-            *gain = q12(at(above) + down * (at(below) - at(above)));
+    /// The light on the blocks of one row of tiles, 1/4096, each row of cells once: it goes from tile centre to tile centre.
+    pub fn blocks_q12(&self, row: usize) -> Vec<Block> {
+        let (rows, columns) = (self.tiles.len() / self.columns, self.columns);
+        let mut blocks = vec![[0; BLOCK_PX]; CELLS * columns];
+        for (cell_row, blocks) in blocks.chunks_exact_mut(columns).enumerate() {
+            let (above, below, down) = between(row * CELLS + cell_row, rows);
+            for (cell, px) in blocks.as_flattened_mut().as_chunks_mut::<CELL_PX>().0.iter_mut().enumerate() {
+                let (left, right, across) = between(cell, columns);
+                let at = |row: usize| {
+                    let (a, b) = (self.tiles[row * columns + left], self.tiles[row * columns + right]);
+                    a + across * (b - a)
+                };
+                px.fill(q12(at(above) + down * (at(below) - at(above))));
+            }
         }
+        blocks
     }
+}
+
+/// Between which two of so many tiles' centres a cell's centre lies, and how far on the way.
+fn between(cell: usize, tiles: usize) -> (usize, usize, f64) {
+    let at = ((cell as f64 + 0.5) / CELLS as f64 - 0.5).clamp(0.0, tiles as f64 - 1.0);
+    let first = (at as usize).min(tiles.saturating_sub(2));
+    (first, (first + 1).min(tiles - 1), at - first as f64)
 }
 
 /// A gain in 1/4096.
@@ -153,8 +155,8 @@ mod tests {
     #[test]
     fn light_goes_smoothly_from_tile_to_tile() {
         let light = Light { columns: 2, tiles: vec![1.0, 2.0], global: 1.0, share: 1.0 };
-        let mut cells = [0; 8];
-        light.row_q12(0, &mut cells);
-        assert_eq!(cells.map(|cell| cell / 64), [64, 64, 72, 88, 104, 120, 128, 128]);
+        let blocks = light.blocks_q12(0);
+        let cells = blocks[..2].as_flattened().iter().step_by(CELL_PX).map(|gain| gain / 64);
+        assert_eq!(cells.collect::<Vec<u16>>(), [64, 64, 72, 88, 104, 120, 128, 128]);
     }
 }

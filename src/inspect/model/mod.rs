@@ -13,15 +13,21 @@ mod band;
 mod judging;
 mod kernel;
 mod light;
+mod region;
+#[cfg(test)]
+mod tests;
 mod wetting;
 
 use super::footprint::Window;
 use crate::geometry::ColorPicture;
 use band::Band;
-use judging::{OverTime, Rule};
-use kernel::{Adding, BROKE, INSIDE, LEVEL, NEW, OPEN, Sum};
+use judging::{Past, Rule};
+use kernel::{Adding, BLOCK_PX, BROKE, Block, INSIDE, LEVEL, NEW, OPEN, Sum};
 use light::{Light, TILE_PX};
 use rayon::prelude::*;
+use region::Region;
+use std::ops::Range;
+pub use wetting::FILM_ASSUMED;
 use wetting::Wetting;
 
 /// Of the film's light this is the most and the least, 1/1024 …
@@ -47,26 +53,25 @@ pub struct Look {
     pub hidden: f64,
     /// Bit-equal to the picture before: the camera stands still.
     pub frozen: bool,
+    /// τ, read from the clip or assumed.
+    pub film_left: f64,
 }
 
 /// The pixels of a window over time.
 #[derive(Debug)]
 pub struct Model {
     window: Window,
-    stride: usize,
-    tile_rows: usize,
+    /// Blocks of a row, which are the columns of tiles, too.
+    columns: usize,
     weights: [u16; 3],
     persist: u8,
-    dry: Vec<u16>,
-    brightness: Vec<u16>,
-    before: Vec<u16>,
-    kept: Vec<u16>,
-    since: Vec<u16>,
-    until: Vec<u16>,
-    off: Vec<i16>,
-    unseen: Vec<u16>,
-    /// Of each tile the region's pixels in the rows that tell the light.
-    inside: Vec<u32>,
+    dry: Vec<Block>,
+    brightness: Vec<Block>,
+    before: Vec<Block>,
+    /// State and run.
+    kept: Vec<Block>,
+    past: Vec<Past>,
+    region: Region,
     light: Light,
     next_light: Option<Light>,
     wetting: Wetting,
@@ -80,81 +85,71 @@ impl Model {
     pub fn new(window: Window, inside: &[bool], channel_weights: [f64; 3], persist: u8) -> Self {
         let columns = window.width.div_ceil(TILE_PX);
         let tile_rows = window.height.div_ceil(TILE_PX);
-        let (stride, pixels) = (columns * TILE_PX, columns * tile_rows * TILE_PX * TILE_PX);
-        let mut kept = vec![0; pixels];
+        let blocks = columns * tile_rows * TILE_PX;
+        let mut kept = vec![[0; BLOCK_PX]; blocks];
         for (index, _) in inside.iter().enumerate().filter(|(_, inside)| **inside) {
-            kept[index / window.width * stride + index % window.width] = INSIDE | OPEN;
+            kept[index / window.width * columns + index % window.width / BLOCK_PX]
+                [index % window.width % BLOCK_PX] = INSIDE | OPEN;
         }
-        let mut model = Model {
+        Model {
             window,
-            stride,
-            tile_rows,
+            columns,
             weights: whole_weights(channel_weights),
             persist,
-            dry: vec![0; pixels],
-            brightness: vec![0; pixels],
-            before: vec![0; pixels],
+            dry: vec![[0; BLOCK_PX]; blocks],
+            brightness: vec![[0; BLOCK_PX]; blocks],
+            before: vec![[0; BLOCK_PX]; blocks],
+            region: Region::of(&kept, columns),
             kept,
-            since: vec![0; pixels],
-            until: vec![0; pixels],
-            off: vec![0; pixels],
-            unseen: vec![0; pixels],
-            inside: Vec::new(),
+            past: vec![Past::NONE; blocks],
             light: Light::even(columns, tile_rows),
             next_light: None,
-            wetting: Wetting::new(pixels),
+            wetting: Wetting::new(blocks * BLOCK_PX),
             watching: false,
             times_s: vec![0.0],
-        };
-        model.count_inside();
-        model
+        }
     }
 
-    fn count_inside(&mut self) {
-        let columns = self.stride / TILE_PX;
-        let (kept, stride) = (&self.kept, self.stride);
-        let count = |tile: usize| {
-            let (left, top) = (tile % columns * TILE_PX, tile / columns * TILE_PX);
-            let row =
-                |row: usize| kept[row * stride + left..][..TILE_PX].iter().filter(|s| **s & INSIDE > 0).count();
-            (top..top + TILE_PX).step_by(LIGHT_EVERY).map(row).sum::<usize>() as u32
-        };
-        self.inside = (0..columns * self.tile_rows).map(count).collect();
-    }
-
-    /// Takes the brightness of a picture; whether it is bit-equal to the one before.
-    fn read(&mut self, picture: &ColorPicture) -> bool {
+    /// Takes the brightness of a picture; whether it is bit-equal to the one before, and while it is at hand each tile's
+    /// sums, as [`Model::sums`] has them.
+    fn read(&mut self, picture: &ColorPicture, band_q10: [u16; 2]) -> (bool, Vec<Sum>) {
         std::mem::swap(&mut self.brightness, &mut self.before);
-        let (window, weights) = (self.window, self.weights);
-        let rows = self
-            .brightness
-            .par_chunks_mut(self.stride * TILE_PX)
-            .zip(self.before.par_chunks(self.stride * TILE_PX));
-        let same: Vec<bool> = rows
-            .enumerate()
-            .map(|(band, (out, before))| {
-                let lines = window.height.saturating_sub(band * TILE_PX).min(TILE_PX);
-                for (line, out) in out.chunks_mut(self.stride).take(lines).enumerate() {
-                    let row = window.top + band * TILE_PX + line;
-                    let pixels = &picture.rgb[row * picture.width + window.left..][..window.width];
-                    kernel::brightness(pixels, weights, &mut out[..window.width]);
-                }
-                out == before
-            })
-            .collect();
-        same.into_iter().all(|same| same)
+        let (window, weights, columns) = (self.window, self.weights, self.columns);
+        let mut brightness = std::mem::take(&mut self.brightness);
+        let tile_row = |(index, light): (usize, &mut [Block])| {
+            let first = index * TILE_PX;
+            let lines = light.chunks_mut(columns).take(window.height - first);
+            for (line, out) in lines.enumerate() {
+                let row = window.top + first + line;
+                let pixels = &picture.rgb[row * picture.width + window.left..][..window.width];
+                kernel::brightness(pixels, weights, &mut out.as_flattened_mut()[..window.width]);
+            }
+            (*light == self.before[first * columns..][..light.len()], self.sums_of(light, index, band_q10))
+        };
+        let rows: Vec<(bool, Vec<Sum>)> =
+            brightness.par_chunks_mut(columns * TILE_PX).enumerate().map(tile_row).collect();
+        self.brightness = brightness;
+        (rows.iter().all(|(same, _)| *same), rows.into_iter().flat_map(|(_, sums)| sums).collect())
     }
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
     pub fn look(&mut self, picture: &ColorPicture) -> Look {
-        let frozen = self.read(picture) && self.watching;
-        if !self.watching {
-            self.begin();
+        let (frozen, sums) = if self.watching {
+            self.read(picture, WIDE_Q10)
+        } else {
+            self.begin(picture);
             // The first picture stands for the one before it.
             self.before.clone_from(&self.brightness);
-        }
-        let light = self.light.found(&self.sums(WIDE_Q10), &self.inside);
-        let look = Look { light: light.global, told: light.share, hidden: self.hidden_under(light.global), frozen };
+            (false, self.sums(WIDE_Q10))
+        };
+        let light = self.light.found(&sums, &self.region.inside);
+        let look = Look {
+            light: light.global,
+            told: light.share,
+            hidden: self.hidden_under(light.global),
+            frozen,
+            film_left: self.wetting.film,
+        };
         self.next_light = Some(light);
         look
     }
@@ -162,17 +157,13 @@ impl Model {
     /// The share of the region that is hidden under this light.
     fn hidden_under(&self, gain: f64) -> f64 {
         let gain_q12 = light::q12(gain);
-        let rows = self
-            .brightness
-            .chunks(self.stride)
-            .zip(self.dry.chunks(self.stride))
-            .zip(self.kept.chunks(self.stride));
-        let (mut hidden, mut all) = (0, 0);
-        for ((light, dry), kept) in rows.step_by(HIDDEN_EVERY) {
-            hidden += kernel::hidden(light, dry, kept, gain_q12);
-            all += kernel::inside(kept);
-        }
-        f64::from(hidden) / f64::from(all.max(1))
+        let hidden = |(row, inside): (usize, &Range<usize>)| {
+            let part = row * self.columns + inside.start..row * self.columns + inside.end;
+            let (light, dry, kept) = (&self.brightness[part.clone()], &self.dry[part.clone()], &self.kept[part]);
+            kernel::hidden(light, dry, kept, gain_q12)
+        };
+        let hidden: u32 = self.region.rows.iter().enumerate().step_by(HIDDEN_EVERY).map(hidden).sum();
+        f64::from(hidden) / f64::from(self.region.hidden_of.max(1))
     }
 
     /// Judges the picture that was looked at last. The pixels that broke now come back, as indices of the window.
@@ -196,11 +187,19 @@ impl Model {
 
     /// Each tile's sums, first over a wide band, then about their mean.
     fn sums(&self, band_q10: [u16; 2]) -> Vec<Sum> {
-        let (stride, columns, film_q16) = (self.stride, self.stride / TILE_PX, self.film_q16());
-        let tile = |index: usize| {
-            let at = index / columns * TILE_PX * stride + index % columns * TILE_PX;
-            let part = at..at + (TILE_PX - 1) * stride + TILE_PX;
-            let (light, dry, kept) = (&self.brightness[part.clone()], &self.dry[part.clone()], &self.kept[part]);
+        let tile_rows = self.brightness.chunks(self.columns * TILE_PX).enumerate();
+        tile_rows.flat_map(|(index, light)| self.sums_of(light, index, band_q10)).collect()
+    }
+
+    /// Those of one row of tiles.
+    fn sums_of(&self, light: &[Block], tile_row: usize, band_q10: [u16; 2]) -> Vec<Sum> {
+        let (stride, film_q16) = (self.columns, self.film_q16());
+        let first = tile_row * TILE_PX * stride;
+        let tile = |column: usize| {
+            if self.region.inside[tile_row * stride + column] == 0 {
+                return Sum::default();
+            }
+            let (light, dry, kept) = (&light[column..], &self.dry[first + column..], &self.kept[first + column..]);
             let add =
                 |every, band_q10| kernel::add_up(light, dry, kept, Adding { stride, every, film_q16, band_q10 });
             let first = add(MEAN_EVERY, band_q10);
@@ -210,7 +209,7 @@ impl Model {
             let mean = f64::from(first.found) / f64::from(first.expected) * 1024.0;
             add(LIGHT_EVERY, ABOUT.map(|share| (share * mean) as u16))
         };
-        (0..self.inside.len()).into_par_iter().with_min_len(columns).map(tile).collect()
+        (0..stride).map(tile).collect()
     }
 
     fn film_q16(&self) -> u16 {
@@ -219,23 +218,19 @@ impl Model {
 
     /// Judges every pixel; those that broke now come back.
     fn judge(&mut self, rule: Rule) -> Vec<usize> {
-        let (stride, window) = (self.stride, self.window);
-        let band = stride * TILE_PX;
+        let (columns, width) = (self.columns, self.window.width);
         let (lamp, watching) = (&self.light, self.watching);
+        let size = columns * TILE_PX;
         let given =
-            self.brightness.par_chunks(band).zip(self.before.par_chunks(band)).zip(self.dry.par_chunks(band));
-        let kept = self.kept.par_chunks_mut(band).zip(self.unseen.par_chunks_mut(band));
-        let times = self.since.par_chunks_mut(band).zip(self.until.par_chunks_mut(band));
-        let rows = given.zip(kept).zip(times.zip(self.off.par_chunks_mut(band))).enumerate();
+            self.brightness.par_chunks(size).zip(self.before.par_chunks(size)).zip(self.dry.par_chunks(size));
+        let over_time = self.kept.par_chunks_mut(size).zip(self.past.par_chunks_mut(size));
+        let rows = given.zip(over_time).zip(self.region.rows.par_chunks(TILE_PX)).enumerate();
         let broke: Vec<Vec<usize>> = rows
-            .map(|(index, ((((light, before), dry), (kept, unseen)), ((since, until), off)))| {
-                let over_time = OverTime { kept, since, until, off, unseen };
-                let mut broke = Vec::new();
-                Band { light, before, dry, over_time }.judge(lamp, (index, stride), rule, watching, |at| {
-                    let (row, column) = (index * TILE_PX + at / stride, at % stride);
-                    broke.push(row * window.width + column);
-                });
-                broke
+            .map(|(index, ((((light, before), dry), (kept, past)), inside))| {
+                let mut band = Band { columns, light, before, dry, kept, past, inside };
+                let pixels = band.judge(lamp, index, rule, watching).into_iter();
+                let stride = columns * BLOCK_PX;
+                pixels.map(|at| (index * TILE_PX + at / stride) * width + at % stride).collect()
             })
             .collect();
         broke.concat()

@@ -1,12 +1,13 @@
 //! From the dry panel to the first fully wet picture: each pixel's dry brightness, and what a film leaves of it.
 
-use super::Model;
 use super::judging::Rule;
 use super::kernel::{HIDDEN, INSIDE, LEVEL, OPEN, RUN};
+use super::region::Region;
+use super::{Model, WIDE_Q10};
 use crate::geometry::ColorPicture;
 
 /// What a film leaves of the dry brightness, until the clip tells.
-const FILM_ASSUMED: f64 = 0.62;
+pub const FILM_ASSUMED: f64 = 0.62;
 /// Ratios to the dry brightness between which a pixel may be wet …
 const WET_RATIOS: [f64; 2] = [0.2, 0.88];
 /// … and those of what is dry.
@@ -51,21 +52,21 @@ impl Wetting {
 impl Model {
     /// A picture of the dry panel; several are averaged.
     pub fn dry(&mut self, picture: &ColorPicture) {
-        self.read(picture);
+        self.read(picture, WIDE_Q10);
         self.wetting.dry_pictures += 1;
-        for (sum, light) in self.wetting.dry_sum.iter_mut().zip(&self.brightness) {
+        for (sum, light) in self.wetting.dry_sum.iter_mut().zip(self.brightness.as_flattened()) {
             *sum += u32::from(light & !HIDDEN);
         }
-        for (dry, sum) in self.dry.iter_mut().zip(&self.wetting.dry_sum) {
+        for (dry, sum) in self.dry.as_flattened_mut().iter_mut().zip(&self.wetting.dry_sum) {
             *dry = (sum / self.wetting.dry_pictures) as u16;
         }
-        for (kept, light) in self.kept.iter_mut().zip(&self.brightness) {
+        for (kept, light) in self.kept.as_flattened_mut().iter_mut().zip(self.brightness.as_flattened()) {
             // An overexposed or black place tells nothing: it is not seen.
             if light & HIDDEN > 0 || *light < MIN_DRY_LEVELS * LEVEL {
                 *kept = 0;
             }
         }
-        self.count_inside();
+        self.region = Region::of(&self.kept, self.columns);
     }
 
     /// Whether a dry picture was taken.
@@ -78,27 +79,27 @@ impl Model {
         if !self.has_dry() {
             return;
         }
-        self.read(picture);
-        self.settle_states();
+        self.read_and_settle(picture);
     }
 
     /// The first fully wet picture: without a dry one it is the best that is known.
-    pub(super) fn begin(&mut self) {
-        if !self.has_dry() {
-            let dry = |light: &u16| (f64::from(light & !HIDDEN) / FILM_ASSUMED).min(16_320.0) as u16;
-            self.dry = self.brightness.iter().map(dry).collect();
-            self.kept.iter_mut().for_each(|kept| *kept &= !OPEN);
+    pub(super) fn begin(&mut self, picture: &ColorPicture) {
+        if self.has_dry() {
+            self.read_and_settle(picture);
         } else {
-            self.settle_states();
+            self.read(picture, WIDE_Q10);
+            let dry = |light: &u16| (f64::from(light & !HIDDEN) / FILM_ASSUMED).min(16_320.0) as u16;
+            self.dry = self.brightness.iter().map(|block| block.each_ref().map(dry)).collect();
+            self.kept.as_flattened_mut().iter_mut().for_each(|kept| *kept &= !OPEN);
         }
         self.watching = true;
     }
 
     /// The light by what hardly changed, what the film leaves by what did, and each pixel's state by both.
-    fn settle_states(&mut self) {
+    fn read_and_settle(&mut self, picture: &ColorPicture) {
         let g = self.light.global;
-        let sums = self.sums(NARROW_Q10.map(|bound| (bound * g).min(2_047.0) as u16));
-        let found = self.light.found(&sums, &self.inside);
+        let (_, sums) = self.read(picture, NARROW_Q10.map(|bound| (bound * g).min(2_047.0) as u16));
+        let found = self.light.found(&sums, &self.region.inside);
         self.light = self.light.flat(if found.share > MIN_SHARE_TOLD { found.global } else { g });
         if let Some(film) = self.film_left() {
             (self.wetting.film, self.wetting.film_known) = (film, true);
@@ -108,14 +109,15 @@ impl Model {
         let before = std::mem::replace(&mut self.before, self.brightness.clone());
         self.judge(rule);
         self.before = before;
-        self.kept.iter_mut().for_each(|kept| *kept &= !RUN);
+        self.kept.as_flattened_mut().iter_mut().for_each(|kept| *kept &= !RUN);
     }
 
     /// The ratio to the dry brightness that most of what is wet has; `None` where too little is. Pictures in which a part is
     /// still dry count for more: that part tells the light. So neither a shadow nor the spray's mist is taken for film.
     fn film_left(&mut self) -> Option<f64> {
         let (mut bins, mut dry_pixels, mut all) = (vec![0_u32; FILM_BINS], 0_u32, 0_u32);
-        for ((&light, &dry), &kept) in self.brightness.iter().zip(&self.dry).zip(&self.kept) {
+        let [light, dry, kept] = [&self.brightness, &self.dry, &self.kept].map(|blocks| blocks.as_flattened());
+        for ((&light, &dry), &kept) in light.iter().zip(dry).zip(kept) {
             all += u32::from(kept & INSIDE > 0);
             if kept & INSIDE > 0 && light & HIDDEN == 0 {
                 let ratio = f64::from(light) / (self.light.global * f64::from(dry));

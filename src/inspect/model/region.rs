@@ -1,0 +1,39 @@
+//! Which tiles and blocks hold pixels of the region, so that the others are left alone.
+
+use super::kernel::{Block, INSIDE};
+use super::light::TILE_PX;
+use super::{HIDDEN_EVERY, LIGHT_EVERY};
+use std::ops::Range;
+
+/// The region in a window's blocks.
+#[derive(Debug)]
+pub struct Region {
+    /// Of each tile its pixels in the rows that tell the light.
+    pub inside: Vec<u32>,
+    /// Of each row the blocks from the first to the last that hold one.
+    pub rows: Vec<Range<usize>>,
+    /// Its pixels in the rows that tell how much is hidden.
+    pub hidden_of: u32,
+}
+
+impl Region {
+    /// By the states of the blocks, so many to a row.
+    pub fn of(kept: &[Block], columns: usize) -> Self {
+        let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
+        let counts: Vec<u32> = kept.iter().map(count).collect();
+        let row = |row: &[u32]| {
+            let first = row.iter().position(|count| *count > 0);
+            let last = row.iter().rposition(|count| *count > 0);
+            first.zip(last).map_or(0..0, |(first, last)| first..last + 1)
+        };
+        let tile = |tile: usize| {
+            let (row, column) = (tile / columns * TILE_PX, tile % columns);
+            (row..row + TILE_PX).step_by(LIGHT_EVERY).map(|row| counts[row * columns + column]).sum()
+        };
+        Region {
+            inside: (0..counts.len() / TILE_PX).map(tile).collect(),
+            rows: counts.chunks(columns).map(row).collect(),
+            hidden_of: counts.chunks(columns).step_by(HIDDEN_EVERY).flatten().sum(),
+        }
+    }
+}

@@ -1,0 +1,66 @@
+//! The model by itself, on 64 × 64 px: dry 100 levels, wet 60.
+
+use super::*;
+
+const SIDE: usize = 64;
+
+fn picture(level: impl Fn(usize, usize) -> u8) -> ColorPicture {
+    let rgb = (0..SIDE * SIDE).map(|index| [level(index % SIDE, index / SIDE); 3]).collect();
+    ColorPicture { width: SIDE, height: SIDE, rgb }
+}
+
+/// Two pictures into the film; three that show it make a break.
+fn watching() -> Model {
+    let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
+    let mut model = Model::new(window, &[true; SIDE * SIDE], [1.0; 3], 3);
+    model.dry(&picture(|_, _| 100));
+    show(&mut model, |_, _| 60);
+    model
+}
+
+/// Shows one more picture; what it says of itself, and how many pixels broke by it.
+fn show(model: &mut Model, level: impl Fn(usize, usize) -> u8) -> (Look, usize) {
+    let look = model.look(&picture(level));
+    let since_wet_s = model.times_s.len() as f64;
+    (look, model.follow(since_wet_s).len())
+}
+
+/// By hand. One row in two tells the light: with 66 in every fourth row, from row 2 on, it is (60 + 66)/2/60 = 1.05. Which
+/// brightness counts is told by one row in four: with 75 in every eighth, from row 4 on, their mean is 67.5, so that
+/// 0.86 · 67.5 = 58 to 78 count: the light is (3 · 60 + 75)/4/60 = 1.0625. One row in four tells what is hidden: of 16
+/// such rows row 4 is.
+#[test]
+fn rows_tell_the_light_and_what_is_hidden() {
+    let light = |from: usize, every: usize, level: u8| {
+        show(&mut watching(), |_, row| if row % every == from { level } else { 60 }).0.light
+    };
+    assert!((light(2, 4, 66) - 1.05).abs() < 1e-3, "{}", light(2, 4, 66));
+    assert!((light(4, 8, 75) - 1.0625).abs() < 1e-3, "{}", light(4, 8, 75));
+    let look = show(&mut watching(), |_, row| if row == 4 { 255 } else { 60 }).0;
+    assert_eq!((look.hidden, look.film_left), (1.0 / 16.0, watching().wetting.film));
+}
+
+/// By hand: below 4 levels a dry place tells nothing, from 250 on it may be overexposed.
+#[test]
+fn a_black_or_overexposed_dry_place_is_not_seen() {
+    let window = Window { left: 0, top: 0, width: SIDE, height: SIDE };
+    let mut model = Model::new(window, &[true; SIDE * SIDE], [1.0; 3], 3);
+    model.dry(&picture(|column, _| [3, 4, 249, 250][column % 4]));
+    assert_eq!([0, 1, 2, 3].map(|index| model.sees(index)), [false, true, true, false]);
+}
+
+/// By hand: 3 px of a cell, in rows that are looked at, are a glint's core, 2 px are noise. Next to a core, in the cells
+/// around its own of 8 × 8 px, nothing breaks; two cells away it does.
+#[test]
+fn beside_a_glint_nothing_looks_dry() {
+    let broke = |core: usize, from: usize| {
+        let mut model = watching();
+        let level = |column: usize, row: usize| match (column, row) {
+            (16.., 18) if column < 16 + core => 250,
+            (_, 20..24) if (from..from + 4).contains(&column) => 100,
+            _ => 60,
+        };
+        (0..5).map(|_| show(&mut model, level).1).sum::<usize>()
+    };
+    assert_eq!([broke(3, 26), broke(2, 26), broke(3, 34)], [0, 16, 16]);
+}

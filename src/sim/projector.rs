@@ -1,0 +1,214 @@
+//! The projector of the 3D camera, and what its light does not reach.
+//!
+//! A Zivid measures what both its camera and its projector see. The projector of a Two M70 stands b = 111 mm to the right of
+//! the lens and is turned by 0.113 rad towards its axis. A pixel has no point where its surface
+//! - lies outside of the projector's picture,
+//! - looks away from the projector, or
+//! - is in shadow: on the line to the projector stands something else, nearer to it by over 0.5 % of the depth.
+//!
+//! The edge of a thing that stands d before a wall at the depth z leaves a strip of the wall without points,
+//!     w ≈ b d / (z − d),                                                                                  (1)
+//! on the side that faces away from the projector. Colours have the room's light and no such shadows.
+//!
+//! Lines are followed to the surfaces themselves, not to a depth map: no ragged rims, no slanted surface in its own shadow.
+//! Not simulated: half-shadows, light from surface to surface, the panel's shadow on itself, for which it is too shallow.
+//! Source: geometry and rule of the vendor's own simulation, github.com/zivid/zivid-isaac-sim (camera_calibration.py,
+//! zivid_camera.py); in the M70 its projector's picture is kept four times coarser.
+
+use super::cast::{PanelSight, PanelView};
+use super::clutter::Slab;
+use super::fixture;
+use super::shape::Shape;
+use crate::geometry::{Base, Camera, Panel, PinholeCamera, Pixel, Point, Rigid};
+use nalgebra::{Isometry3, Point3, Vector3};
+
+/// The projector's lens; it has no distortion in the vendor's simulation.
+const LENS: PinholeCamera = PinholeCamera {
+    width_px: 1280,
+    height_px: 720,
+    fx_px: 1170.0,
+    fy_px: 1170.0,
+    cx_px: 640.0,
+    cy_px: 360.0,
+    k1: 0.0,
+    k2: 0.0,
+    p1: 0.0,
+    p2: 0.0,
+    k3: 0.0,
+};
+
+/// Where it stands in the camera's frame, mm, and its turn about the camera's y, rad.
+const PLACE_MM: [f64; 3] = [111.2, 0.0, 9.7];
+const TURN_RAD: f64 = -0.113;
+
+/// What is nearer to the projector than a point by this share of its depth throws a shadow on it.
+pub(super) const SHADOW_SHARE: f64 = 0.005;
+
+/// From the camera's lens to the projector's, mm.
+pub(super) fn baseline_mm() -> f64 {
+    Vector3::from(PLACE_MM).norm()
+}
+
+fn camera_from_projector() -> Isometry3<f64> {
+    Isometry3::new(PLACE_MM.into(), Vector3::y() * TURN_RAD)
+}
+
+/// The projector before what stands in the cell.
+pub(super) struct Projector<'a> {
+    projector_from_camera: Isometry3<f64>,
+    panel: Option<PanelView<'a>>,
+    screens: Vec<Screen>,
+}
+
+impl<'a> Projector<'a> {
+    /// The projector of a camera that stands there, before the fixture, a panel and these things.
+    pub fn new(
+        base_from_camera: &Rigid<Base, Camera>,
+        panel: Option<(&'a Shape, &Rigid<Base, Panel>)>,
+        things: &[Slab],
+    ) -> Self {
+        let projector_from_base = (base_from_camera.isometry() * camera_from_projector()).inverse();
+        let panel = panel.map(|(shape, base_from_panel)| {
+            let projector_from_sheet = projector_from_base * base_from_panel.isometry() * shape.panel_from_sheet();
+            PanelView::new(&LENS, shape, &projector_from_sheet)
+        });
+        let eye = projector_from_base * base_from_camera.origin().mm;
+        let slabs = fixture::slabs().into_iter().chain(things.iter().copied());
+        let screens = slabs.map(|slab| Screen::new(&projector_from_base, &slab, &eye)).collect();
+        Projector { panel, screens, ..Projector::alone() }
+    }
+
+    /// The projector with nothing before it.
+    pub fn alone() -> Self {
+        Projector { projector_from_camera: camera_from_projector().inverse(), panel: None, screens: Vec::new() }
+    }
+
+    /// Does its light fall on this point of the camera's frame? `on_panel` is what the camera sees there if it is the panel.
+    pub fn lights(&self, point: &Vector3<f64>, on_panel: Option<&PanelSight>) -> bool {
+        let point = self.projector_from_camera * Point3::from(*point);
+        let Some((column, row)) = inside(&point) else { return false };
+        let nearest = (1.0 - SHADOW_SHARE) * point.z;
+        let clear_of_panel = match (&self.panel, on_panel) {
+            (Some(panel), Some(sight)) => panel.turned(&point.coords).dot(&sight.normal) < 0.0,
+            (Some(panel), None) => {
+                let met = panel.may_show(column, row).then(|| panel.meet(point.coords / point.z, None)).flatten();
+                !met.is_some_and(|met| met.edge_px < 0.0 && met.depth_mm < nearest)
+            }
+            (None, _) => true,
+        };
+        clear_of_panel && !self.screens.iter().any(|screen| screen.stops(&point.coords))
+    }
+}
+
+/// The pixel of the projector's picture that a point of its frame lies in.
+fn inside(point: &Point3<f64>) -> Option<(usize, usize)> {
+    let Pixel { u, v } = LENS.project(Point::<Camera>::new(*point))?;
+    let within = u >= 0.0 && v >= 0.0 && u < LENS.width_px as f64 && v < LENS.height_px as f64;
+    within.then_some((u as usize, v as usize))
+}
+
+/// A flat rectangle in the projector's way, in its frame.
+struct Screen {
+    centre: Vector3<f64>,
+    axes: [Vector3<f64>; 3],
+    half_mm: [f64; 2],
+    /// It stops the light where its share of the line to a point is below this.
+    reach: f64,
+}
+
+impl Screen {
+    fn new(projector_from_base: &Isometry3<f64>, slab: &Slab, eye: &Point3<f64>) -> Self {
+        let projector_from_slab = projector_from_base * slab.base_from_slab;
+        let centre = projector_from_slab.translation.vector;
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| projector_from_slab * axis);
+        let same_side = axes[2].dot(&(eye.coords - centre)) * axes[2].dot(&-centre) > 0.0;
+        // Where the camera sees the side that the projector does not, all of that side is dark.
+        let reach = if same_side { 1.0 - SHADOW_SHARE } else { 1.0 + 1e-6 };
+        Screen { centre, axes, half_mm: slab.half_mm, reach }
+    }
+
+    /// Does it stand between the projector and this point?
+    fn stops(&self, point: &Vector3<f64>) -> bool {
+        let share = self.axes[2].dot(&self.centre) / self.axes[2].dot(point);
+        if !(share > 0.0 && share < self.reach) {
+            return false;
+        }
+        let met = point * share - self.centre;
+        self.axes[0].dot(&met).abs() < self.half_mm[0] && self.axes[1].dot(&met).abs() < self.half_mm[1]
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::super::noise::Seed;
+    use super::super::scene;
+    use super::*;
+
+    /// By hand, with sin 0.113 = 0.11276 and cos 0.113 = 0.99362: the point (0, 210, 700) is (210, 698.4) down and along
+    /// in the projector's frame, v = 360 + 1170 · 210 / 698.4 = 711.8 of 720; 220 mm down it is 728.5. The point
+    /// (−370, 0, 700) is (−400.3, 740.2) across and along, u = 7.2; at −380 it is −7.5.
+    #[test]
+    fn the_frustum_by_hand() {
+        let lit = |x: f64, y: f64| Projector::alone().lights(&Vector3::new(x, y, 700.0), None);
+        assert!(lit(0.0, 210.0) && lit(0.0, -210.0) && lit(-370.0, 0.0));
+        assert!(!lit(0.0, 220.0) && !lit(0.0, -220.0) && !lit(-380.0, 0.0));
+        assert!(!Projector::alone().lights(&Vector3::new(0.0, 0.0, -700.0), None), "behind");
+    }
+
+    /// A camera at (−35, 0, 360) that looks straight at the plate, 700 mm away; its x is the base's −Y.
+    pub fn before_the_plate() -> Rigid<Base, Camera> {
+        let axes = [-Vector3::y(), -Vector3::z(), Vector3::x()].map(crate::geometry::Vector::new);
+        Rigid::from_axes(axes, Point::at(-35.0, 0.0, 360.0))
+    }
+
+    /// By hand: a thing of ±40 mm, 100 mm before the plate. The line from the projector by its left edge ends on the plate at
+    /// x = 111.2 − 151.2 · 690.3 / 590.3 = −65.61 mm, that from the camera at −46.67; on the right the line ends
+    /// at 27.94, behind the thing.
+    #[test]
+    fn a_shadow_by_hand() {
+        let thing = Slab::facing(Point3::new(565.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
+        let projector = Projector::new(&before_the_plate(), None, &[thing]);
+        let lit = |x: f64| projector.lights(&Vector3::new(x, 0.0, 700.0), None);
+        assert!(lit(-65.7) && !lit(-65.5) && !lit(-46.0) && !lit(27.8) && lit(28.1));
+        assert!(projector.lights(&Vector3::new(-39.0, 0.0, 600.0), None), "not in its own shadow");
+        // 3 mm of 700 are less than 0.5 %.
+        let thin = Slab::facing(Point3::new(662.0, 0.0, 360.0), -Vector3::x(), 0.0, [40.0, 40.0], [100.0; 3]);
+        assert!(Projector::new(&before_the_plate(), None, &[thin]).lights(&Vector3::new(0.0, 0.0, 700.0), None));
+    }
+
+    /// A thing with its edge to the viewer, between lens and projector, shows the lens its dark side.
+    #[test]
+    fn the_dark_side_of_a_thing_has_no_points() {
+        let seen_from = |y_mm: f64| {
+            let thing = Slab::facing(Point3::new(465.0, y_mm, 360.0), Vector3::y(), 0.0, [40.0, 40.0], [100.0; 3]);
+            Projector::new(&before_the_plate(), None, &[thing]).lights(&Vector3::new(-y_mm, 0.0, 505.0), None)
+        };
+        assert!(!seen_from(-50.0), "at x = 50 mm lens and projector, at 111 mm, are on both sides");
+        assert!(seen_from(50.0) && seen_from(-150.0));
+    }
+
+    /// In a shadow on the plate beside the panel, the line to the projector passes the panel's inside; and the panel, which
+    /// has nothing before it, is lit all over, wherever it is put.
+    #[test]
+    fn a_panel_is_lit_and_throws_its_shadow_to_the_left() {
+        let base_from_camera = scene::base_from_camera();
+        for seed in 0..20 {
+            let shape = Shape::taught(Seed(seed));
+            for place in [scene::nominal(), scene::displaced(Seed(seed))] {
+                let projector = Projector::new(&base_from_camera, Some((&shape, &place)), &[]);
+                let seen = |at: [f64; 2]| (base_from_camera.inverse() * (place * shape.point(at))).mm.coords;
+                for at in shape.outline().polyline(10.0) {
+                    assert!(projector.lights(&seen(at.into()), None), "seed {seed}: {at}");
+                }
+                // The plate as the lens sees it just beside the middles of the left and the right side.
+                let eye = base_from_camera.origin().mm;
+                let behind = |s: f64| {
+                    let ray = (place * shape.point([s, 0.0])).mm - eye;
+                    let on_plate = eye + ray * ((665.0 - eye.x) / ray.x);
+                    projector.lights(&(base_from_camera.inverse() * Point::<Base>::new(on_plate)).mm.coords, None)
+                };
+                assert!(!behind(-164.0) && behind(174.0), "seed {seed}");
+            }
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and what can be
+//! wrong with such a scene. The calibration is the true one: what is measured is the localization.
+//!
+//! A good trial has the taught panel, dry, in the box, turned by up to ±180° about its normal and tilted by up to 30°, with
+//! at most 20 % without points: behind things, in their shadow, outside of the camera's picture or the projector's. Glints leave points out and overexpose the picture.
+
+mod capture;
+mod placement;
+mod wrong;
+
+pub use placement::TRIAL_BOX_MM;
+pub use wrong::Wrong;
+
+use super::cast::Rays;
+use super::clutter::Slab;
+use super::noise::{PixelNoise, Seed};
+use super::scene;
+use super::shape::Shape;
+use super::truth::PlacementError;
+use super::variety::{self, generator};
+use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
+use capture::Things;
+use placement::lattice;
+
+/// A scene with known truth.
+#[derive(Debug, Clone)]
+pub struct Trial {
+    seed: Seed,
+    taught: Shape,
+    present: Option<Shape>,
+    size_mm: [f64; 2],
+    place: Rigid<Base, Panel>,
+    slabs: Vec<Slab>,
+    /// Places of the panel, and how far around them it shines, mm.
+    glints: Vec<([f64; 2], f64)>,
+    wet: bool,
+    smear_px: usize,
+    camera_now: Rigid<Base, Camera>,
+    camera: PinholeCamera,
+    rays: Rays,
+    pixels: PixelNoise,
+    hidden: f64,
+}
+
+impl Trial {
+    /// A good scene, with camera pictures `reduction` times smaller than the real ones.
+    pub fn good(seed: u64, reduction: usize) -> Trial {
+        Trial::new(Seed(seed), None, reduction)
+    }
+
+    /// A scene with something wrong.
+    pub fn bad(seed: u64, wrong: Wrong, reduction: usize) -> Trial {
+        Trial::new(Seed(seed), Some(wrong), reduction)
+    }
+
+    fn new(seed: Seed, wrong: Option<Wrong>, reduction: usize) -> Trial {
+        let camera = scene::scanner(reduction);
+        let mut random = generator(seed, 0);
+        let panel = if wrong == Some(Wrong::Symmetric) {
+            variety::Panel::symmetric(&mut random)
+        } else {
+            variety::Panel::any(&mut random)
+        };
+        let mut trial = Trial {
+            seed,
+            taught: panel.shape(),
+            present: Some(panel.shape()),
+            size_mm: panel.size_mm,
+            place: scene::nominal(),
+            slabs: Vec::new(),
+            glints: Vec::new(),
+            wet: wrong == Some(Wrong::Wet),
+            smear_px: if wrong == Some(Wrong::Smeared) { (13 / reduction).max(5) } else { 0 },
+            camera_now: scene::base_from_camera(),
+            camera,
+            rays: Rays::new(&camera),
+            pixels: PixelNoise::new(seed),
+            hidden: 0.0,
+        };
+        trial.put(&mut generator(seed, 1), wrong);
+        if let Some(wrong) = wrong {
+            trial.spoil(&panel, wrong, &mut generator(seed, 2));
+        }
+        trial
+    }
+
+    /// The 3D camera.
+    pub fn camera(&self) -> &PinholeCamera {
+        &self.camera
+    }
+
+    /// Where it stands, as its calibration says.
+    pub fn base_from_camera(&self) -> Rigid<Base, Camera> {
+        scene::base_from_camera()
+    }
+
+    /// The rectangle that the taught panel was cut from: length and width, mm.
+    pub fn size_mm(&self) -> [f64; 2] {
+        self.size_mm
+    }
+
+    /// The share of the panel that the 3D camera does not see: hidden, in shadow, or out of view.
+    pub fn hidden(&self) -> f64 {
+        self.hidden
+    }
+
+    /// Where the panel stands.
+    pub fn base_from_panel(&self) -> Rigid<Base, Panel> {
+        self.place
+    }
+
+    /// A region in the middle of the taught scan's picture: top left, top right, bottom right, bottom left.
+    pub fn region_px(&self) -> [Pixel; 4] {
+        let [s, t] = self.size_mm.map(|mm| 0.2 * mm);
+        [[-s, t], [s, t], [s, -t], [-s, -t]].map(|at| {
+            let seen = scene::base_from_camera().inverse() * (scene::nominal() * self.taught.point(at));
+            self.camera.project(seen).unwrap_or_default()
+        })
+    }
+
+    /// How far a found place puts the panel's surface from where it is.
+    pub fn error_mm(&self, found: &Rigid<Base, Panel>) -> PlacementError {
+        let points = lattice(&self.taught);
+        let errors = points.iter().map(|&at| self.place.distance_at_mm(*found, self.taught.point(at)));
+        let (sum_mm, max_mm) = errors.fold((0.0, 0.0_f64), |(sum, max), error| (sum + error, max.max(error)));
+        PlacementError { mean_mm: sum_mm / points.len() as f64, max_mm }
+    }
+
+    /// The scan that teaches the panel, at its nominal place and without clutter.
+    pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
+        let taught = Some((&self.taught, &scene::nominal()));
+        self.capture(taught, &scene::base_from_camera(), Things::default(), 0)
+    }
+
+    /// The scan of the scene.
+    pub fn scan(&self) -> OrganizedCloud<Camera> {
+        let present = self.present.as_ref().map(|shape| (shape, &self.place));
+        let things = Things { slabs: &self.slabs, glints: &self.glints, wet: self.wet, smear_px: self.smear_px };
+        self.capture(present, &self.camera_now, things, 1)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A good panel stands in the box, before the fixture, and most of it is seen; the scan has points where it stands.
+    #[test]
+    fn good_trials_are_good() {
+        for seed in 0..6 {
+            let trial = Trial::good(seed, 4);
+            assert!(trial.hidden() < 0.2, "{}", trial.hidden());
+            let scan = trial.scan();
+            let camera_from_base = trial.base_from_camera().inverse();
+            let (mut near, mut seen) = (0, 0);
+            for at in lattice(&trial.taught) {
+                let point = camera_from_base * (trial.base_from_panel() * trial.taught.point(at));
+                let Some(pixel) = trial.camera().project_inside(point) else { continue };
+                let Some((column, row)) = pixel.whole(scan.width(), scan.height()) else { continue };
+                seen += 1;
+                near += usize::from(scan.point(column, row).is_some_and(|p| (p.mm.z - point.mm.z).abs() < 2.0));
+            }
+            assert!(near as f64 > 0.7 * f64::from(seen), "seed {seed}: {near} of {seen}");
+        }
+    }
+
+    #[test]
+    fn bad_trials_are_bad() {
+        assert!(Trial::bad(1, Wrong::Hidden, 8).hidden() > 0.4);
+        assert!(Trial::bad(1, Wrong::OutOfView, 8).hidden() > 0.35);
+        let wet = Trial::bad(1, Wrong::Wet, 8).scan().valid().count();
+        assert!(wet < Trial::good(1, 8).scan().valid().count());
+        let moved = Trial::bad(1, Wrong::CameraMoved, 8);
+        assert!((moved.camera_now.origin() - moved.base_from_camera().origin()).mm.norm() > 0.9);
+    }
+}

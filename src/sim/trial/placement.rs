@@ -1,0 +1,154 @@
+//! Where a trial's panel stands: in the box, before the fixture, among things, and seen as far as it should be.
+
+use super::{Trial, Wrong};
+use crate::geometry::{Base, Panel, Rigid};
+use crate::sim::clutter::Slab;
+use crate::sim::projector::Projector;
+use crate::sim::scene;
+use crate::sim::shape::{CENTRE_MM, Shape};
+use nalgebra::{Isometry3, Point3, Rotation3, Translation3, Unit, UnitQuaternion, Vector2, Vector3};
+use rand::RngExt;
+use rand_pcg::Pcg64;
+
+/// The box in which a trial's panel stands, mm in the base frame; the fixture lies behind it.
+pub const TRIAL_BOX_MM: [[f64; 3]; 2] = [[250.0, -420.0, 10.0], [640.0, 420.0, 720.0]];
+
+/// The panel's points stay this far before the fixture, mm.
+const FARTHEST_X_MM: f64 = 628.0;
+const MAX_HIDDEN: f64 = 0.195;
+
+impl Trial {
+    /// Draws places until one is as it must be: before the fixture, in the box, and seen as far as it should be.
+    pub(super) fn put(&mut self, random: &mut Pcg64, wrong: Option<Wrong>) {
+        let share = match wrong {
+            Some(Wrong::Hidden) => 0.42..0.65,
+            Some(Wrong::OutOfView) => 0.36..0.6,
+            // What is cut off must be seen to be missing.
+            Some(Wrong::Trimmed) => 0.0..1e-9,
+            _ => 0.0..MAX_HIDDEN,
+        };
+        let shape = self.taught.clone();
+        let lattice = lattice(&shape);
+        loop {
+            let tilt_deg = random.random_range(0.0..30.0);
+            let turn_deg = random.random_range(-180.0..180.0);
+            let aside = if wrong == Some(Wrong::OutOfView) { 400.0 } else { 160.0 };
+            let centre = Vector3::new(
+                random.random_range(450.0..590.0),
+                random.random_range(-aside..aside),
+                360.0 + random.random_range(-aside / 1.6..aside / 1.6),
+            );
+            self.place = placed(centre, turn_deg, tilt_deg, random.random_range(0.0..std::f64::consts::TAU));
+            let points: Vec<Point3<f64>> = lattice.iter().map(|&at| (self.place * shape.point(at)).mm).collect();
+            let [low, high] = TRIAL_BOX_MM;
+            // What is out of view may be out of the box as well.
+            let axes = if wrong == Some(Wrong::OutOfView) { 0..1 } else { 0..3 };
+            let stands = points.iter().all(|p| {
+                p.x < FARTHEST_X_MM
+                    && axes.clone().all(|axis| p[axis] > low[axis] + 4.0 && p[axis] < high[axis] - 4.0)
+            });
+            if !stands || !self.faces(&lattice) {
+                continue;
+            }
+            self.slabs = beside(random, &self.place);
+            let covers = match wrong {
+                Some(Wrong::Hidden) => 2,
+                Some(Wrong::OutOfView) => 0,
+                _ => random.random_range(0..3),
+            };
+            for _ in 0..covers {
+                self.slabs.push(self.before(random, &lattice, wrong == Some(Wrong::Hidden)));
+            }
+            self.hidden = self.hidden_share(&lattice);
+            if share.contains(&self.hidden) {
+                break;
+            }
+        }
+        for _ in 0..random.random_range(0..3) {
+            let place = lattice[random.random_range(0..lattice.len())];
+            self.glints.push((place, random.random_range(3.0..9.0)));
+        }
+    }
+
+    /// Does every place of the panel look at the camera?
+    fn faces(&self, lattice: &[[f64; 2]]) -> bool {
+        let eye = scene::base_from_camera().origin();
+        lattice.iter().all(|&at| {
+            let (point, normal) = (self.place * self.taught.point(at), self.place * self.taught.normal(at));
+            let towards = (eye - point).mm;
+            normal.mm.dot(&towards) > 0.3 * towards.norm()
+        })
+    }
+
+    /// A slab somewhere between the camera and a place of the panel.
+    fn before(&self, random: &mut Pcg64, lattice: &[[f64; 2]], large: bool) -> Slab {
+        let eye = scene::base_from_camera().origin().mm;
+        let at = lattice[random.random_range(0..lattice.len())];
+        let point = (self.place * self.taught.point(at)).mm;
+        let towards = (eye - point).normalize();
+        let centre = point + towards * random.random_range(60.0..180.0);
+        let size = if large { 40.0..130.0 } else { 6.0..55.0 };
+        let half = [random.random_range(size.clone()), random.random_range(size)];
+        let gray = random.random_range(40.0..190.0);
+        Slab::facing(centre, towards, random.random_range(0.0..3.0), half, [gray, gray, gray * 0.95])
+    }
+
+    /// The share of these places that camera or projector do not see.
+    fn hidden_share(&self, lattice: &[[f64; 2]]) -> f64 {
+        let base_from_camera = scene::base_from_camera();
+        let camera_from_base = base_from_camera.inverse();
+        let eye = base_from_camera.origin().mm;
+        let projector = Projector::new(&base_from_camera, Some((&self.taught, &self.place)), &self.slabs);
+        let hidden = |&&at: &&[f64; 2]| {
+            let point = self.place * self.taught.point(at);
+            let seen = camera_from_base * point;
+            self.camera.project_inside(seen).is_none()
+                || self.slabs.iter().any(|slab| is_before(slab, &eye, &(point.mm - eye)))
+                || !projector.lights(&seen.mm.coords, None)
+        };
+        lattice.iter().filter(hidden).count() as f64 / lattice.len() as f64
+    }
+}
+
+/// Does a slab stand between the eye and the end of a ray?
+fn is_before(slab: &Slab, eye: &Point3<f64>, ray: &Vector3<f64>) -> bool {
+    let length_mm = ray.norm();
+    let met = slab.look(eye, &(ray / length_mm), 1e-6);
+    met.is_some_and(|met| met.share > 0.5 && met.depth_mm < length_mm - 1.0)
+}
+
+/// A place by the panel's centre, its turn about the normal, and its tilt about a direction in the plane.
+fn placed(centre: Vector3<f64>, turn_deg: f64, tilt_deg: f64, about_rad: f64) -> Rigid<Base, Panel> {
+    let turn = Rotation3::from_axis_angle(&Vector3::x_axis(), turn_deg.to_radians());
+    let axis = Unit::new_normalize(Vector3::new(0.0, about_rad.cos(), about_rad.sin()));
+    let rotation =
+        UnitQuaternion::from_rotation_matrix(&(Rotation3::from_axis_angle(&axis, tilt_deg.to_radians()) * turn));
+    Rigid::claim(Isometry3::from_parts(Translation3::from(centre - rotation * Vector3::from(CENTRE_MM)), rotation))
+}
+
+/// Things beside and behind the panel, in the box; few hide a part of it.
+fn beside(random: &mut Pcg64, place: &Rigid<Base, Panel>) -> Vec<Slab> {
+    let middle = place.isometry() * Point3::from(CENTRE_MM);
+    let count = random.random_range(2..6);
+    (0..count)
+        .map(|_| {
+            let angle = random.random_range(0.0..std::f64::consts::TAU);
+            let away = random.random_range(150.0..330.0);
+            let centre = Point3::new(
+                random.random_range(540.0..632.0),
+                middle.y + away * angle.cos(),
+                middle.z + away * angle.sin(),
+            );
+            let normal = Vector3::new(-1.0, random.random_range(-0.7..0.7), random.random_range(-0.7..0.7));
+            let half = [random.random_range(8.0..60.0), random.random_range(8.0..60.0)];
+            let gray = random.random_range(30.0..200.0);
+            Slab::facing(centre, normal.normalize(), random.random_range(0.0..3.0), half, [gray, gray, 0.9 * gray])
+        })
+        .collect()
+}
+
+/// Places of the sheet on the panel, 8 mm apart.
+pub(super) fn lattice(shape: &Shape) -> Vec<[f64; 2]> {
+    let places = (-26..=26).flat_map(|j| (-26..=26).map(move |i| [f64::from(i) * 8.0, f64::from(j) * 8.0]));
+    places.filter(|&at| shape.outline().distance(Vector2::from(at)).0 < 0.0).collect()
+}

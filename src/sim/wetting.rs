@@ -1,0 +1,143 @@
+//! One pixel of the panel under water: when it becomes wet, when its film breaks there and closes again.
+//!
+//! With r the share that water has reached, q that of the pixel which is greasy, b that of a bead on it, o and c how far
+//! the film has opened and closed, each 0…1 and linear in time, its film is  r (1 − q (1 − b) o (1 − c)).
+
+use super::appearance::Color;
+use super::film_spec::FilmSpec;
+use super::noise::{Purpose, Seed, ValueNoise};
+use super::runoff::Runoff;
+use super::spots::{Spot, SpotKind};
+use rand::RngExt;
+
+/// When the spray begins, s.
+pub const SPRAY_FROM_S: f64 = 1.0;
+
+/// How long the front takes from the panel's top to its bottom, s, and how unevenly it comes.
+const FRONT_S: f64 = 2.3;
+const FRONT_UNEVEN_S: f64 = 0.12;
+/// How long a place takes to become wet, its film to open, and to close again, s.
+const WETTING_S: f64 = 0.2;
+const OPENING_S: f64 = 0.15;
+const CLOSING_S: f64 = 0.4;
+
+/// A pixel of the panel.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wetted {
+    pub wet: Color,
+    wet_from_s: f32,
+    /// Infinite where no grease is.
+    pub breaks_at_s: f32,
+    pub closes_at_s: f32,
+    /// The share of this pixel that lies in the spot.
+    greasy: f32,
+    /// The share of it that a bead keeps wet when the film around it has broken.
+    bead: f32,
+    /// Column and row of the run-off pattern.
+    pub streak: [u16; 2],
+}
+
+impl Wetted {
+    /// A pixel beside the panel, which has one colour and no water.
+    pub fn beside(color: Color) -> Self {
+        Wetted {
+            wet: color,
+            wet_from_s: f32::INFINITY,
+            breaks_at_s: f32::INFINITY,
+            closes_at_s: f32::INFINITY,
+            greasy: 0.0,
+            bead: 0.0,
+            streak: [0; 2],
+        }
+    }
+
+    /// Whether most of it lies in a spot.
+    pub fn is_greasy(&self) -> bool {
+        self.greasy >= 0.5
+    }
+
+    /// How far water has come over this pixel at this time, 0…1.
+    pub fn reached(&self, time_s: f32) -> f32 {
+        ((time_s - self.wet_from_s) / WETTING_S as f32).clamp(0.0, 1.0)
+    }
+
+    /// How much of this pixel has its film at this time, 0…1.
+    pub fn film(&self, time_s: f32) -> f32 {
+        let reached = self.reached(time_s);
+        let open = ((time_s - self.breaks_at_s) / OPENING_S as f32 + 0.5).clamp(0.0, 1.0);
+        let closed = ((time_s - self.closes_at_s) / CLOSING_S as f32).clamp(0.0, 1.0);
+        reached * (1.0 - self.greasy * (1.0 - self.bead) * open * (1.0 - closed))
+    }
+}
+
+/// A place that stays wet in a break.
+struct Bead {
+    centre_mm: [f64; 2],
+    radius_mm: f64,
+}
+
+/// The water on one panel: its front, and the grease that it meets.
+pub(super) struct Water<'a> {
+    front: ValueNoise,
+    spots: Vec<(&'a Spot, Vec<Bead>)>,
+}
+
+impl<'a> Water<'a> {
+    pub fn new(spots: &'a [Spot], spec: &FilmSpec, seed: Seed) -> Self {
+        let front = ValueNoise::new(seed.stream(Purpose::Film, 0), 25.0, 260.0);
+        let spots = spots.iter().enumerate().map(|(index, spot)| (spot, beads(spot, index, spec, seed))).collect();
+        Water { front, spots }
+    }
+
+    /// What it does to the pixel that shows this place of the panel, mm, and is `pixel_mm` wide there.
+    pub fn at(&self, place: [f64; 2], pixel_mm: f64, wet: Color) -> Wetted {
+        let wet_from_s = self.reached_s(place);
+        let wetted = Wetted { wet_from_s: wet_from_s as f32, streak: Runoff::place(place), ..Wetted::beside(wet) };
+        let away_mm = |[s, t]: [f64; 2]| (place[0] - s).hypot(place[1] - t);
+        for (spot, beads) in &self.spots {
+            if away_mm(spot.centre_mm()) > spot.radius_mm() + 2.0 * pixel_mm {
+                continue;
+            }
+            let (reached, left_mm) = spot.reach(place);
+            let greasy = (0.5 + left_mm / pixel_mm).clamp(0.0, 1.0);
+            if greasy > 0.0 {
+                let share =
+                    |bead: &Bead| (0.5 + (bead.radius_mm - away_mm(bead.centre_mm)) / pixel_mm).clamp(0.0, 1.0);
+                let bead = beads.iter().map(share).fold(0.0, f64::max);
+                return Wetted {
+                    breaks_at_s: spot.breaks_where_wet_s(reached, f64::from(wetted.wet_from_s)) as f32,
+                    closes_at_s: spot.closes_at_s as f32,
+                    greasy: greasy as f32,
+                    // Where water never stays no bead does.
+                    bead: if spot.kind == SpotKind::NeverWets { 0.0 } else { bead as f32 },
+                    ..wetted
+                };
+            }
+        }
+        wetted
+    }
+
+    /// When the spray's front comes to a place, s.
+    fn reached_s(&self, place: [f64; 2]) -> f64 {
+        const TOP_MM: f64 = 130.0;
+        const HEIGHT_MM: f64 = 260.0;
+        let down = ((TOP_MM - place[1]) / HEIGHT_MM).clamp(0.0, 1.0);
+        let uneven = (FRONT_UNEVEN_S * self.front.at(place)).clamp(-0.3, 0.3);
+        SPRAY_FROM_S + 0.35 + FRONT_S * down + uneven - WETTING_S / 2.0
+    }
+}
+
+fn beads(spot: &Spot, index: usize, spec: &FilmSpec, seed: Seed) -> Vec<Bead> {
+    let mut random = seed.stream(Purpose::Drops, 1_000_000 + index as u64);
+    let [s, t] = spot.centre_mm();
+    let reach_mm = 0.7 * spot.least_radius_mm();
+    let bead = |_| {
+        let mut between = |low: f64, high: f64| random.random_range(low..high);
+        let (away_mm, angle_rad) = (reach_mm * between(0.0, 1.0).sqrt(), between(0.0, std::f64::consts::TAU));
+        Bead {
+            centre_mm: [s + away_mm * angle_rad.cos(), t + away_mm * angle_rad.sin()],
+            radius_mm: between(0.4, 1.2).min(0.25 * reach_mm),
+        }
+    };
+    (0..spec.beads).map(bead).collect()
+}
