@@ -81,4 +81,17 @@ mod tests {
         assert_eq!(over(&mut deadlines), report(4, Deadline::Token), "an answer disarms its own deadline alone");
         assert_eq!(over(&mut deadlines), None);
     }
+
+    /// A recording tells them, and a replay has them again.
+    #[test]
+    fn what_was_told_is_armed_again() {
+        let mut deadlines = Deadlines::default();
+        deadlines.arm(Id(1), Deadline::Drain, Time::at_ms(300));
+        deadlines.arm(Id(2), Deadline::Settle, Time::at_ms(200));
+        let mut again = Deadlines::of(&deadlines.told());
+        assert_eq!(again.over(Time::at_ms(199)), None);
+        let report = |id, which| Some(Report::Deadline { id: Id(id), which });
+        assert_eq!(again.over(Time::at_ms(300)), report(2, Deadline::Settle));
+        assert_eq!(again.over(Time::at_ms(300)), report(1, Deadline::Drain));
+    }
 }
