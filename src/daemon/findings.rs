@@ -173,7 +173,8 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, counted: Counted, job: &
     let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
         Number::new(name, unit, value).within(Limit::AtMost(limit))
     };
-    let (usable, light) = (demands.min_usable(observation.frames), settings.max_light_change_percent());
+    let (usable, [darker, brighter]) =
+        (demands.min_usable(observation.frames), observation.light_limits_percent(settings));
     let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
     let closed = inspection.breaks.iter().filter(|found| found.closed_again()).count();
     let numbers = [
@@ -191,8 +192,8 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, counted: Counted, job: &
             observation.never_wet_percent,
             settings.max_never_wet_percent(),
         ),
-        Number::new("change of the light, least", "%", percent(quality.light[0])).within(Limit::AtLeast(-light)),
-        Number::new("change of the light, most", "%", percent(quality.light[1])).within(Limit::AtMost(light)),
+        Number::new("change of the light, least", "%", percent(quality.light[0])).within(Limit::AtLeast(-darker)),
+        Number::new("change of the light, most", "%", percent(quality.light[1])).within(Limit::AtMost(brighter)),
         Number::new("panel moved in the picture", "px", quality.moved_px),
         Number::new("least sharpness against the dry picture", "", quality.sharpness),
         Number::new("the film leaves of the dry brightness", "", observation.film_left),

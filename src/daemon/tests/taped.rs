@@ -54,6 +54,7 @@ fn what_is_asked_meanwhile_is_replayed_too() {
     let held = |state: &State| matches!(state.at, At::Held(_));
     let films = |state: &State| matches!(state.at, At::Execute(crate::cycle::Phase::Inspect));
     let (entries, verdict) = recorded(fake, |script, plain, taped| {
+        let dries = taped.dries();
         script
             .reset()
             .start(taped)
@@ -61,10 +62,11 @@ fn what_is_asked_meanwhile_is_replayed_too() {
             .when(held, Ask::For(Request::Accept))
             .when(films, Ask::Begin(Box::new(plain.order())))
             .when(films, Ask::For(Request::Hold))
-            .when(held, Ask::For(Request::Unhold { dried: true }))
+            .when(move |state| held(state) && dries(), Ask::For(Request::Unhold { dried: true }))
             .leave_when(complete)
     });
-    assert_eq!(verdict, Some(Verdict::Pass));
+    let findings = || entries.iter().filter(|e| e.topic == Topic::Finding).map(|e| e.said["judgement"].to_string());
+    assert_eq!(verdict, Some(Verdict::Pass), "{:#?}", findings().collect::<Vec<_>>());
     let asked = asked(&entries);
     assert_eq!(asked.len(), 7, "{asked:?}");
     for (word, heard) in ["start", "new_disc", "accept", "start", "hold", "unhold", "leave"].iter().zip(&asked) {
@@ -78,13 +80,17 @@ fn what_is_asked_meanwhile_is_replayed_too() {
 fn by_the_wall_clock_results_come_when_they_came() {
     let mut fake = Fake::new(Scene::Clean);
     fake.by_the_wall = true;
-    let mut pictures = 0;
+    let mut looks = 0;
     let films = move |state: &State| {
-        pictures += u32::from(matches!(state.at, At::Execute(crate::cycle::Phase::Inspect)));
-        pictures > 150
+        looks += u32::from(matches!(state.at, At::Execute(crate::cycle::Phase::Inspect)));
+        looks > 2
     };
     let (entries, verdict) = recorded(fake, |script, _, taped| {
-        script.reset().start(taped).when(films, Ask::For(Request::Stop)).leave_when(|state| state.at == At::Stopped)
+        script
+            .reset()
+            .start(taped)
+            .when(films, Ask::For(Request::Stop))
+            .leave_when(|state| state.at == At::Stopped || complete(state))
     });
     assert_eq!(verdict, Some(Verdict::Aborted));
     // While the scan was looked at, the robot told its state.

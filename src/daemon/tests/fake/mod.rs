@@ -222,6 +222,15 @@ impl Cell {
         self.tried(asks).unwrap_or_else(|error| panic!("{error}"))
     }
 
+    /// What dries the panel, as a person does before a held film goes on.
+    pub fn dries(&self) -> impl Fn() -> bool + use<> {
+        let world = self.world.clone();
+        move || {
+            world.borrow_mut().water_off_ms = 0;
+            true
+        }
+    }
+
     /// The cell's file, recipe, what was taught, and the calibrations.
     pub fn files(&self) -> (cell::Cell, Recipe, TaughtHere, Calibrations) {
         let (taught, recipe) = taught(&self.world.borrow().sim, self.more_recipe);
