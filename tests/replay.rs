@@ -61,12 +61,12 @@ fn a_recording_written_again_is_the_same_cycle() {
     assert_eq!((exit, &told["same"], &told["cycle_verdict"]), (0, &true.into(), &"reject".into()), "{told}");
 }
 
-/// Each point of the scan two tenths of a millimetre farther: what is found of it is something else, and so said.
+/// Each point of the scan a hundredth of a millimetre farther: what is found of it is something else, and so said.
 #[test]
 fn another_scan_is_seen_in_what_is_found() {
     let (_folder, file) = changed(REJECTED, |entry| {
         if let Some(Shot::Points(cloud)) = &mut entry.shot {
-            let farther = cloud.raw_points_mm().iter().map(|&[x, y, z]| [x, y, z + 0.2]).collect();
+            let farther = cloud.raw_points_mm().iter().map(|&[x, y, z]| [x, y, z + 0.01]).collect();
             let (width, height, colors) = (cloud.width(), cloud.height(), cloud.picture().rgb);
             let moved = panelprep::geometry::OrganizedCloud::new(width, height, farther, colors);
             *cloud = Arc::new(moved.expect("organised"));

@@ -8,7 +8,8 @@ use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, Scann
 use crate::cycle::At;
 use crate::files;
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Rigid, Tool,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Point, Rigid,
+    Tool,
 };
 use crate::locate::corner;
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
@@ -303,12 +304,17 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
         let picture = files::read_color(&shot.picture).map_err(Fault::stage)?;
-        // Where the corner is on the panel is known once it is found; until then the panel's middle gives the scale.
-        let middle = panel_from_camera.inverse() * panel.centre();
-        let found = corner::find_taught(&picture.to_gray(), (recipe.corner(), index), &camera, middle);
-        let reference_px = found.map_err(Fault::stage)?.corner_px;
-        let taught = panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera);
-        corners.push(taught.map_err(Fault::stage)?);
+        let gray = picture.to_gray();
+        let seen_at = |scale_from: Point<Panel>| -> Result<TaughtCorner, Fault> {
+            let expected = panel_from_camera.inverse() * scale_from;
+            let found = corner::find_taught(&gray, (recipe.corner(), index), &camera, expected);
+            let reference_px = found.map_err(Fault::stage)?.corner_px;
+            panel.corner(CornerTeaching { reference_px, panel_from_camera }, &camera).map_err(Fault::stage)
+        };
+        // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
+        // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
+        let rough = seen_at(panel.centre())?;
+        corners.push(seen_at(rough.point)?);
     }
     Ok(Taught { panel, corners, version })
 }

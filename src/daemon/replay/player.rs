@@ -51,6 +51,8 @@ pub struct Played {
 struct Deck<'a> {
     source: Source<'a>,
     lock_step: bool,
+    /// When the last result was let in.
+    result_ns: Option<u64>,
     /// Read ahead: what the loop does and hears, and what cameras gave. Cameras may be looked at beside the loop.
     ahead: VecDeque<Entry>,
     seen: VecDeque<Entry>,
@@ -69,6 +71,7 @@ impl<'a> Player<'a> {
         Player(Rc::new(RefCell::new(Deck {
             source: Box::new(entries),
             lock_step,
+            result_ns: None,
             ahead: VecDeque::new(),
             seen: VecDeque::new(),
             now: Time::default(),
@@ -87,8 +90,10 @@ impl<'a> Player<'a> {
         if !deck.parted && deck.peek(false).is_some() {
             deck.part("the loop has left");
         }
-        // A look that nobody needs any more. By the wall clock one may be under way when the loop leaves.
-        let left = if deck.lock_step && !deck.parted { deck.peek(true) } else { None };
+        // A look that nobody needs any more, where its work has come to its result: one may be under way when the loop leaves.
+        let (parted, until_ns) = (deck.parted, deck.result_ns);
+        let left =
+            deck.peek(true).filter(|left| !parted && until_ns.is_some_and(|result_ns| left.at_ns < result_ns));
         if let Some((at_ns, recorded)) = left.map(|left| (left.at_ns, short(&left.said))) {
             let (what, now) = ("what the cameras were asked".to_owned(), "nothing".to_owned());
             deck.differences.push(Difference { at_s: at_ns as f64 / 1e9, what, recorded, now });
@@ -425,7 +430,12 @@ impl Requests for Player<'_> {
     fn lets_in(&mut self, result: Id) -> bool {
         let mut deck = self.0.borrow_mut();
         let came_now = |next: &Entry| next.topic == Topic::Result && next.heard == json!(result);
-        deck.peek(false).is_some_and(came_now) && deck.take(false).is_some()
+        if !deck.peek(false).is_some_and(came_now) {
+            return false;
+        }
+        let taken = deck.take(false);
+        deck.result_ns = taken.as_ref().map(|entry| entry.at_ns).or(deck.result_ns);
+        taken.is_some()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

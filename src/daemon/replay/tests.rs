@@ -287,13 +287,18 @@ fn another_call_or_none_parts_them() {
 /// A look through a camera that the loop does without now is a difference, though nothing came of it then.
 #[test]
 fn a_camera_that_is_not_asked_any_more_is_a_difference() {
-    let look = line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
-    let played = player(vec![look]).played();
+    let look = || line(Topic::Camera, json!("picture"), told(&Err::<(), _>("blind")));
+    let result = || Entry { at_ns: 5, ..line(Topic::Result, Value::Null, json!(7)) };
+    let mut later = player(vec![look(), result()]);
+    assert!(later.lets_in(Id(7)));
+    let played = later.played();
     assert!(!played.to_the_end, "{played:?}");
     assert_eq!(
         played.differences[0].to_string(),
         "0.000 s, what the cameras were asked: recorded \"picture\", now nothing"
     );
+    // By the wall clock the loop may leave in the middle of a look.
+    assert!(player(vec![look()]).played().differences.is_empty());
 }
 
 /// What is computed beside the loop comes in when it came in, not before and no other.
