@@ -108,6 +108,7 @@ impl Assignment {
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
             file_texts: calibrated.texts.iter().map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
+            recording: None,
         }
     }
 

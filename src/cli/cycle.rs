@@ -13,9 +13,11 @@ use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
 use crate::daemon::{
     Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
-    run_cycle_from,
+    run_cycle_from, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
+use crate::record::{Answer, Asked, RecordingFile, Wanted, Who};
+use crate::store::CycleStart;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -82,12 +84,20 @@ fn once(
         return Ok(unhealthy(&health));
     }
     if args.new_disc {
-        files.settled_store()?.mount_disc().map_err(Fault::stage)?;
+        let mut store = files.settled_store()?;
+        store.mount_disc().map_err(Fault::stage)?;
+        let (wanted, who) = (Wanted::NewDisc, Some(whoever_runs_this()));
+        let asked = Asked { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
+        store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
+    report::make_missing(&files, &|cycle, page| match page {
+        Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
+        Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
+    })?;
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    ran.kept.write(&page, ran.recorded.iter().map(recording::section).collect())?;
+    ran.kept.write(&page, ran.recorded.as_ref(), vec![])?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
@@ -117,6 +127,7 @@ pub fn one(
     let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
+    store.recover().map_err(Fault::stage)?;
     let journal = store.journal().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
@@ -124,7 +135,9 @@ pub fn one(
     if let Some(simulated) = &live.simulated {
         simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
-    let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
+    let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
+    let start = CycleStart { recording, ..assignment.start(calibrated) };
+    let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let state = fold(journal);
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
@@ -221,6 +234,10 @@ impl Requests for Once<'_> {
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Ask::Leave,
             _ => Ask::Nothing,
         }
+    }
+
+    fn who(&self) -> Who {
+        whoever_runs_this()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

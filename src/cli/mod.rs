@@ -22,6 +22,7 @@ mod locate;
 mod log;
 mod mock_robot;
 mod outcome;
+mod page;
 mod person;
 mod pictures;
 mod plan;
@@ -74,6 +75,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
         Command::Plan(args) => plan::run(args, common),
+        Command::Page(args) => page::run(args, common),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {

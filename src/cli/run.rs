@@ -17,6 +17,7 @@ use crate::daemon::{
     Socket, StoreRecord, Taped, Taping,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::record::{CycleId, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -96,24 +97,32 @@ fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
 
 /// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
 fn write_pages(files: Arc<CellFiles>, ended: Receiver<EndedCycle>) -> Result<JoinHandle<()>, Fault> {
+    let again = files.clone();
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        Kept::read(&files.store()?, cycle)?.write(&page, recorded.map(recording::section).into_iter().collect())?;
+        Kept::read(&files.store()?, cycle)?.write(&page, recorded, vec![])?;
         Ok(page)
     };
     let each = move || {
+        if let Err(fault) = report::make_missing(&again, &tell_page) {
+            tracing::warn!("pages that an earlier process left out cannot be made: {fault}");
+        }
         for EndedCycle { id: cycle, recording } in ended {
             let recorded = recording.map(Recording::finish);
             if let Some(Recorded { message, .. }) = &recorded {
                 tracing::info!("cycle {cycle}: {message}");
             }
-            match page(cycle, recorded.as_ref()) {
-                Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
-                Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
-            }
+            tell_page(cycle, page(cycle, recorded.as_ref()));
         }
     };
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
+}
+
+fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
+    match page {
+        Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
+        Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}; `panelprep page {cycle}` makes it"),
+    }
 }
 
 /// What the cameras were started by and hold what comes against: settings, and which cameras were calibrated at which size.
@@ -157,6 +166,10 @@ fn loader(
             if let Some(world) = &world {
                 world.mount_disc(assignment.recipe.path().disc_diameter_mm());
             }
+            let named = record.as_ref().map(|place| match place {
+                RecordIn::Store => RecordingFile::InStore,
+                RecordIn::File(file) => RecordingFile::Named(file.display().to_string()),
+            });
             let record = match record {
                 None => None,
                 Some(place) => {
@@ -168,7 +181,9 @@ fn loader(
                     Some(recording::of(file, &files, (&assignment, &calibrated))?)
                 }
             };
-            Ok(Order { record, ..assignment.order(&calibrated)? })
+            let mut order = Order { record, ..assignment.order(&calibrated)? };
+            order.start.recording = named;
+            Ok(order)
         };
         load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
     })

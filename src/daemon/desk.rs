@@ -8,7 +8,7 @@ use super::protocol::{Exit, Reply};
 use super::replay::{Recording, Taping};
 use super::words;
 use crate::cycle::{At, Refusal, Request, State};
-use crate::record::CycleId;
+use crate::record::{CycleId, Front, Wanted, Who};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
@@ -22,8 +22,19 @@ pub enum Letter {
     Asked {
         /// What.
         asked: Asked,
+        /// Who.
+        who: Who,
         /// Where the answer goes.
         reply: SyncSender<Reply>,
+    },
+    /// Somebody asked and was refused already, such as a start by a recipe with mistakes; it is kept.
+    Refused {
+        /// What.
+        wanted: Wanted,
+        /// Who.
+        who: Who,
+        /// Why.
+        reasons: Vec<Reason>,
     },
     /// SIGTERM or SIGINT.
     Signal,
@@ -70,6 +81,8 @@ pub struct Desk {
     letters: Receiver<Letter>,
     /// Who asked last and is not answered yet.
     waiting: Option<SyncSender<Reply>>,
+    /// Who asked what was handed to the loop last.
+    who: Who,
     signals: u8,
     /// How much of the signals the table was asked.
     obeyed: u8,
@@ -102,6 +115,7 @@ impl Desk {
         Desk {
             letters,
             waiting: None,
+            who: Who::by(Front::Program),
             signals: 0,
             obeyed: 0,
             told: None,
@@ -185,6 +199,7 @@ impl Desk {
             return None;
         }
         self.obeyed = wanted;
+        self.who = Who::by(Front::Signal);
         Some(Ask::For(if wanted == 1 { Request::Stop } else { Request::Abort }))
     }
 
@@ -222,8 +237,12 @@ impl Requests for Desk {
                 self.signal();
                 Ask::Nothing
             }
-            Some(Letter::Asked { asked, reply }) => {
-                self.waiting = Some(reply);
+            Some(Letter::Refused { wanted, who, reasons }) => {
+                self.who = who;
+                Ask::Refused(wanted, reasons)
+            }
+            Some(Letter::Asked { asked, who, reply }) => {
+                (self.waiting, self.who) = (Some(reply), who);
                 match asked {
                     Asked::State => {
                         self.answer(Exit::Done, self.reasons(state), state);
@@ -243,6 +262,10 @@ impl Requests for Desk {
                 }
             }
         }
+    }
+
+    fn who(&self) -> Who {
+        self.who.clone()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {
@@ -345,7 +368,7 @@ mod tests {
         let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
         let ask = |asked| {
             let (reply, answer) = mpsc::sync_channel(1);
-            letters.send(Letter::Asked { asked, reply }).expect("sent");
+            letters.send(Letter::Asked { asked, who: Who::by(Front::Socket), reply }).expect("sent");
             answer
         };
         let state = ask(Asked::State);

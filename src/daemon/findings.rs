@@ -2,6 +2,7 @@
 
 use super::Job;
 use super::trace::Walked;
+use crate::cycle::Motion;
 use crate::geometry::KukaPose;
 use crate::inspect::{GridInspection, Inspection};
 use crate::locate::refine::{self, CornerReport, Refined};
@@ -280,9 +281,10 @@ pub(super) fn planned(
         Number::new("disc beyond the panel's outline", "mm", plan.overhang.largest_mm)
             .within(Limit::AtMost(settings.edge_overhang_mm())),
         Number::new("paths", "", plan.paths.len() as f64),
-        Number::new("waypoints", "", waypoints as f64),
+        Number::new(name::PLANNED, "", waypoints as f64),
+        Number::new(name::TO_EXECUTE, "", waypoints.saturating_sub(1) as f64),
         Number::new("length", "mm", plan.length_mm),
-        Number::new("time at the recipe's feed", "s", plan.duration_s),
+        Number::new(name::AT_FEED, "s", plan.duration_s),
         Number::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
         Number::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
         Number::new("swept by the disc", "mm²", disc.swept_mm2),
@@ -294,12 +296,12 @@ pub(super) fn planned(
 /// What the robot executed of a contact path; all of it is a pass.
 pub(super) fn abraded(
     (pass, most_passes): (u8, usize),
-    (waypoints, done): (u32, u32),
+    (motion, done): (&Motion, u32),
     (whole, begun): (&[GridId], &[GridId]),
     (walked, dwell): (&Walked, &Dwell),
     off_limit_mm: f64,
 ) -> Finding {
-    let mut doubts = Vec::new();
+    let (mut doubts, waypoints) = (Vec::new(), motion.waypoints);
     if done < waypoints {
         let message = format!("the robot executed {done} of {waypoints} waypoints; the rest is left");
         doubts.push(Reason::new("part", message));
@@ -317,15 +319,15 @@ pub(super) fn abraded(
         );
         doubts.push(Reason::new("off_path", message));
     }
-    let finding =
-        Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
-            Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
-            Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
-            Number::new("poses reported on the way", "", walked.reports as f64),
-            Number::new("farthest of them from the planned path", "mm", walked.off_mm)
-                .within(Limit::AtMost(off_limit_mm)),
-            Number::new("way in contact", "mm", walked.contact_mm),
-        ]);
+    let finding = Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole));
+    let finding = finding.detail(name::EPOCH, motion.epoch).detail(name::PLAN, motion.plan_word()).with([
+        Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
+        Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
+        Number::new("poses reported on the way", "", walked.reports as f64),
+        Number::new("farthest of them from the planned path", "mm", walked.off_mm)
+            .within(Limit::AtMost(off_limit_mm)),
+        Number::new("way in contact", "mm", walked.contact_mm),
+    ]);
     let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
         let id = grid.id;
         [

@@ -21,8 +21,10 @@
 
 mod abrasion;
 mod acts;
+mod asking;
 mod cameras;
 mod computing;
+mod contacts;
 mod corners;
 mod deadlines;
 mod desk;
@@ -41,6 +43,7 @@ mod sight;
 mod single;
 mod socket;
 mod trace;
+mod who;
 mod wiring;
 mod words;
 
@@ -58,11 +61,12 @@ pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,
-    recordings, too_full,
+    recording_file, recordings, too_full,
 };
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};
+pub use who::{user, whoever_runs_this};
 pub use wiring::Wiring;
 pub use words::{request_word, why};
 

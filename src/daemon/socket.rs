@@ -7,8 +7,11 @@
 use super::desk::{Asked, Letter};
 use super::ports::Order;
 use super::protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
+use super::who::user;
 use crate::cycle::Request;
+use crate::record::{Front, Wanted};
 use crate::verdict::Reason;
+use rustix::net::sockopt::socket_peercred;
 use std::fs::{self, Permissions};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
@@ -160,11 +163,17 @@ fn hear(stream: &UnixStream, letters: &Sender<Letter>, loader: &Loader) -> Reply
         Ok(wish) => wish,
         Err(error) => return Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
     };
+    let who = user(Front::Socket, socket_peercred(stream).ok().map(|who| who.uid.as_raw()));
     let asked = match wish {
         Wish::State {} => Asked::State,
         Wish::Start { recipe, text, record } => match loader(&recipe, &text, record) {
             Ok(order) => Asked::Begin(Box::new(order)),
-            Err(reasons) => return Reply::refused(Exit::Refused, reasons),
+            Err(reasons) => {
+                // A service that has ended keeps no record.
+                let wanted = Wanted::Start { recipe };
+                let _ = letters.send(Letter::Refused { wanted, who, reasons: reasons.clone() });
+                return Reply::refused(Exit::Refused, reasons);
+            }
         },
         Wish::Hold {} => Asked::For(Request::Hold),
         Wish::Unhold { dried } => Asked::For(Request::Unhold { dried }),
@@ -176,14 +185,11 @@ fn hear(stream: &UnixStream, letters: &Sender<Letter>, loader: &Loader) -> Reply
         Wish::NewDisc {} => Asked::NewDisc,
     };
     if !matches!(asked, Asked::State) {
-        let who = rustix::net::sockopt::socket_peercred(stream)
-            .ok()
-            .map(|who| (who.uid.as_raw(), who.pid.as_raw_nonzero()));
-        tracing::info!(?asked, ?who, "asked");
+        tracing::info!(?asked, %who, "asked");
     }
     let (reply, answer) = mpsc::sync_channel(1);
     let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
-    if letters.send(Letter::Asked { asked, reply }).is_err() {
+    if letters.send(Letter::Asked { asked, who, reply }).is_err() {
         return failed("ended", "the service has ended");
     }
     match answer.recv_timeout(LOOP_PATIENCE) {

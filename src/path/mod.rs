@@ -2,7 +2,7 @@
 //!
 //! - `areas`: which grids are one, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over an area
 //! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined
-//! - `coverage`, `edge`, `dwell`, `disc`: what a plan reaches, and what was done · `gate`: judges a plan
+//! - `coverage`, `edge`, `dwell`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
 //! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
 
@@ -23,6 +23,7 @@ mod raster;
 pub mod reach;
 mod rings;
 mod slanted;
+pub mod touching;
 mod waypoint_gate;
 
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};

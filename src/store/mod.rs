@@ -2,20 +2,22 @@
 //!
 //! A folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.lock` (one writer) and `blobs/`, where scans,
 //! pictures, recipes and calibrations lie under their SHA-256. Blobs are written first, the row that names them last
-//! and in one transaction: a row never names a file that is not whole. Rows of taught panels, findings and journal are
-//! never changed; a cycle and a motion get their end once. Of a panel only raw inputs are kept; what is derived from
+//! and in one transaction: a row never names a file that is not whole. Rows of taught panels, findings, journal,
+//! requests, contact paths and permits are never changed; a cycle and a motion get their end once. Of a panel only raw inputs are kept; what is derived from
 //! them is derived again on loading, by others.
 //!
 //! The journal stands before effects: [`Store::append`] returns when the event is on the disk. After a failed append
 //! nothing more is appended, since nobody knows whether the line is there; the next process finds out.
 
 mod blobs;
+mod contacts;
 mod cycles;
 mod discs;
 mod error;
 mod journal;
 mod lease;
 mod motions;
+mod requests;
 mod schema;
 mod teaching;
 mod verifications;

@@ -1,13 +1,13 @@
 //! The tables' version: looked at before anything is written, raised step by step.
 
 use super::error::StoreError;
-use super::{cycles, discs, journal, motions, teaching, verifications};
+use super::{contacts, cycles, discs, journal, motions, requests, teaching, verifications};
 use rusqlite::{Connection, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications. 4: discs.
-pub(super) const SCHEMA: i64 = 4;
+/// 3: verifications. 4: discs. 5: requests, contact paths, facts of a cycle.
+pub(super) const SCHEMA: i64 = 5;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -58,6 +58,10 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
     }
     if found < 4 {
         transaction.execute_batch(discs::TABLES)?;
+    }
+    if found < 5 {
+        transaction.execute_batch(requests::TABLES)?;
+        transaction.execute_batch(contacts::TABLES)?;
     }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
     transaction.commit()

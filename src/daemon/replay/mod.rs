@@ -17,12 +17,13 @@ pub use difference::Difference;
 pub use player::{Played, Player};
 pub use queue::{RECORDING_FLOOR_MB, Recorded, Recording, Stands, too_full};
 pub use taped::Taped;
-pub use taping::{Taping, ToRecord, free_mb, recordings};
+pub use taping::{Taping, ToRecord, free_mb, recording_file, recordings};
 
 use super::ports::{Kept, SightError};
 use crate::cycle::{Motion, Outcome};
+use crate::eki::MoveLin;
 use crate::phase::Phase;
-use crate::record::name;
+use crate::record::{ContactPath, name};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -93,6 +94,14 @@ fn said_kept(kept: &Kept) -> Value {
         Kept::Frame(frame) => said_frame(frame.time_s, frame.phase),
         Kept::Figure(figure) => said_figure(&figure.name, &figure.caption),
     }
+}
+
+fn said_path_within(points: &[MoveLin], permitted: u32) -> Value {
+    json!({ "path_within": { "points": points, "permitted": permitted } })
+}
+
+fn said_contact(motion: &Motion, path: &ContactPath, permitted: u32) -> Value {
+    json!({ "open_contact": { "motion": motion, "path": path, "permitted": permitted } })
 }
 
 fn said_closed(motion: &Motion, outcome: Outcome, done: u32) -> Value {

@@ -14,7 +14,7 @@ use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
 use crate::store::CycleStart;
 use crate::tape::{Entry, Shot, TapeError, Topic};
 use crate::verdict::{Reason, Verdict};
@@ -257,6 +257,15 @@ impl Robot for Player<'_> {
         self.call(Topic::Command, json!({ "path": points })).unwrap_or(Err(QueueError::NotConnected))
     }
 
+    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        let sent = self.call(Topic::Command, super::said_path_within(&points, permitted));
+        sent.unwrap_or(Err(QueueError::NotConnected))
+    }
+
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.call(Topic::Command, json!({ "permit": last })).unwrap_or(Err(QueueError::NotConnected))
+    }
+
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let opened = self.call(Topic::Command, json!({ "open_epoch_above": above }));
         opened.unwrap_or(Err(QueueError::NotConnected))
@@ -367,6 +376,26 @@ impl Journal for Player<'_> {
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
         self.keep(Topic::Store, json!({ "open_intent": motion }))
+    }
+
+    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
+        self.keep(Topic::Store, super::said_contact(motion, path, permitted))
+    }
+
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
+        self.keep(Topic::Store, json!({ "permit": waypoints }))
+    }
+
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        self.keep(Topic::Store, json!("abraded_before"))
+    }
+
+    fn asked(&mut self, _: &Asked) -> Result<(), RecordError> {
+        Ok(())
+    }
+
+    fn clock(&mut self, _: Clock) -> Result<(), RecordError> {
+        Ok(())
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
