@@ -13,6 +13,7 @@ mod layers;
 mod link;
 mod locate;
 mod replay;
+mod record;
 mod robot;
 mod service;
 mod wall;

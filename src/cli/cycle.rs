@@ -16,11 +16,12 @@ use crate::daemon::{
     run_cycle_from, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
-use crate::record::{Answer, Asked, RecordingFile, Wanted, Who};
+use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted, Who};
 use crate::store::CycleStart;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A cycle that ran.
@@ -183,7 +184,7 @@ impl Ran {
         if let Some((request, refusal)) = self.refused {
             outcome.say(format!("refused: {request:?}, {refusal:?}"));
         }
-        let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
+        let passes = abraded(&self.kept.record);
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
         if let Some(recorded) = &self.recorded {
@@ -204,6 +205,25 @@ impl Ran {
         );
         outcome
     }
+}
+
+/// Each grid with the passes that touched it; what is not known is said to be so.
+fn abraded(record: &CycleRecord) -> Vec<String> {
+    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
+    for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
+        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
+        *passes.entry((grid, pass)).or_default() |= how.is_sure();
+    }
+    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for ((grid, _), is_sure) in &passes {
+        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
+    }
+    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
+        (sure, 0) => format!("{grid} ×{sure}"),
+        (0, _) => format!("{grid} perhaps: it is not known"),
+        (sure, _) => format!("{grid} ×{sure}, perhaps once more: it is not known"),
+    };
+    grids.iter().map(words).collect()
 }
 
 /// Asks for one cycle and leaves where it rests.

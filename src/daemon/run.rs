@@ -340,7 +340,10 @@ impl<'p> Running<'p> {
             Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
                 self.verdict = Some(verdict);
-                self.keep_clock()?;
+                // A cycle that an earlier process left is concluded before this one's clock says anything.
+                if self.condition != cycle::Robot::Unknown {
+                    self.keep_clock()?;
+                }
                 self.ports.record.conclude(verdict)?;
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
                 self.ports.requests.concluded(verdict);

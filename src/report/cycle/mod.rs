@@ -69,8 +69,15 @@ impl Times {
 /// When the cycle was, and how long it took, by each clock.
 fn duration(record: &CycleRecord) -> String {
     let began = utc(record.started_unix_s);
+    let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
+    let is_interrupted = reasons.into_iter().any(|reason| reason.code == "interrupted");
     let wall = match record.ended_unix_s {
         None => format!("{began}, not over"),
+        Some(end) if is_interrupted => format!(
+            "began {began}; the program ended before the cycle did, at a time that was not recorded, and concluded the \
+             cycle when it started again, {}",
+            utc(end)
+        ),
         Some(end) => format!("{began} to {}, {} s", utc(end), end - record.started_unix_s),
     };
     match record.clocks {
