@@ -42,6 +42,8 @@ struct World {
     in_contact: u32,
     /// The link is lost once the arm is well in contact.
     loses_link: bool,
+    /// Nobody answers until the next state is heard.
+    is_lost: bool,
     beyond: u32,
     /// Commands executed in 100 ms.
     pace: usize,
@@ -175,6 +177,7 @@ impl Cell {
             permitted: 0,
             in_contact: 0,
             loses_link: false,
+            is_lost: false,
             beyond: 0,
             pace: 1_000,
             base: None,

@@ -143,6 +143,9 @@ impl Robot for FakeRobot {
 
     fn abort(&mut self) -> Result<(), QueueError> {
         let mut world = self.world.borrow_mut();
+        if world.is_lost {
+            return Err(QueueError::NotConnected);
+        }
         let done = CommandId(world.end_epoch());
         world.reports.push_back(Report::Standstill { done });
         Ok(())
@@ -155,6 +158,7 @@ impl Robot for FakeRobot {
         }
         let mut world = self.world.borrow_mut();
         if let Some(report) = world.reports.pop_front() {
+            world.is_lost &= !matches!(report, Report::State(_));
             return Some(report);
         }
         world.time_ms += 100;
@@ -171,7 +175,7 @@ impl Robot for FakeRobot {
             world.reports.push_back(Report::Progress { done });
         }
         if world.loses_link && world.in_contact > 12 {
-            world.loses_link = false;
+            (world.loses_link, world.is_lost) = (false, true);
             world.end_epoch();
             let why = eki::LinkLoss::Closed { channel: eki::Channel::State };
             world.reports.push_back(Report::LinkLost { why });
