@@ -282,6 +282,9 @@ pub struct MotionRecord {
     pub contact: Option<Contact>,
 }
 
+/// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.
+pub const PASSES_USED: &str = "passes_used";
+
 /// By which clock a cycle ran.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -90,8 +90,13 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
         let touched = motion.touched().expect("it was kept");
         assert!(!touched.is_empty(), "{motion:?}");
         for grid in touched {
-            let words = if grid.is_sure { "touched, how much of it is not known" } else { "perhaps, it is not known" };
-            assert!(page.contains(&format!("<td>{}</td><td>pass 1: {words}", grid.grid)), "{} in\n{page}", grid.grid);
+            let words =
+                if grid.is_sure { "touched, how much of it is not known" } else { "perhaps, it is not known" };
+            assert!(
+                page.contains(&format!("<td>{}</td><td>pass 1: {words}", grid.grid)),
+                "{} in\n{page}",
+                grid.grid
+            );
         }
         hits.push(cycle);
         if hits.len() == 2 {
@@ -135,8 +140,9 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     service.reach("complete");
     service.wait("its page", |_| page_file(folder, 1).exists());
     let written = page(folder, 1);
-    for part in ["<td>new-disc: done", "REFUSED: accept", "start: done", "through the service's socket", "Simulated time: "]
-        .map(|part| part.replace("<td>", ""))
+    for part in
+        ["<td>new-disc: done", "REFUSED: accept", "start: done", "through the service's socket", "Simulated time: "]
+            .map(|part| part.replace("<td>", ""))
     {
         assert!(written.contains(&part), "no {part} in\n{written}");
     }
@@ -155,9 +161,8 @@ fn a_page_that_was_not_written_is_made_at_the_next_start() {
     std::fs::write(page_file(folder, 1), &written[..written.len() / 2]).expect("half of it");
 
     let service = Service::start(folder);
-    let is_whole = |cycle| {
-        std::fs::read_to_string(page_file(folder, cycle)).is_ok_and(|text| text.ends_with("</html>\n"))
-    };
+    let is_whole =
+        |cycle| std::fs::read_to_string(page_file(folder, cycle)).is_ok_and(|text| text.ends_with("</html>\n"));
     service.wait("both pages", |_| is_whole(1) && is_whole(2));
     assert_eq!(page(folder, 1), written, "the same page");
     let second = page(folder, 2);

@@ -13,7 +13,7 @@ use crate::panel::GridId;
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell};
 use crate::path::{self, Kinematics, Plan, panel_reach, touching};
-use crate::record::{Budget, EarlierPass, Kind, Reached};
+use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
 use crate::surface::{self, Fit};
 use crate::verdict::{Judgement, Reason};
 use std::collections::BTreeMap;
@@ -196,11 +196,12 @@ impl Abrasion {
             true => format!("{names} broke again after {most} abrasions, max_passes_per_grid"),
             false => format!(
                 "{names} broke, and may not be abraded again: allowed are {most} abrasions, max_passes_per_grid, and \
-                 those of earlier cycles of this panel count, also where it is not known how far they went: {}",
+                 those of earlier cycles of this panel count, also where it is not known how far they went: {}; take this \
+                 part out, the next cycle counts from zero",
                 earlier.join("; ")
             ),
         };
-        Reason::new("passes_used", message)
+        Reason::new(PASSES_USED, message)
     }
 
     /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.

@@ -5,7 +5,8 @@ use super::error::StoreError;
 use super::{Store, now};
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
-    Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, RecordingFile, abraded,
+    Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, PASSES_USED, RecordingFile,
+    abraded,
 };
 use crate::verdict::Verdict;
 use rusqlite::{OptionalExtension, params};
@@ -119,13 +120,17 @@ impl Store {
     }
 
     /// Where on the panel of this cycle the tool was in earlier cycles, or may have been, since one of this panel last
-    /// ended with pass or fail: after these the part is taken out.
+    /// ended with pass or fail, or because nothing more was allowed: after these the part is taken out.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub fn abraded_before(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
         let read = || -> Result<Vec<i64>, rusqlite::Error> {
-            let ended = format!("verdict IN ('{}', '{}')", Verdict::Pass.word(), Verdict::Fail.word());
+            let ended = format!(
+                "(verdict IN ('{}', '{}') OR reasons LIKE '%\"code\":\"{PASSES_USED}\"%')",
+                Verdict::Pass.word(),
+                Verdict::Fail.word()
+            );
             let same = "panel = (SELECT panel FROM cycles WHERE id = ?1) AND id < ?1";
             let sql = format!(
                 "SELECT id FROM cycles WHERE {same}

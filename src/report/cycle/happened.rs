@@ -29,7 +29,7 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
         (false, false) => "Each grid with the passes that touched it.".to_owned(),
         (false, true) => "Each grid with the passes that touched it, or may have: the robot did not tell how far it came. \
                           What it may have touched counts as abraded for max_passes_per_grid, in later cycles of this \
-                          panel too, until one of them ends with pass or fail."
+                          panel too, until one of them ends with pass or fail, or because nothing more is allowed."
             .to_owned(),
     };
     if !worn.is_empty() {

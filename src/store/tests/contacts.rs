@@ -6,7 +6,7 @@ use crate::cycle::{Event, Id, Motion, Outcome, Path as MotionPath, Report};
 use crate::record::{
     Bounds, Clock, ContactPath, CycleId, EarlierPass, Finding, Kind, Reached, RecordingFile, name,
 };
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason, Verdict};
 
 const MOTION: Motion = Motion { epoch: 3, path: MotionPath::Contact, plan: 0xAB, waypoints: 40 };
 
@@ -70,9 +70,18 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
     let three = begin(&mut store);
     let counted = [earlier(one, "r1c1", false), earlier(two, "r1c1", true), earlier(two, "r1c2", true)];
     assert_eq!(store.abraded_before(three).expect("read"), counted);
-    store.conclude(three, Verdict::Pass, &[]).expect("concluded");
+    store.conclude(three, Verdict::Reject, &[Reason::new("overlap", "too little")]).expect("concluded");
     let four = begin(&mut store);
-    assert_eq!(store.abraded_before(four).expect("read"), []);
+    assert_eq!(store.abraded_before(four).expect("read"), counted, "a panel that was not found is still that part");
+    let used = Reason::new(crate::record::PASSES_USED, "r1c1 may not be abraded again");
+    store.conclude(four, Verdict::Reject, &[used]).expect("concluded");
+    let five = begin(&mut store);
+    assert_eq!(store.abraded_before(five).expect("read"), [], "nothing more was allowed of that part");
+    store.open_contact(&Motion { epoch: 8, ..MOTION }, Some(five), (&path(), 40)).expect("opened");
+    store.close_intent(&Motion { epoch: 8, ..MOTION }, Outcome::Done, 40).expect("closed");
+    store.conclude(five, Verdict::Pass, &[]).expect("concluded");
+    let six = begin(&mut store);
+    assert_eq!(store.abraded_before(six).expect("read"), []);
 }
 
 /// The program ended between the event that began contact and the row of its motion: nothing was permitted.
