@@ -136,17 +136,11 @@ pub mod name {
     /// From a decoded wet picture to its result, median, ms.
     pub const PER_PICTURE: &str = "a picture takes, median";
     /// A time that was planned, and that no clock measured, s.
-    pub const AT_FEED: &str = "time at the recipe's feed, as planned";
-    /// Waypoints of a plan.
-    pub const PLANNED: &str = "waypoints planned, with the first, in air, at which the approach ends";
-    /// Those of them that the path over the panel has: the approach is a motion of its own.
-    pub const TO_EXECUTE: &str = "waypoints of the path after the approach, the way up at its end included";
-    /// Waypoints of a contact path that the robot executed.
-    pub const EXECUTED: &str = "waypoints executed after the approach";
-    /// The epoch of a motion, beside what came of it.
-    pub const EPOCH: &str = "epoch";
-    /// The plan of a motion, beside what came of it.
-    pub const PLAN: &str = "plan";
+    pub const AT_FEED: &str = "time at the recipe's feed";
+    /// Waypoints of a plan, with the first, in air, at which the approach ends.
+    pub const PLANNED: &str = "waypoints";
+    /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
+    pub const EXECUTED: &str = "waypoints executed";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
     /// Moves of the corner loop.

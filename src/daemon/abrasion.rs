@@ -7,7 +7,7 @@ use super::routes::waypoints;
 use super::sight::{Sight, grade, reason};
 use super::trace::Trace;
 use super::{DaemonError, Job, figures, findings, reaching};
-use crate::cycle::{Answer, Grade, Motion, Trouble};
+use crate::cycle::{Answer, Grade, Trouble};
 use crate::files::content_hash;
 use crate::panel::GridId;
 use crate::path::disc::DiscUse;
@@ -249,7 +249,7 @@ impl Abrasion {
         &mut self,
         job: &Job<'_>,
         (pass, trace): (u8, &Trace),
-        (motion, done): (&Motion, u32),
+        (all, done): (u32, u32),
     ) -> (Vec<Note>, f64) {
         let (Some(fit), Some((_, plan))) = (self.fit.clone(), &self.plan) else { return (Vec::new(), 0.0) };
         let settings = job.recipe.path();
@@ -267,13 +267,8 @@ impl Abrasion {
             *last = pass;
         }
         self.done.extend(whole.iter().map(|grid| (*grid, pass)));
-        let finding = findings::abraded(
-            (pass, self.most_passes),
-            (motion, done),
-            (&whole, &begun),
-            (&walked, &dwell),
-            off_mm,
-        );
+        let finding =
+            findings::abraded((pass, self.most_passes), (all, done), (&whole, &begun), (&walked, &dwell), off_mm);
         let figures = figures::dwelt(job, &dwell).map(Note::Figure);
         let notes = figures.into_iter().chain([Note::Finding(finding)]).collect();
         (notes, walked.contact_mm * disc_mm)

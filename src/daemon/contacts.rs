@@ -105,7 +105,8 @@ impl Running<'_> {
     /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
     fn abraded(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
         let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
-        let found = self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), (motion, done)));
+        let found =
+            self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), (motion.waypoints, done)));
         self.abrasion = abrasion;
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;

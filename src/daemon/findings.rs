@@ -2,7 +2,6 @@
 
 use super::Job;
 use super::trace::Walked;
-use crate::cycle::Motion;
 use crate::geometry::KukaPose;
 use crate::inspect::{GridInspection, Inspection};
 use crate::locate::refine::{self, CornerReport, Refined};
@@ -282,7 +281,6 @@ pub(super) fn planned(
             .within(Limit::AtMost(settings.edge_overhang_mm())),
         Number::new("paths", "", plan.paths.len() as f64),
         Number::new(name::PLANNED, "", waypoints as f64),
-        Number::new(name::TO_EXECUTE, "", waypoints.saturating_sub(1) as f64),
         Number::new("length", "mm", plan.length_mm),
         Number::new(name::AT_FEED, "s", plan.duration_s),
         Number::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
@@ -296,12 +294,12 @@ pub(super) fn planned(
 /// What the robot executed of a contact path; all of it is a pass.
 pub(super) fn abraded(
     (pass, most_passes): (u8, usize),
-    (motion, done): (&Motion, u32),
+    (waypoints, done): (u32, u32),
     (whole, begun): (&[GridId], &[GridId]),
     (walked, dwell): (&Walked, &Dwell),
     off_limit_mm: f64,
 ) -> Finding {
-    let (mut doubts, waypoints) = (Vec::new(), motion.waypoints);
+    let mut doubts = Vec::new();
     if done < waypoints {
         let message = format!("the robot executed {done} of {waypoints} waypoints; the rest is left");
         doubts.push(Reason::new("part", message));
@@ -320,7 +318,7 @@ pub(super) fn abraded(
         doubts.push(Reason::new("off_path", message));
     }
     let finding = Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole));
-    let finding = finding.detail(name::EPOCH, motion.epoch).detail(name::PLAN, motion.plan_word()).with([
+    let finding = finding.with([
         Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
         Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
         Number::new("poses reported on the way", "", walked.reports as f64),

@@ -4,8 +4,8 @@
 //! any end — a crash, a lost link — the robot has executed at least what it told and at most what was permitted. With the
 //! waypoint from which on the disc reaches each grid, that bounds what was touched.
 
-use super::{CycleId, Finding, Kind, MotionRecord, name};
-use crate::cycle::{Id, Motion, Outcome, Path};
+use super::{CycleId, Finding, Kind, MotionRecord};
+use crate::cycle::{Id, Outcome, Path};
 use serde::{Deserialize, Serialize};
 
 /// What a contact path works on; committed with the motion, before its first waypoint.
@@ -146,8 +146,10 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
             }));
         }
     }
+    // A finding is kept just before the end of its motion, and only where the robot told that end.
+    let mut findings = passes;
     for record in motions.iter().filter(|record| record.motion.path == Path::Contact) {
-        let found = passes.clone().find(|finding| is_of(finding, &record.motion));
+        let found = if record.end_is_known() { findings.next() } else { None };
         let pass = record.contact.as_ref().map_or(0, |contact| contact.path.pass);
         let Some(touched) = record.touched() else {
             // An earlier program kept the end alone, with its finding.
@@ -167,12 +169,6 @@ pub fn abraded(findings: &[Finding], motions: &[MotionRecord]) -> Vec<Abraded> {
         }));
     }
     all
-}
-
-/// Whether a finding is that of this motion.
-fn is_of(finding: &Finding, motion: &Motion) -> bool {
-    let says = |detail: &str, value: serde_json::Value| finding.details.get(detail) == Some(&value);
-    says(name::EPOCH, motion.epoch.into()) && says(name::PLAN, motion.plan_word().into())
 }
 
 #[cfg(test)]

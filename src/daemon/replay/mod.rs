@@ -21,9 +21,8 @@ pub use taping::{Taping, ToRecord, free_mb, recording_file, recordings};
 
 use super::ports::{Kept, SightError};
 use crate::cycle::{Motion, Outcome};
-use crate::eki::MoveLin;
 use crate::phase::Phase;
-use crate::record::{ContactPath, name};
+use crate::record::name;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -96,13 +95,8 @@ fn said_kept(kept: &Kept) -> Value {
     }
 }
 
-fn said_path_within(points: &[MoveLin], permitted: u32) -> Value {
-    json!({ "path_within": { "points": points, "permitted": permitted } })
-}
-
-fn said_contact(motion: &Motion, path: &ContactPath, permitted: u32) -> Value {
-    json!({ "open_contact": { "motion": motion, "path": path, "permitted": permitted } })
-}
+/// The question what of the panel was abraded in earlier cycles.
+const ABRADED_BEFORE: &str = "abraded_before";
 
 fn said_closed(motion: &Motion, outcome: Outcome, done: u32) -> Value {
     json!({ "close_intent": { "motion": motion, "outcome": outcome, "done": done } })

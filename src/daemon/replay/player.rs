@@ -257,13 +257,12 @@ impl Robot for Player<'_> {
         self.call(Topic::Command, json!({ "path": points })).unwrap_or(Err(QueueError::NotConnected))
     }
 
-    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
-        let sent = self.call(Topic::Command, super::said_path_within(&points, permitted));
-        sent.unwrap_or(Err(QueueError::NotConnected))
+    fn send_path_within(&mut self, points: Vec<MoveLin>, _: u32) -> Result<CommandId, QueueError> {
+        self.send_path(points)
     }
 
-    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.call(Topic::Command, json!({ "permit": last })).unwrap_or(Err(QueueError::NotConnected))
+    fn permit(&mut self, _: Option<CommandId>) -> Result<(), QueueError> {
+        Ok(())
     }
 
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
@@ -378,16 +377,18 @@ impl Journal for Player<'_> {
         self.keep(Topic::Store, json!({ "open_intent": motion }))
     }
 
-    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
-        self.keep(Topic::Store, super::said_contact(motion, path, permitted))
+    fn open_contact(&mut self, motion: &Motion, _: &ContactPath, _: u32) -> Result<(), RecordError> {
+        self.open_intent(motion)
     }
 
-    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
-        self.keep(Topic::Store, json!({ "permit": waypoints }))
+    fn permit(&mut self, _: u32) -> Result<(), RecordError> {
+        Ok(())
     }
 
     fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
-        self.keep(Topic::Store, json!("abraded_before"))
+        let said = json!(super::ABRADED_BEFORE);
+        let is_next = self.0.borrow_mut().peek(false).is_some_and(|next| next.said == said);
+        if is_next { self.keep(Topic::Store, said) } else { Ok(Vec::new()) }
     }
 
     fn asked(&mut self, _: &Asked) -> Result<(), RecordError> {

@@ -80,8 +80,9 @@ impl<P: DerefMut<Target: Robot>> Robot for Taped<P> {
         sent
     }
 
+    /// The same path on the tape: how much of it is let go when follows from what the robot tells.
     fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
-        let said = self.is_taped().then(|| super::said_path_within(&points, permitted));
+        let said = self.is_taped().then(|| json!({ "path": points }));
         let sent = self.port.send_path_within(points, permitted);
         if let Some(said) = said {
             self.put(Topic::Command, || (said, told(&sent)));
@@ -90,9 +91,7 @@ impl<P: DerefMut<Target: Robot>> Robot for Taped<P> {
     }
 
     fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        let permitted = self.port.permit(last);
-        self.put(Topic::Command, || (json!({ "permit": last }), told(&permitted)));
-        permitted
+        self.port.permit(last)
     }
 
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
@@ -251,23 +250,24 @@ impl<P: DerefMut<Target: Journal>> Journal for Taped<P> {
 
     fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
         let kept = self.port.open_contact(motion, path, permitted);
-        self.noted(Topic::Store, || super::said_contact(motion, path, permitted), &kept);
-        kept
-    }
-
-    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
-        let kept = self.port.permit(waypoints);
-        self.noted(Topic::Store, || json!({ "permit": waypoints }), &kept);
+        self.noted(Topic::Store, || json!({ "open_intent": motion }), &kept);
         kept
     }
 
     fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
         let earlier = self.port.abraded_before();
-        self.noted(Topic::Store, || json!("abraded_before"), &earlier);
+        // Where nothing was, nothing is written down: a replay then hears of nothing.
+        if !earlier.as_ref().is_ok_and(Vec::is_empty) {
+            self.noted(Topic::Store, || json!(super::ABRADED_BEFORE), &earlier);
+        }
         earlier
     }
 
-    // Who asked and what the clock says is no part of what a cycle decides: it is not taped.
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
+        self.port.permit(waypoints)
+    }
+
+    // Who asked and what the clock says is no part of what a cycle decides; permits follow from what it heard.
 
     fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
         self.port.asked(asked)

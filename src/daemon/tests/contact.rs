@@ -47,15 +47,14 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     assert!(whole_mm2 > 1_000.0 && story.worn_mm2 == whole_mm2, "{} of {whole_mm2}", story.worn_mm2);
 }
 
-/// An abort in contact, whose end the robot tells: what was done of it is booked, and named by its epoch and plan.
+/// An abort in contact, whose end the robot tells: what was done of it is booked.
 #[test]
 fn an_abort_in_contact_is_booked_with_its_motion() {
     let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, Request::Abort));
     let (motion, outcome, done) = story.motions(Path::Contact)[0];
     assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
     let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
-    assert_eq!(found.details[name::EPOCH], motion.epoch);
-    assert_eq!(found.details[name::PLAN], motion.plan_word());
+    assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
 }
 
 fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {

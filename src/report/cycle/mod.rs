@@ -58,7 +58,7 @@ impl Times {
     /// What is added to a time, so that nobody takes one for the other.
     fn beside(self, number: &Number) -> &'static str {
         match (self, number.unit.as_str()) {
-            _ if number.name == name::AT_FEED => "",
+            _ if number.name == name::AT_FEED => ", planned",
             (Times::Simulated, "s") => " of simulated time",
             (Times::Simulated, "ms") => " of wall time",
             _ => "",
@@ -124,7 +124,15 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
             Err(row) => missing.push(row),
         }
     }
-    let numbers = finding.numbers.iter().map(|number| row(number, times));
+    let numbers = finding.numbers.iter().flat_map(|number| {
+        let to_execute = Some(number).filter(|number| finding.kind == Kind::Plan && number.name == name::PLANNED);
+        let to_execute = to_execute.and_then(|number| number.value).map(|all| {
+            let words =
+                format!("{}, all but the first, in air, at which the approach ends", shown((all - 1.0).max(0.0)));
+            Row::new("of these, of the path over the panel", words, "")
+        });
+        std::iter::once(row(number, times)).chain(to_execute)
+    });
     Section {
         heading: format!("{heading}{pass}"),
         text: format!("{}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),

@@ -181,7 +181,7 @@ fn simulated_time_and_wall_time_are_told_apart() {
         "Simulated time: 192.2 s. Wall time: 2023-11-14 22:13:20 UTC to 2023-11-14 22:14:50 UTC, 90 s.",
         "<td>film watched first</td><td>61.4 s of simulated time</td>",
         "<td>scan to verdict</td><td>136 ms of wall time</td>",
-        "<td>time at the recipe's feed, as planned</td><td>12.5 s</td>",
+        "<td>time at the recipe's feed</td><td>12.5 s, planned</td>",
         "<td>residual</td><td>0.1 mm</td>",
     ] {
         assert!(html.contains(part), "no {part} in\n{html}");
@@ -190,4 +190,22 @@ fn simulated_time_and_wall_time_are_told_apart() {
     assert!(!cycle_page(&real, &BTreeMap::new()).html().contains("imulated"), "a real cell has one time");
     let earlier = CycleRecord { clocks: [None, None], ..record };
     assert!(cycle_page(&earlier, &BTreeMap::new()).html().contains("was not recorded"));
+}
+
+/// By hand: of 102 waypoints 101 are the path's, which is what is executed; the first is where the approach ends.
+#[test]
+fn planned_and_executed_waypoints_agree() {
+    let executed = Number::new(name::EXECUTED, "", 101.0).within(Limit::AtLeast(101.0));
+    let findings = vec![
+        finding(Kind::Plan, 1, vec![Number::new(name::PLANNED, "", 102.0)]),
+        finding(Kind::Abrade, 1, vec![executed]),
+    ];
+    let html = cycle_page(&CycleRecord { findings, ..record() }, &BTreeMap::new()).html();
+    for part in [
+        "<td>waypoints</td><td>102</td>",
+        "<td>of these, of the path over the panel</td><td>101, all but the first, in air, at which the approach ends</td>",
+        "<td>waypoints executed</td><td>101</td><td>≥ 101</td>",
+    ] {
+        assert!(html.contains(part), "no {part} in\n{html}");
+    }
 }

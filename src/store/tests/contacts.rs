@@ -3,9 +3,7 @@
 use super::journal::progress;
 use super::*;
 use crate::cycle::{Event, Id, Motion, Outcome, Path as MotionPath, Report};
-use crate::record::{
-    Bounds, Clock, ContactPath, CycleId, EarlierPass, Finding, Kind, Reached, RecordingFile, name,
-};
+use crate::record::{Bounds, Clock, ContactPath, CycleId, EarlierPass, Finding, Kind, Reached, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 
 const MOTION: Motion = Motion { epoch: 3, path: MotionPath::Contact, plan: 0xAB, waypoints: 40 };
@@ -60,7 +58,6 @@ fn what_may_have_been_abraded_counts_until_the_part_has_a_result() {
 
     store.open_contact(&Motion { epoch: 5, ..MOTION }, Some(two), (&path(), 40)).expect("opened");
     let found = Finding::new(Kind::Abrade, 1, Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    let found = found.detail(name::EPOCH, 5).detail(name::PLAN, MOTION.plan_word());
     store.note(two, &found.detail("grids", vec!["r1c1"]).detail("grids_in_part", vec!["r1c2"])).expect("kept");
     store.close_intent(&Motion { epoch: 5, ..MOTION }, Outcome::Stopped, 33).expect("closed");
     store.conclude(two, Verdict::Aborted, &[]).expect("concluded");
