@@ -8,6 +8,7 @@ mod config_files;
 mod doctor;
 mod gauntlet;
 mod health;
+mod inputs;
 mod kuka_files;
 mod layers;
 mod link;

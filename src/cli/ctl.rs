@@ -52,7 +52,10 @@ fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
 /// The service stands in a folder of its own, so a file goes to it by its whole path.
 fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     let Some(file) = file else { return Ok(RecordIn::Store) };
-    Ok(RecordIn::File(std::path::absolute(file).map_err(|error| Fault::file(file, error))?))
+    let whole = std::path::absolute(file).map_err(|error| Fault::file(file, error))?;
+    // Without .. and links, as far as the folder is there; where it is not, the service says so.
+    let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
+    Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
 }
 
 fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2.
+/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2, where nothing else is said.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// A file is not what it must be.
@@ -137,6 +137,14 @@ pub enum Fault {
         /// Its taught version.
         version: String,
     },
+    /// A corner picture in the store that measures nothing.
+    #[error("the corner picture {number} that was taught: {cause}; then teach the panel again with it")]
+    TaughtCorner {
+        /// Which, from 1.
+        number: usize,
+        /// What is wrong with it.
+        cause: String,
+    },
     /// A grid that the region does not have.
     #[error("grid {grid} is not in the region of {rows} rows and {columns} columns, r1c1 to r{rows}c{columns}")]
     NoSuchGrid {
@@ -153,12 +161,31 @@ pub enum Fault {
         /// The folder.
         folder: PathBuf,
     },
+    /// A recording where a client may not have one written.
+    #[error("--record \"{file}\": {words}")]
+    RecordName {
+        /// The name, with what cannot be printed as escapes.
+        file: String,
+        /// What is wrong with it, and what is allowed.
+        words: &'static str,
+    },
+    /// A thread of the program failed. Exit code 3.
+    #[error(transparent)]
+    Broken(#[from] crate::supervision::ThreadFault),
     /// A stage refused its input, in its own words.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),
 }
 
 impl Fault {
+    /// The code by which a command ends, and the word for scripts.
+    pub fn code(&self) -> (u8, &'static str) {
+        match self {
+            Fault::Broken(_) => (3, "program_fault"),
+            _ => (2, "bad_input"),
+        }
+    }
+
     /// What is wrong with this file.
     pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }

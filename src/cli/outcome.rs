@@ -53,9 +53,10 @@ impl Outcome {
 /// Prints what stopped a command: words on standard error, with `--json` an object too.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
     eprintln!("panelprep: {fault}");
+    let (exit, code) = fault.code();
     if as_json {
-        let reason = json!([{"code": "bad_input", "message": fault.to_string()}]);
+        let reason = json!([{"code": code, "message": fault.to_string()}]);
         println!("{}", json!({"verdict": null, "reasons": reason}));
     }
-    ExitCode::from(2)
+    ExitCode::from(exit)
 }

@@ -13,15 +13,16 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::At;
 use crate::daemon::{
-    self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site,
-    Socket, StoreRecord, Taped, Taping,
+    self, DaemonError, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording, Robot as _,
+    Service, Site, Socket, StoreRecord, Taped, Taping,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::supervision::Supervisor;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
@@ -31,7 +32,9 @@ use std::thread::JoinHandle;
 /// Where a file is not what it must be, another process writes to the store or answers on the socket, or the store
 /// does not write.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
-    let (tell, letters) = mpsc::channel();
+    let supervisor = Supervisor::default();
+    supervisor.notice_panics();
+    let (tell, letters) = daemon::letters();
     signals(tell.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
     let site = Site::new(&files.cell).map_err(Fault::stage)?;
@@ -48,13 +51,14 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     let path = files.socket();
-    let socket = Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone()))
-        .map_err(Fault::stage)?;
+    supervisor.watch(live.robot.watched());
+    let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
+    let socket = Socket::listen(&path, tell, loader, &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let pages = write_pages(files.clone(), pages)?;
-    let desk = Desk::new(letters, ended, left_open, taping.clone());
+    let desk = Desk::new(letters, ended, left_open, (taping.clone(), supervisor.clone()));
     let mut person = Person { asks: desk, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
@@ -66,13 +70,17 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         keep,
         record: &mut Taped::new(&mut record, taping.clone()),
         requests: &mut Taped::new(&mut person, taping.clone()),
+        supervisor,
     };
     let ended = daemon::serve(site, service, journal);
     // One that is still open belongs to a loop that failed: the very one to look at.
     if let Some(recorded) = taping.finish() {
         tracing::info!("{}", recorded.message);
     }
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(|error| match error {
+        DaemonError::Broken(fault) => Fault::Broken(fault),
+        other => Fault::stage(other),
+    })?;
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
@@ -81,7 +89,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// Signals come to the desk, however many there are.
-fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
+fn signals(tell: Letters) -> Result<(), Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let each = move || {
         for _ in signals.forever() {
@@ -162,7 +170,7 @@ fn loader(
                 Some(place) => {
                     let file = match place {
                         RecordIn::Store => None,
-                        RecordIn::File(file) => Some(file),
+                        RecordIn::File(file) => Some(recording::named_by_a_client(&file, files.store_folder())?),
                     };
                     recording::allowed(file.as_deref(), files.store_folder())?;
                     Some(recording::of(file, &files, (&assignment, &calibrated))?)

@@ -1,19 +1,23 @@
 //! The service's desk: what people, signals and systemd ask of the loop, and what they are told.
 //!
-//! It is called by the loop each time it comes round, so what it sends systemd (`WATCHDOG=1`) proves that the loop
-//! works. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
+//! It is called by the loop each time it comes round, and asks the supervisor about the other threads, so what it sends
+//! systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
 
+use super::caller::Caller;
+use super::letters::Inbox;
 use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
 use super::replay::{Recording, Taping};
 use super::words;
 use crate::cycle::{At, Refusal, Request, State};
 use crate::record::CycleId;
+use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
-use std::sync::mpsc::{Receiver, Sender, SyncSender};
+use std::sync::mpsc::Sender;
 use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
 
 /// What comes to the desk.
 #[derive(Debug)]
@@ -22,8 +26,10 @@ pub enum Letter {
     Asked {
         /// What.
         asked: Asked,
+        /// Who.
+        who: Caller,
         /// Where the answer goes.
-        reply: SyncSender<Reply>,
+        reply: oneshot::Sender<Reply>,
     },
     /// SIGTERM or SIGINT.
     Signal,
@@ -43,12 +49,7 @@ pub enum Asked {
 
 impl std::fmt::Debug for Asked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Asked::State => f.write_str("state"),
-            Asked::For(request) => write!(f, "{request:?}"),
-            Asked::NewDisc => f.write_str("new disc"),
-            Asked::Begin(order) => write!(f, "start of {}", order.task.recipe.panel()),
-        }
+        f.write_str(&words::asked(self))
     }
 }
 
@@ -64,18 +65,24 @@ pub struct EndedCycle {
 /// At rest nothing is urgent: so long the loop waits for a letter.
 const REST: Duration = Duration::from_millis(20);
 
+/// As many are told the state in one round of the loop.
+const MOST_ANSWERED: usize = 64;
+
 /// The desk.
 #[derive(Debug)]
 pub struct Desk {
-    letters: Receiver<Letter>,
+    letters: Inbox,
     /// Who asked last and is not answered yet.
-    waiting: Option<SyncSender<Reply>>,
+    waiting: Option<oneshot::Sender<Reply>>,
     signals: u8,
     /// How much of the signals the table was asked.
     obeyed: u8,
     told: Option<At>,
     /// How often systemd wants to hear from the loop, and when it last did.
     watchdog: Option<(Duration, Instant)>,
+    /// Asks the other threads; and the loop's own sign.
+    supervisor: Supervisor,
+    sign: Supervised,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
     /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
@@ -91,13 +98,15 @@ pub struct Desk {
 
 impl Desk {
     /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
-    /// earlier process did not end. It tells how cycles are recorded by `taping`.
+    /// earlier process did not end. It tells how cycles are recorded by `taping`, and tells systemd that the loop works
+    /// while the `supervisor` finds that all threads do.
     pub fn new(
-        letters: Receiver<Letter>,
+        letters: Inbox,
         pages: Sender<EndedCycle>,
         left: Option<CycleId>,
-        taping: Taping,
+        (taping, supervisor): (Taping, Supervisor),
     ) -> Self {
+        let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
             letters,
@@ -106,6 +115,8 @@ impl Desk {
             obeyed: 0,
             told: None,
             watchdog,
+            supervisor,
+            sign,
             cycle: left,
             verdict: None,
             pages,
@@ -172,6 +183,22 @@ impl Desk {
         }
     }
 
+    /// A letter that the loop is to act on.
+    fn take(&mut self, asked: Asked, reply: oneshot::Sender<Reply>) -> Ask {
+        self.waiting = Some(reply);
+        match asked {
+            Asked::State => Ask::Nothing,
+            Asked::For(request) => {
+                if matches!(request, Request::Reset | Request::Clear | Request::Unhold { .. } | Request::Accept) {
+                    self.set_aside = std::mem::take(&mut self.noted);
+                }
+                Ask::For(request)
+            }
+            Asked::Begin(order) => Ask::Begin(order),
+            Asked::NewDisc => Ask::NewDisc,
+        }
+    }
+
     /// What the signals so far ask for.
     fn leaving(&mut self, state: &State) -> Option<Ask> {
         if self.signals == 0 {
@@ -202,6 +229,10 @@ impl Desk {
 impl Requests for Desk {
     fn next(&mut self, state: &State) -> Ask {
         self.state = *state;
+        self.sign.works();
+        if let Err(fault) = self.supervisor.check() {
+            return Ask::GiveUp(fault);
+        }
         // What was asked when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
@@ -212,37 +243,24 @@ impl Requests for Desk {
         if let Some(ask) = self.leaving(state) {
             return ask;
         }
-        let letter = match state.at.rests() {
-            true => self.letters.recv_timeout(REST).ok(),
-            false => self.letters.try_recv().ok(),
-        };
-        match letter {
-            None => Ask::Nothing,
-            Some(Letter::Signal) => {
-                self.signal();
-                Ask::Nothing
-            }
-            Some(Letter::Asked { asked, reply }) => {
-                self.waiting = Some(reply);
-                match asked {
-                    Asked::State => {
-                        self.answer(Exit::Done, self.reasons(state), state);
-                        Ask::Nothing
-                    }
-                    Asked::For(request) => {
-                        if matches!(
-                            request,
-                            Request::Reset | Request::Clear | Request::Unhold { .. } | Request::Accept
-                        ) {
-                            self.set_aside = std::mem::take(&mut self.noted);
-                        }
-                        Ask::For(request)
-                    }
-                    Asked::Begin(order) => Ask::Begin(order),
-                    Asked::NewDisc => Ask::NewDisc,
+        let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
+        // All who ask for the state are answered in one round: they take no turns from those who ask for more.
+        for _ in 0..MOST_ANSWERED {
+            match self.letters.next(patience) {
+                None => break,
+                Some(Letter::Asked { asked: Asked::State, reply, .. }) => {
+                    self.waiting = Some(reply);
+                    self.answer(Exit::Done, self.reasons(state), state);
+                    patience = Duration::ZERO;
                 }
+                Some(Letter::Signal) => {
+                    self.signal();
+                    break;
+                }
+                Some(Letter::Asked { asked, reply, .. }) => return self.take(asked, reply),
             }
         }
+        Ask::Nothing
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {
@@ -284,17 +302,18 @@ impl Requests for Desk {
 
 #[cfg(test)]
 mod tests {
+    use super::super::letters::{Letters, letters};
     use super::*;
     use crate::cycle::{Event, Phase, Report, Robot, step};
     use std::sync::mpsc;
 
-    fn desk() -> (Sender<Letter>, Desk) {
-        let (letters, taken) = mpsc::channel();
+    fn desk() -> (Letters, Desk) {
+        let (letters, taken) = letters();
         (letters, Desk::new(taken, mpsc::channel().0, None, off()))
     }
 
-    fn off() -> Taping {
-        Taping::new("store".as_ref(), true)
+    fn off() -> (Taping, Supervisor) {
+        (Taping::new("store".as_ref(), true), Supervisor::default())
     }
 
     fn at(at: At) -> State {
@@ -326,7 +345,7 @@ mod tests {
     /// Its park move is still to come when the verdict is known.
     #[test]
     fn a_page_is_due_once_the_cell_rests() {
-        let (_letters, taken) = mpsc::channel();
+        let (_letters, taken) = letters();
         let (tell, pages) = mpsc::channel();
         let mut desk = Desk::new(taken, tell, None, off());
         desk.begun(CycleId(7), Begin::Boot);
@@ -344,23 +363,24 @@ mod tests {
         let (letters, mut desk) = desk();
         let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
         let ask = |asked| {
-            let (reply, answer) = mpsc::sync_channel(1);
-            letters.send(Letter::Asked { asked, reply }).expect("sent");
+            let (reply, answer) = oneshot::channel();
+            let who = Caller { uid: Some(7), user: None };
+            letters.send(Letter::Asked { asked, who, reply }).expect("sent");
             answer
         };
-        let state = ask(Asked::State);
+        let mut state = ask(Asked::State);
         assert!(matches!(desk.next(&busy), Ask::Nothing));
         let reply = state.try_recv().expect("answered");
         assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
 
-        let taken = ask(Asked::For(Request::Hold));
+        let mut taken = ask(Asked::For(Request::Hold));
         assert_eq!(asks(&desk.next(&busy)), Some(Request::Hold));
         assert!(taken.try_recv().is_err(), "not before the table has taken it");
         desk.next(&busy);
         assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
 
         desk.noted(&[Reason::new("film", "it broke")]);
-        let refused = ask(Asked::For(Request::Reset));
+        let mut refused = ask(Asked::For(Request::Reset));
         assert_eq!(asks(&desk.next(&idle)), Some(Request::Reset));
         desk.refused(Request::Reset, Refusal::NotNow);
         let reply = refused.try_recv().expect("answered");
@@ -368,5 +388,39 @@ mod tests {
         assert_eq!(desk.noted.len(), 1, "a refusal changes nothing");
         desk.next(&idle);
         assert!(refused.try_recv().is_err(), "answered once");
+    }
+
+    /// Whoever asks for the state without end takes no turn from a stop.
+    #[test]
+    fn a_stop_is_taken_in_the_round_in_which_it_comes() {
+        let (letters, mut desk) = desk();
+        let busy = at(At::Execute(Phase::Wet));
+        let mut answers = Vec::new();
+        for uid in (0..3).cycle().take(24) {
+            let (reply, answer) = oneshot::channel();
+            let who = Caller { uid: Some(uid), user: None };
+            letters.send(Letter::Asked { asked: Asked::State, who, reply }).expect("a place");
+            answers.push(answer);
+        }
+        let (reply, _answer) = oneshot::channel();
+        let who = Caller { uid: Some(1), user: None };
+        letters.send(Letter::Asked { asked: Asked::For(Request::Stop), who, reply }).expect("always a place");
+        assert_eq!(asks(&desk.next(&busy)), Some(Request::Stop));
+        assert!(matches!(desk.next(&busy), Ask::Nothing));
+        assert!(answers.iter_mut().all(|answer| answer.try_recv().is_ok()), "and the others in the next one");
+    }
+
+    /// A thread that is lost ends the loop, whatever else is asked.
+    #[test]
+    fn a_lost_thread_is_told_to_the_loop() {
+        let (_letters, taken) = letters();
+        let (thread, watched) = supervised("socket", Duration::MAX);
+        let (taping, supervisor) = off();
+        supervisor.watch(watched);
+        let mut desk = Desk::new(taken, mpsc::channel().0, None, (taping, supervisor));
+        let idle = at(At::Idle);
+        assert!(matches!(desk.next(&idle), Ask::Nothing));
+        drop(thread);
+        assert!(matches!(desk.next(&idle), Ask::GiveUp(fault) if fault.thread == "socket"));
     }
 }

@@ -14,8 +14,17 @@ use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The longest line, with its end: a recipe and its escapes.
+/// The longest line, with its end: a recipe and its escapes. Only a start is that long.
 pub const MOST_BYTES: usize = 256 * 1_024;
+/// The longest of any other line.
+pub(super) const MOST_SHORT_BYTES: usize = 4 * 1_024;
+
+/// Whether a line that begins so may be as long as a start.
+pub(super) fn may_be_long(beginning: &[u8]) -> bool {
+    let word = b"\"start\"";
+    let searched = &beginning[..beginning.len().min(MOST_SHORT_BYTES)];
+    searched.windows(word.len()).any(|part| part == word)
+}
 
 /// What may be asked.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -70,8 +79,19 @@ pub enum RecordIn {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// Too long.
-    #[error("the line is longer than {MOST_BYTES} bytes")]
-    TooLong,
+    #[error("the line is longer than {most} bytes")]
+    TooLong {
+        /// The longest that is read.
+        most: usize,
+    },
+    /// It took too long.
+    #[error("the line did not come whole in time; write it at once")]
+    Slow,
+    /// Others needed the place.
+    #[error(
+        "too many connections are open, and this one was silent for longest; write the line at once, and try again"
+    )]
+    GaveWay,
     /// It broke off.
     #[error("the line has no end")]
     NoEnd,
@@ -90,7 +110,7 @@ impl Wish {
     /// Where it is too long, has no end, or is not exactly one allowed object.
     pub fn read(line: &[u8]) -> Result<Self, ProtocolError> {
         if line.len() > MOST_BYTES {
-            return Err(ProtocolError::TooLong);
+            return Err(ProtocolError::TooLong { most: MOST_BYTES });
         }
         let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
         serde_json::from_slice(object).map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })
@@ -212,7 +232,7 @@ mod tests {
             assert!(error.contains(word), "{}: {error}", String::from_utf8_lossy(&line[..line.len().min(60)]));
         }
         let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MOST_BYTES));
-        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong));
+        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong { most: MOST_BYTES }));
     }
 
     proptest! {
