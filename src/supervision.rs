@@ -91,6 +91,8 @@ pub struct Watched(Arc<Thread>);
 
 /// Both ends for a thread of this name, which says that it works at least once in `longest_silence`, or that it rests.
 pub fn supervised(name: &'static str, longest_silence: Duration) -> (Supervised, Watched) {
+    #[cfg(debug_assertions)]
+    let longest_silence = injected::shortened(longest_silence);
     let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(Sign::Rests) });
     (Supervised(thread.clone()), Watched(thread))
 }
@@ -183,12 +185,18 @@ impl Supervisor {
 }
 
 /// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file; once it
-/// holds `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next says that it works.
+/// holds `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next says that it works. No
+/// thread may be silent for longer than three seconds then, so that the test need not wait.
 #[cfg(debug_assertions)]
 mod injected {
     use std::sync::LazyLock;
+    use std::time::Duration;
 
     static FILE: LazyLock<Option<String>> = LazyLock::new(|| std::env::var("PANELPREP_INJECT").ok());
+
+    pub(super) fn shortened(silence: Duration) -> Duration {
+        if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
+    }
 
     #[expect(clippy::panic, reason = "the fault that is asked for")]
     pub(super) fn fails(thread: &str) {

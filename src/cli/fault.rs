@@ -37,15 +37,22 @@ pub enum Fault {
     /// A program ended while a motion was under way.
     #[error(
         "a motion is open in the store: a program ended while the robot moved, and nothing moves before a person has \
-         looked; start `panelprep run`, then `panelprep ctl clear`"
+         looked; look at the cell, jog the pad off the panel where it touches, then run `panelprep clear --cell {}`",
+        cell.display()
     )]
-    MotionOpen,
+    MotionOpen {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// The last cycle was aborted.
     #[error(
-        "the last cycle in this store was aborted and nobody has said that the cause is gone; start `panelprep run`, \
-         then `panelprep ctl clear`"
+        "the last cycle in this store was aborted and nobody has said that the cause is gone; look at the cell, then run \
+         `panelprep clear --cell {}`", cell.display()
     )]
-    NotCleared,
+    NotCleared {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// A simulated camera without a simulated world.
     #[error(
         "[{table}] kind = \"simulated\" looks at the world of the mock robot, but [robot] kind is \"eki\"; make both \
@@ -161,6 +168,24 @@ pub enum Fault {
         /// The folder.
         folder: PathBuf,
     },
+    /// A name of the part that cannot be kept as it stands.
+    #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
+    PartName {
+        /// The option.
+        option: &'static str,
+        /// What was given.
+        found: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// The cycle that was waited for is not the service's last one any more.
+    #[error("{} was waited for, and the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
+    OtherCycle {
+        /// The one that was begun.
+        waited_for: Option<i64>,
+        /// The service's last one.
+        found: Option<i64>,
+    },
     /// A recording where a client may not have one written.
     #[error("--record \"{file}\": {words}")]
     RecordName {
@@ -195,4 +220,8 @@ impl Fault {
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
         Fault::Stage(Box::new(cause))
     }
+}
+
+fn shown(cycle: Option<i64>) -> String {
+    cycle.map_or("no cycle".to_owned(), |cycle| format!("cycle {cycle}"))
 }

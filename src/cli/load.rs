@@ -90,10 +90,10 @@ impl CellFiles {
         let mut store = self.store_for_writing()?;
         let recovered = store.recover().map_err(Fault::stage)?;
         if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-            return Err(Fault::MotionOpen);
+            return Err(Fault::MotionOpen { cell: self.file.clone() });
         }
         if matches!(recovered.at, At::Aborted { .. }) {
-            return Err(Fault::NotCleared);
+            return Err(Fault::NotCleared { cell: self.file.clone() });
         }
         Ok(store)
     }

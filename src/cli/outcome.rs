@@ -1,8 +1,10 @@
 //! What a command prints: words for a person, or one JSON object.
 
+use super::disk;
 use super::fault::Fault;
 use crate::verdict::Judgement;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// What a command found, in both forms.
@@ -35,6 +37,14 @@ impl Outcome {
     /// Adds a line for a person.
     pub fn say(&mut self, line: impl Into<String>) {
         self.words.push(line.into());
+    }
+
+    /// Writes the object that `--json` prints to this file, where one is named.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub fn write(&self, file: Option<&Path>) -> Result<(), Fault> {
+        file.map_or(Ok(()), |file| disk::write(file, format!("{}\n", Value::Object(self.json.clone()))))
     }
 
     /// Prints it and gives the exit code.

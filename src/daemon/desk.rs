@@ -9,13 +9,15 @@ use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
 use super::replay::{Recording, Taping};
 use super::words;
-use crate::cycle::{At, Refusal, Request, State};
+use crate::cycle::{At, Path as PathKind, Phase, Refusal, Request, State};
 use crate::record::CycleId;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
+use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
 
@@ -62,6 +64,48 @@ pub struct EndedCycle {
     pub recording: Option<Recording>,
 }
 
+/// What is beside the loop, as far as the desk has to do with it.
+#[derive(Debug)]
+pub struct Beside {
+    /// How cycles are recorded.
+    pub taping: Taping,
+    /// Who asks all threads whether they work.
+    pub supervisor: Supervisor,
+    /// Who writes the page of a cycle that has ended.
+    pub pages: Sender<EndedCycle>,
+    /// The page that was written last.
+    pub written: WrittenPage,
+}
+
+/// The page that was written last, and whose it is. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+
+impl WrittenPage {
+    /// This cycle's page was written.
+    pub fn is(&self, cycle: CycleId, page: &Path) {
+        *self.lock() = Some((cycle, page.to_owned()));
+    }
+
+    fn of(&self, cycle: CycleId) -> Option<PathBuf> {
+        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The phase inside Execute, and the one in which a cycle that is held goes on.
+fn phase(at: At) -> Option<Phase> {
+    match at {
+        At::Execute(phase) => Some(phase),
+        At::Holding(hold) | At::Held(hold) => Some(hold.resume),
+        At::Unholding { resume, .. } => Some(resume),
+        _ => None,
+    }
+}
+
 /// At rest nothing is urgent: so long the loop waits for a letter.
 const REST: Duration = Duration::from_millis(20);
 
@@ -80,15 +124,20 @@ pub struct Desk {
     told: Option<At>,
     /// How often systemd wants to hear from the loop, and when it last did.
     watchdog: Option<(Duration, Instant)>,
-    /// Asks the other threads; and the loop's own sign.
-    supervisor: Supervisor,
+    /// What is beside the loop; and the loop's own sign of life.
+    beside: Beside,
     sign: Supervised,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
-    pages: Sender<EndedCycle>,
+    /// The panel of the cycle; of the order that is being taken.
+    panel: Option<String>,
+    ordered: Option<String>,
+    /// Seconds of the film that is under way.
+    film_s: Option<f64>,
+    /// What was done, for who asked for it.
+    done: Option<String>,
+    /// The cycle whose page is due once the cell rests.
     ended: Option<CycleId>,
-    taping: Taping,
     /// What was last found wrong; what was, before something new was asked.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
@@ -97,15 +146,9 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
-    /// earlier process did not end. It tells how cycles are recorded by `taping`, and tells systemd that the loop works
-    /// while the `supervisor` finds that all threads do.
-    pub fn new(
-        letters: Inbox,
-        pages: Sender<EndedCycle>,
-        left: Option<CycleId>,
-        (taping, supervisor): (Taping, Supervisor),
-    ) -> Self {
+    /// A desk where these letters come; `left` is the cycle that an earlier process did not end. It tells systemd that the
+    /// loop works while the supervisor finds that all threads do.
+    pub fn new(letters: Inbox, left: Option<CycleId>, beside: Beside) -> Self {
         let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
@@ -115,13 +158,15 @@ impl Desk {
             obeyed: 0,
             told: None,
             watchdog,
-            supervisor,
+            beside,
             sign,
             cycle: left,
             verdict: None,
-            pages,
+            panel: None,
+            ordered: None,
+            film_s: None,
+            done: None,
             ended: None,
-            taping,
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
@@ -129,18 +174,23 @@ impl Desk {
     }
 
     fn reply(&self, answer: Exit, reasons: Vec<Reason>, state: &State) -> Reply {
-        let phase = match state.at {
-            At::Execute(phase) => Some(words::phase(phase).to_owned()),
-            _ => None,
-        };
+        let counts = |path| matches!(path, PathKind::Contact | PathKind::Air);
+        let path = state.intent.filter(|intent| counts(intent.motion.path));
         Reply {
             answer,
             state: Some(state.at.word().to_owned()),
-            phase,
+            phase: phase(state.at).map(|phase| words::phase(phase).to_owned()),
+            panel: self.panel.clone(),
+            pass: self.cycle.map(|_| state.job.pass),
+            film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
+            waypoint: path.map(|intent| intent.done),
+            of: path.map(|intent| intent.motion.waypoints),
+            page: self.cycle.and_then(|cycle| self.beside.written.of(cycle)),
             epoch: Some(state.epoch),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
-            recording: self.taping.told(),
+            recording: self.beside.taping.told(),
+            done: None,
             reasons,
         }
     }
@@ -151,9 +201,10 @@ impl Desk {
     }
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
+        let done = self.done.take();
         if let Some(waiting) = self.waiting.take() {
             // Whoever hung up does not want to know.
-            let _ = waiting.send(self.reply(answer, reasons, state));
+            let _ = waiting.send(Reply { done, ..self.reply(answer, reasons, state) });
         }
     }
 
@@ -194,7 +245,10 @@ impl Desk {
                 }
                 Ask::For(request)
             }
-            Asked::Begin(order) => Ask::Begin(order),
+            Asked::Begin(order) => {
+                self.ordered = Some(order.task.recipe.panel().to_owned());
+                Ask::Begin(order)
+            }
             Asked::NewDisc => Ask::NewDisc,
         }
     }
@@ -230,7 +284,7 @@ impl Requests for Desk {
     fn next(&mut self, state: &State) -> Ask {
         self.state = *state;
         self.sign.works();
-        if let Err(fault) = self.supervisor.check() {
+        if let Err(fault) = self.beside.supervisor.check() {
             return Ask::GiveUp(fault);
         }
         // What was asked when the loop last came round was taken: else it would be answered by now.
@@ -238,7 +292,7 @@ impl Requests for Desk {
         self.tell(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             // Without a writer the record stays; its page can be made of it.
-            let _ = self.pages.send(EndedCycle { id, recording: self.taping.take() });
+            let _ = self.beside.pages.send(EndedCycle { id, recording: self.beside.taping.take() });
         }
         if let Some(ask) = self.leaving(state) {
             return ask;
@@ -288,6 +342,15 @@ impl Requests for Desk {
     fn begun(&mut self, cycle: CycleId, _: Begin) {
         self.noted.clear();
         (self.cycle, self.verdict) = (Some(cycle), None);
+        (self.panel, self.film_s) = (self.ordered.take(), None);
+    }
+
+    fn filmed(&mut self, seconds: f64) {
+        self.film_s = Some(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned());
     }
 
     fn concluded(&mut self, verdict: Verdict) {
@@ -304,16 +367,17 @@ impl Requests for Desk {
 mod tests {
     use super::super::letters::{Letters, letters};
     use super::*;
-    use crate::cycle::{Event, Phase, Report, Robot, step};
+    use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Why, step};
     use std::sync::mpsc;
 
     fn desk() -> (Letters, Desk) {
         let (letters, taken) = letters();
-        (letters, Desk::new(taken, mpsc::channel().0, None, off()))
+        (letters, Desk::new(taken, None, beside(mpsc::channel().0)))
     }
 
-    fn off() -> (Taping, Supervisor) {
-        (Taping::new("store".as_ref(), true), Supervisor::default())
+    fn beside(pages: Sender<EndedCycle>) -> Beside {
+        let taping = Taping::new("store".as_ref(), true);
+        Beside { taping, supervisor: Supervisor::default(), pages, written: WrittenPage::default() }
     }
 
     fn at(at: At) -> State {
@@ -347,7 +411,7 @@ mod tests {
     fn a_page_is_due_once_the_cell_rests() {
         let (_letters, taken) = letters();
         let (tell, pages) = mpsc::channel();
-        let mut desk = Desk::new(taken, tell, None, off());
+        let mut desk = Desk::new(taken, None, beside(tell));
         desk.begun(CycleId(7), Begin::Boot);
         desk.concluded(Verdict::Fail);
         desk.next(&at(At::Completing { verdict: Verdict::Fail }));
@@ -415,12 +479,34 @@ mod tests {
     fn a_lost_thread_is_told_to_the_loop() {
         let (_letters, taken) = letters();
         let (thread, watched) = supervised("socket", Duration::MAX);
-        let (taping, supervisor) = off();
-        supervisor.watch(watched);
-        let mut desk = Desk::new(taken, mpsc::channel().0, None, (taping, supervisor));
+        let beside = beside(mpsc::channel().0);
+        beside.supervisor.watch(watched);
+        let mut desk = Desk::new(taken, None, beside);
         let idle = at(At::Idle);
         assert!(matches!(desk.next(&idle), Ask::Nothing));
         drop(thread);
         assert!(matches!(desk.next(&idle), Ask::GiveUp(fault) if fault.thread == "socket"));
+    }
+
+    /// Where a cycle is held, its phase is the one in which it goes on; a path tells its waypoints, a film its seconds.
+    #[test]
+    fn the_state_tells_how_far_the_work_is() {
+        let (_letters, mut desk) = desk();
+        (desk.panel, desk.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
+        desk.filmed(12.5);
+        let told = |desk: &Desk, state: State| desk.reply(Exit::Done, vec![], &state);
+        let films = told(&desk, at(At::Execute(Phase::Inspect)));
+        assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));
+        let motion = Motion { epoch: 4, path: PathKind::Contact, plan: 1, waypoints: 101 };
+        let intent = Some(Intent { id: Id(1), motion, done: 45 });
+        let abrades = told(&desk, State { intent, ..at(At::Execute(Phase::Abrade)) });
+        assert_eq!((abrades.film_s, abrades.waypoint, abrades.of), (None, Some(45), Some(101)));
+        let held = told(&desk, at(At::Held(Hold { why: Why::Asked, resume: Phase::Verify })));
+        assert_eq!((held.phase.as_deref(), held.page), (Some("verify"), None));
+        desk.beside.written.is(CycleId(3), Path::new("/store/reports/cycle-000003.html"));
+        let page = |desk: &Desk| told(desk, at(At::Idle)).page.map(|page| page.display().to_string());
+        assert_eq!(page(&desk).as_deref(), Some("/store/reports/cycle-000003.html"));
+        desk.cycle = Some(CycleId(4));
+        assert_eq!(page(&desk), None, "it is another cycle's");
     }
 }

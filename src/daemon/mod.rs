@@ -51,13 +51,13 @@ mod tests;
 
 pub use caller::Caller;
 pub use cameras::Cameras;
-pub use desk::{Desk, EndedCycle, Letter};
+pub use desk::{Beside, Desk, EndedCycle, Letter, WrittenPage};
 pub use letters::{Inbox, Letters, NotTaken, letters};
 pub use ports::{
     Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,
     Requests, Robot, SightError,
 };
-pub use protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
+pub use protocol::{Exit, MOST_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish};
 pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
@@ -66,9 +66,9 @@ pub use replay::{
 };
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
-pub use socket::{Loader, Socket, SocketError};
+pub use socket::{Loader, Socket, SocketError, Started};
 pub use wiring::Wiring;
-pub use words::{request_word, why};
+pub use words::{refusal, request_word, why};
 
 use crate::cell::{Arm, Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};

@@ -231,6 +231,10 @@ pub trait Requests {
     }
     /// A cycle has its verdict.
     fn concluded(&mut self, _verdict: Verdict) {}
+    /// A film is under way: so many seconds of it were seen.
+    fn filmed(&mut self, _seconds: f64) {}
+    /// That a new disc was mounted is kept.
+    fn disc_mounted(&mut self) {}
     /// What was found last is not as it should be for these reasons, or for none.
     fn noted(&mut self, _reasons: &[Reason]) {}
 }

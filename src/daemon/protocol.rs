@@ -41,6 +41,9 @@ pub enum Wish {
         /// Where it is recorded, where it is.
         #[serde(default)]
         record: Option<RecordIn>,
+        /// The part that stands in the cell, by whose order and hand.
+        #[serde(default)]
+        part: Option<PartNames>,
     },
     /// See [`crate::cycle::Request`], likewise for the others.
     Hold {},
@@ -63,6 +66,21 @@ pub enum Wish {
     /// A new disc was mounted.
     #[serde(rename = "new-disc")]
     NewDisc {},
+}
+
+/// Which part a cycle is about, as far as it is told.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartNames {
+    /// The part's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<String>,
+    /// Who operates the cell, as that person was named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
 }
 
 /// Where a cycle is recorded.
@@ -141,15 +159,27 @@ impl Exit {
 }
 
 /// What is answered.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
     /// How it went.
     pub answer: Exit,
     /// The PackML word; none where the loop was not asked.
     pub state: Option<String>,
-    /// The phase inside Execute.
+    /// The phase inside Execute; where the cycle is held, the one in which it goes on.
     pub phase: Option<String>,
+    /// The panel of the cycle that runs or ran last.
+    pub panel: Option<String>,
+    /// Its abrasions so far.
+    pub pass: Option<u8>,
+    /// Seconds of the film that is under way.
+    pub film_s: Option<f64>,
+    /// Waypoints executed of the path that is under way.
+    pub waypoint: Option<u32>,
+    /// All of them.
+    pub of: Option<u32>,
+    /// The page of the last cycle, once it is written.
+    pub page: Option<PathBuf>,
     /// The robot's last epoch.
     pub epoch: Option<u32>,
     /// The cycle that runs, or ran last since the service started.
@@ -158,6 +188,8 @@ pub struct Reply {
     pub verdict: Option<Verdict>,
     /// Its recording, where it has one.
     pub recording: Option<Recorded>,
+    /// What was done, where the state does not say it.
+    pub done: Option<String>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
 }
@@ -169,10 +201,17 @@ impl Reply {
             answer,
             state: None,
             phase: None,
+            panel: None,
+            pass: None,
+            film_s: None,
+            waypoint: None,
+            of: None,
+            page: None,
             epoch: None,
             cycle_id: None,
             verdict: None,
             recording: None,
+            done: None,
             reasons,
         }
     }
@@ -185,8 +224,12 @@ mod tests {
 
     #[test]
     fn each_wish_reads_back() {
-        let start =
-            |record| Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned(), record };
+        let part =
+            PartNames { serial: Some("SN \"7\"".to_owned()), order: None, operator: Some("Ännä".to_owned()) };
+        let start = |record| {
+            let (recipe, text) = ("panel.toml".to_owned(), "panel = \"a\\b\"\n".to_owned());
+            Wish::Start { recipe, text, record, part: Some(part.clone()) }
+        };
         let file = RecordIn::File("/var/cycle 7.mcap".into());
         for wish in [
             start(None),

@@ -264,6 +264,7 @@ impl<'p> Running<'p> {
                 }
                 Ask::NewDisc if self.state.at.rests() => {
                     self.ports.record.mount_disc()?;
+                    self.ports.requests.disc_mounted();
                     continue;
                 }
                 Ask::NewDisc => {

@@ -14,7 +14,9 @@ use super::caller::Caller;
 use super::desk::{Asked, Letter};
 use super::letters::{Letters, NotTaken};
 use super::ports::Order;
-use super::protocol::{Exit, MOST_BYTES, MOST_SHORT_BYTES, ProtocolError, RecordIn, Reply, Wish, may_be_long};
+use super::protocol::{
+    Exit, MOST_BYTES, MOST_SHORT_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish, may_be_long,
+};
 use super::words;
 use crate::cycle::Request;
 use crate::supervision::{Supervised, Supervisor, supervised};
@@ -47,8 +49,21 @@ const READERS: usize = 2;
 /// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
 const NICE: i32 = -5;
 
-/// Makes an order of a recipe's name and text and of where it is recorded, or says why not.
-pub type Loader = dyn Fn(&str, &str, Option<RecordIn>) -> Result<Order, Vec<Reason>> + Send + Sync;
+/// A cycle that somebody asks for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Started {
+    /// The recipe's name in messages.
+    pub recipe: String,
+    /// Its text.
+    pub text: String,
+    /// Where it is recorded, where it is.
+    pub record: Option<RecordIn>,
+    /// The part.
+    pub part: Option<PartNames>,
+}
+
+/// Makes an order of what was asked for, or says why not.
+pub type Loader = dyn Fn(Started) -> Result<Order, Vec<Reason>> + Send + Sync;
 
 /// Why there is no socket.
 #[derive(Debug, thiserror::Error)]
@@ -235,10 +250,12 @@ impl Door {
     async fn answer(&self, wish: Wish, caller: Caller) -> Reply {
         let asked = match wish {
             Wish::State {} => Asked::State,
-            Wish::Start { recipe, text, record } => match self.load(recipe, text, record).await {
-                Ok(order) => Asked::Begin(Box::new(order)),
-                Err(refused) => return refused,
-            },
+            Wish::Start { recipe, text, record, part } => {
+                match self.load(Started { recipe, text, record, part }).await {
+                    Ok(order) => Asked::Begin(Box::new(order)),
+                    Err(refused) => return refused,
+                }
+            }
             Wish::Hold {} => Asked::For(Request::Hold),
             Wish::Unhold { dried } => Asked::For(Request::Unhold { dried }),
             Wish::Accept {} => Asked::For(Request::Accept),
@@ -272,9 +289,9 @@ impl Door {
     }
 
     /// Reads what a cycle works by, on a thread of its own.
-    async fn load(&self, recipe: String, text: String, record: Option<RecordIn>) -> Result<Order, Reply> {
+    async fn load(&self, started: Started) -> Result<Order, Reply> {
         let loader = self.loader.clone();
-        let loaded = tokio::task::spawn_blocking(move || loader(&recipe, &text, record)).await;
+        let loaded = tokio::task::spawn_blocking(move || loader(started)).await;
         match loaded {
             Ok(order) => order.map_err(|reasons| Reply::refused(Exit::Refused, reasons)),
             Err(error) => {

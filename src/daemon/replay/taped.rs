@@ -328,6 +328,14 @@ impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
         self.port.concluded(verdict);
     }
 
+    fn filmed(&mut self, seconds: f64) {
+        self.port.filmed(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.port.disc_mounted();
+    }
+
     fn noted(&mut self, reasons: &[Reason]) {
         self.port.noted(reasons);
     }

@@ -35,8 +35,10 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 
-/// The thread says at least so often that it works, and answers each order within this time.
+/// The thread says at least so often that it works.
 const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+/// It answers each order, and ends, within this time.
+const ANSWERS: Duration = Duration::from_secs(2);
 
 /// Where a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -199,7 +201,7 @@ impl RobotLink {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
         // The thread answers at once. One that does not is lost, and whoever asks must not be lost with it.
-        match tokio::time::timeout(LONGEST_SILENCE, answer).await {
+        match tokio::time::timeout(ANSWERS, answer).await {
             Ok(Ok(answer)) => answer,
             Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
         }
@@ -213,7 +215,7 @@ impl Drop for RobotLink {
         let Some(thread) = self.thread.take() else { return };
         let since = Instant::now();
         while !thread.is_finished() {
-            if since.elapsed() > LONGEST_SILENCE {
+            if since.elapsed() > ANSWERS {
                 tracing::warn!(
                     "the robot link's thread does not end; the controller's own watchdog stops the robot"
                 );
