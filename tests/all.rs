@@ -6,6 +6,7 @@ mod camera_model;
 mod commands;
 mod config_files;
 mod doctor;
+mod follow;
 mod gauntlet;
 mod health;
 mod hostile;

@@ -51,7 +51,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
         requests: &mut clears,
         supervisor,
     };
-    let ended = daemon::serve(site, service, journal).map_err(Fault::stage)?;
+    let ended = daemon::serve(site, service, journal).map_err(Fault::of_loop)?;
     Ok(outcome(ended.at, clears.refused))
 }
 

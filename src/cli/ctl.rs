@@ -87,7 +87,7 @@ fn insist(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     loop {
         let answered = ask(socket, wish);
         let is_busy = match &answered {
-            Ok(reply) => reply.reasons.iter().any(|reason| matches!(&*reason.code, "busy" | "bad_request")),
+            Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
             Err(Fault::NoService { .. }) => false,
             Err(_) => true,
         };

@@ -1,5 +1,6 @@
 //! What stops a command, in words, and the one place where errors of all modules meet.
 
+use crate::daemon::DaemonError;
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
@@ -214,6 +215,14 @@ impl Fault {
     /// What is wrong with this file.
     pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }
+    }
+
+    /// Why the loop had to end.
+    pub fn of_loop(error: DaemonError) -> Self {
+        match error {
+            DaemonError::Broken(fault) => Fault::Broken(fault),
+            other => Fault::stage(other),
+        }
     }
 
     /// What a stage says.

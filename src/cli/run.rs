@@ -13,8 +13,8 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::At;
 use crate::daemon::{
-    self, Beside, DaemonError, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording,
-    Robot as _, Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
+    self, Beside, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording, Robot as _,
+    Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::supervision::Supervisor;
@@ -80,10 +80,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     if let Some(recorded) = taping.finish() {
         tracing::info!("{}", recorded.message);
     }
-    let ended = ended.map_err(|error| match error {
-        DaemonError::Broken(fault) => Fault::Broken(fault),
-        other => Fault::stage(other),
-    })?;
+    let ended = ended.map_err(Fault::of_loop)?;
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();

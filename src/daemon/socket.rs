@@ -203,6 +203,9 @@ async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door
     drop(place);
     let reply = match heard {
         Ok(wish) => door.answer(wish, caller).await,
+        Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
+            Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
+        }
         Err(error) => Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
     };
     let Ok(mut line) = serde_json::to_vec(&reply) else { return };
