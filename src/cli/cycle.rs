@@ -12,7 +12,7 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
 use crate::daemon::{
-    Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
+    self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
@@ -156,7 +156,7 @@ pub fn one(
     let ended = run_cycle_from((state, Begin::Boot), &job, ports);
     // What a cycle came to before it failed is worth most.
     let recorded = taping.finish();
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
     Ok(Ran {
         ended,
@@ -182,7 +182,7 @@ impl Ran {
         let mut outcome = Outcome::of(&judgement);
         outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
         if let Some((request, refusal)) = self.refused {
-            outcome.say(format!("refused: {request:?}, {refusal:?}"));
+            outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
         let passes = abraded(&self.kept.record);
         outcome

@@ -3,6 +3,7 @@
 use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
+use super::part;
 use super::recording;
 use crate::daemon::{self, Recorded};
 use crate::record::{CycleId, CycleRecord, RecordingFile};
@@ -11,7 +12,6 @@ use crate::report::{cycle_page, utc};
 use crate::store::Store;
 use crate::tape;
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -21,6 +21,8 @@ pub struct Kept {
     /// The record.
     pub record: CycleRecord,
     pictures: BTreeMap<String, Vec<u8>>,
+    /// What is told of the part, where it was named.
+    part: Option<Section>,
 }
 
 impl Kept {
@@ -33,7 +35,8 @@ impl Kept {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
-        Ok(Kept { record, pictures })
+        let part = part::section(store, &record);
+        Ok(Kept { record, pictures, part })
     }
 
     /// Writes the page, with `more` and what came of its recording at its end.
@@ -43,7 +46,7 @@ impl Kept {
     pub fn write(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
-        let sections = page.sections.into_iter().chain(more).chain(recorded).collect();
+        let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
         disk::write(file, Page { sections, made: made(), ..page }.html())
     }
 
@@ -105,7 +108,7 @@ pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
         RecordingFile::Named(file) => PathBuf::from(file),
     };
     let name = file.display().to_string();
-    let checked = File::open(&file).map_err(|error| error.to_string());
+    let checked = crate::disk::open(&file).map_err(|error| error.to_string());
     let checked = checked.and_then(|out| tape::check(BufReader::new(out)).map_err(|error| error.to_string()));
     Some(match checked {
         Ok(checked) => Recorded::whole(name, checked.entries),
@@ -135,7 +138,7 @@ pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fa
 /// Whether a page is there to its last line.
 fn is_whole(page: &Path) -> bool {
     let end = || -> std::io::Result<Vec<u8>> {
-        let mut file = File::open(page)?;
+        let mut file = crate::disk::open(page)?;
         let from = file.metadata()?.len().saturating_sub(END.len() as u64);
         file.seek(SeekFrom::Start(from))?;
         let mut end = Vec::new();

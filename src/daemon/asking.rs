@@ -63,6 +63,7 @@ impl Running<'_> {
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.rests() {
             self.ports.record.mount_disc()?;
+            self.ports.requests.disc_mounted();
             return self.keep_asked(Wanted::NewDisc, Asker::Last, (Answer::Done, vec![]));
         }
         let message = "a disc is changed where the cell rests, held, idle or stopped";
