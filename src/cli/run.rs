@@ -11,7 +11,7 @@ use super::person::Person;
 use super::recording;
 use super::report::{self, Kept};
 use super::zivid;
-use crate::cycle::At;
+use crate::cycle::{At, State};
 use crate::daemon::{
     self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site,
     Socket, StoreRecord, Taped, Taping,
@@ -77,7 +77,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     // A panic in there was reported where it happened.
     let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());
-    Ok(outcome(ended.at))
+    Ok(outcome(&ended))
 }
 
 /// Signals come to the desk, however many there are.
@@ -178,9 +178,10 @@ fn unreadable(fault: &Fault) -> Reason {
     Reason::new("calibration", fault.to_string())
 }
 
-fn outcome(at: At) -> Outcome {
+fn outcome(state: &State) -> Outcome {
+    let at = state.at;
     let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
-    let reasons = daemon::why(at).into_iter().collect();
+    let reasons = daemon::why(state);
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = format!("ended in state {}", at.word());

@@ -141,7 +141,12 @@ impl Cell {
                 }
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
-            Report::Progress { .. } | Report::Trouble(_) => {}
+            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
+            // The link has sent the abort frame; the controller obeys by itself.
+            Report::EpochOver { .. } => {
+                (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+                self.switched_off();
+            }
             Report::Robot(robot) => {
                 self.robot = robot;
                 if robot != Robot::Ready {
@@ -153,6 +158,7 @@ impl Cell {
                 }
                 if matches!(robot, Robot::Restarted | Robot::LinkLost) {
                     (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+                    self.switched_off();
                 }
                 if robot == Robot::Restarted {
                     (self.moving, self.tool_on) = (None, false);
@@ -164,7 +170,7 @@ impl Cell {
                 // The session closes with the process and the controller shuts everything by its own watchdog.
                 (self.timers, self.ending) = (Vec::new(), true);
                 (self.epoch_open, self.opening, self.frames) = (false, false, None);
-                (self.tool_on, self.water_on) = (false, false);
+                self.switched_off();
             }
         }
     }
@@ -192,7 +198,8 @@ impl Cell {
                 if self.moving.take().is_some() {
                     self.arm = None;
                 }
-                (self.tool_on, self.tool_proven, self.ending) = (false, false, false);
+                self.ending = false;
+                self.switched_off();
             }
             (Act::Stand, Answer::Stands { .. }) => self.moving = None,
             (Act::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
@@ -224,6 +231,14 @@ impl Cell {
                 self.passes += u8::from(film == Film::Broken);
             }
             _ => {}
+        }
+    }
+
+    /// What the end of an epoch does to the outputs; of those that go off after a time nobody knows when.
+    fn switched_off(&mut self) {
+        (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
+        if std::mem::take(&mut self.water_on) {
+            self.drained = false;
         }
     }
 

@@ -28,6 +28,20 @@ impl Cell {
         }
     }
 
+    /// What is said next where a person clears, resets and starts, and nothing goes wrong any more.
+    pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
+        if self.robot != Robot::Ready {
+            return Some(Event::Told(Report::Robot(Robot::Ready)));
+        }
+        Some(match self.state.at {
+            at if !at.rests() => return self.healthy(random),
+            At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1 }),
+            At::Aborted { .. } => Event::Asked(Request::Clear),
+            At::Held(_) => Event::Asked(Request::Stop),
+            _ => Event::Asked(Request::Reset),
+        })
+    }
+
     fn request(&self, random: &mut Pcg64) -> Request {
         match self.state.at {
             At::Idle if random.random_bool(0.15) => Request::AirRun { max_moves: random.random_range(0..5) },
@@ -82,7 +96,11 @@ impl Cell {
     /// Anything else that can be said.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..20) {
+        let told = match random.random_range(0..21) {
+            20 => {
+                let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
+                Report::EpochOver { trouble }
+            }
             0..=2 => return Event::Asked(one_of(random, &REQUESTS)),
             3 => return Event::Asked(Request::Hold),
             4 => return Event::Asked(one_of(random, &[Request::Stop, Request::Abort])),
