@@ -61,9 +61,11 @@ pub enum Command {
         To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
-    /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
+    /// A stand-alone mock controller on the cell's ports, by the wall clock.
     #[command(after_help = format!(
-        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\n--fault SPEC:\n{}", FaultSpec::HELP
+        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
+        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
+        and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
@@ -376,7 +378,7 @@ pub enum OnOff {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
     /// What goes wrong, and when: see below.
