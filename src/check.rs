@@ -37,11 +37,7 @@ struct Kind {
 }
 
 const KINDS: [Kind; 7] = [
-    Kind {
-        name: CELL,
-        keys: &CELL_KEYS,
-        check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)),
-    },
+    Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
         name: "recipe",
         keys: &RECIPE_KEYS,
@@ -269,18 +265,8 @@ fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
     let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
     let mut says = vec![
-        format!(
-            "{from} at ({}, {}, {}) mm in {to}",
-            fixed(origin.x, 1),
-            fixed(origin.y, 1),
-            fixed(origin.z, 1)
-        ),
-        format!(
-            "its Z axis points along ({}, {}, {}) there",
-            fixed(axis.x, 2),
-            fixed(axis.y, 2),
-            fixed(axis.z, 2)
-        ),
+        format!("{from} at ({}, {}, {}) mm in {to}", fixed(origin.x, 1), fixed(origin.y, 1), fixed(origin.z, 1)),
+        format!("its Z axis points along ({}, {}, {}) there", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
         format!("residual: {residual}"),
     ];
     if M::HAS_AXIS {

@@ -129,8 +129,7 @@ fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
             let [angle, low, high] = [angle, low, high].map(plain);
             format!("found {angle}, allowed is {low} to {high}: the arm's axis {} turns no farther", axis + 1)
         };
-        (!(low..=high).contains(&angle))
-            .then(|| Unmet::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
+        (!(low..=high).contains(&angle)).then(|| Unmet::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
     };
     angles.into_iter().enumerate().filter_map(of_axis).collect()
 }
@@ -151,7 +150,8 @@ fn calibrations(cell: &Cell) -> Vec<Unmet> {
         ("flange_from_tool", files.flange_from_tool.is_some()),
     ];
     let missing = named.into_iter().filter(|(_, is_named)| !is_named);
-    let message = "is missing; name the file, as `panelprep calibrate` writes it or `panelprep render` for a simulated cell";
+    let message =
+        "is missing; name the file, as `panelprep calibrate` writes it or `panelprep render` for a simulated cell";
     missing.map(|(key, _)| Unmet::new(format!("calibration.{key}"), message)).collect()
 }
 
@@ -220,9 +220,10 @@ mod tests {
             (eki("172.31.1.147"), vec!["scanner.kind", "flange_camera.kind"]),
             (eki("127.0.0.1"), vec![]),
             (eki("localhost").replace("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
-            (replaced("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\""), vec![
-                "scanner.settings_2d",
-            ]),
+            (
+                replaced("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\""),
+                vec!["scanner.settings_2d"],
+            ),
             (format!("{WHOLE}{post}"), vec!["poses.park"]),
         ] {
             assert_eq!(keys(&text, Purpose::Cycle), expected, "{text}");

@@ -50,7 +50,8 @@ fn a_reader_that_leaves_ends_no_command() {
 fn a_mock_on_other_ports_than_its_cell_is_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let text = include_str!("../config/cell.toml").replace("kind = \"mock\"", "kind = \"eki\"\nhost = \"127.0.0.1\"");
+    let text =
+        include_str!("../config/cell.toml").replace("kind = \"mock\"", "kind = \"eki\"\nhost = \"127.0.0.1\"");
     let text = text.replace("command_port = 54600", "command_port = 54607");
     fs::write(folder.join("cell.toml"), text).expect("written");
     let kuka = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");

@@ -56,7 +56,11 @@ fn listed(help: &str) -> Vec<String> {
     let after = help.lines().skip_while(|line| *line != "Commands:").skip(1);
     let lines = after.take_while(|line| !line.is_empty());
     let names = lines.filter_map(|line| line.strip_prefix("  ").filter(|rest| !rest.starts_with(' ')));
-    names.filter_map(|line| line.split_whitespace().next()).filter(|name| *name != "help").map(str::to_owned).collect()
+    names
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
 }
 
 /// The examples of a help: lines that begin with the program's name.
@@ -114,7 +118,11 @@ impl Walk {
         texts.iter().for_each(|text| fit_for_people(line, text));
         let name = line.trim_start_matches("panelprep ");
         let worst = i32::from(MAY_FIND_FAULT.iter().any(|command| name.starts_with(command)));
-        assert!(output.status.code().is_some_and(|code| (0..=worst).contains(&code)), "{line}: {}: {texts:?}", output.status);
+        assert!(
+            output.status.code().is_some_and(|code| (0..=worst).contains(&code)),
+            "{line}: {}: {texts:?}",
+            output.status
+        );
         output
     }
 
@@ -187,9 +195,9 @@ fn fit_for_people(line: &str, text: &str) {
         return; // an object for scripts
     }
     let is_part = |c: char| c.is_ascii_alphanumeric() || "-.".contains(c);
-    let zero = text.split(|c| !is_part(c)).find(|token| {
-        token.strip_prefix("-0").is_some_and(|rest| rest.chars().all(|c| c == '0' || c == '.'))
-    });
+    let zero = text
+        .split(|c| !is_part(c))
+        .find(|token| token.strip_prefix("-0").is_some_and(|rest| rest.chars().all(|c| c == '0' || c == '.')));
     assert_eq!(zero, None, "{line}: {text}");
 }
 
@@ -262,7 +270,8 @@ fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
 /// The code blocks: `make` as far as it comes to this program, everything else as it is written.
 fn readme(walk: &Walk) {
     let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("README");
-    let blocks: Vec<&str> = text.split("```").skip(1).step_by(2).filter_map(|block| block.strip_prefix("sh\n")).collect();
+    let blocks: Vec<&str> =
+        text.split("```").skip(1).step_by(2).filter_map(|block| block.strip_prefix("sh\n")).collect();
     assert!(!blocks.is_empty(), "README shows no command");
     for line in blocks.iter().flat_map(|block| block.lines()) {
         let line = line.split(" #").next().unwrap_or_default().trim();
@@ -292,7 +301,8 @@ fn pages(folder: &Path) {
             } else if path.extension().is_some_and(|extension| extension == "html") {
                 let html = fs::read_to_string(&path).expect("a page");
                 // Pictures are text without meaning.
-                let words = html.split("src=\"data:").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
+                let words =
+                    html.split("src=\"data:").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
                 fit_for_people(&path.display().to_string(), &words.collect::<String>());
                 seen += 1;
             }

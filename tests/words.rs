@@ -88,7 +88,8 @@ impl<'ast> Visit<'ast> for Texts {
 
     fn visit_macro(&mut self, invocation: &'ast syn::Macro) {
         let name = invocation.path.segments.last().map(|last| last.ident.to_string()).unwrap_or_default();
-        let for_programmers = ["assert", "assert_eq", "assert_ne", "debug_assert", "unreachable", "panic", "debug", "trace"];
+        let for_programmers =
+            ["assert", "assert_eq", "assert_ne", "debug_assert", "unreachable", "panic", "debug", "trace"];
         if !for_programmers.contains(&name.as_str()) {
             let is_log = ["info", "warn", "error"].contains(&name.as_str());
             self.found.extend(literals(&invocation.tokens.to_string(), is_log));
@@ -132,7 +133,9 @@ fn is_for_machines(file: &str, text: &str) -> bool {
 
 /// The forms `{:?}` and `{value:?}`, and `?value` in a log.
 fn has_debug_form(text: &str) -> bool {
-    let inside = |part: &str| part.split('}').next().is_some_and(|spec| spec.split(':').nth(1).is_some_and(|form| form.ends_with('?')));
+    let inside = |part: &str| {
+        part.split('}').next().is_some_and(|spec| spec.split(':').nth(1).is_some_and(|form| form.ends_with('?')))
+    };
     text.strip_prefix('?').is_some_and(|name| name.chars().all(|c| c.is_alphanumeric() || c == '_'))
         || text.replace("{{", "").split('{').skip(1).any(inside)
 }
@@ -188,7 +191,9 @@ fn planted_texts_are_found() {
     assert_eq!(found, ["{found:?} is no name", "stopped, {:?}", "?who"]);
     assert_eq!(texts.for_tests, ["tests", "others"]);
     assert!(rounds_beside_a_limit("{:.0} % of the panel, allowed are {:.0} %"));
-    for right in ["{found} %, allowed are {allowed} %", "at ({:.0}, {:.0}) px, needed are {needed}", "{age:.1} h ago"] {
+    for right in
+        ["{found} %, allowed are {allowed} %", "at ({:.0}, {:.0}) px, needed are {needed}", "{age:.1} h ago"]
+    {
         assert!(!rounds_beside_a_limit(right), "{right}");
     }
 }

@@ -92,7 +92,9 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
         .doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
     reasons.doubt("coverage", found.coverage < COVERAGE, || {
         let [covered, needed] = percent_apart(found.coverage, COVERAGE, 0);
-        format!("corners cover {covered} % of the picture, {needed} % are wanted; bring the board into the corners too")
+        format!(
+            "corners cover {covered} % of the picture, {needed} % are wanted; bring the board into the corners too"
+        )
     });
     let [low, high] = found.tilt_deg;
     reasons.doubt("tilt", high < LEAST_TILT_DEG, || {

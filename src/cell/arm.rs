@@ -290,7 +290,10 @@ fn take_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
     section.done();
     let (name, low, high) = (name?, low?, high?);
     if (0..3).any(|axis| low[axis] >= high[axis]) {
-        section.problem("max_mm", format!("{} must exceed min_mm {} in every axis", words::list(&high), words::list(&low)));
+        section.problem(
+            "max_mm",
+            format!("{} must exceed min_mm {} in every axis", words::list(&high), words::list(&low)),
+        );
         return None;
     }
     let point = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);

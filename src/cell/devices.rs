@@ -113,8 +113,9 @@ fn is_host(host: &str) -> bool {
     };
     // What ends in a number is meant as an address.
     let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
-    let is_name =
-        || host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number);
+    let is_name = || {
+        host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
+    };
     host.parse::<IpAddr>().is_ok() || is_name()
 }
 

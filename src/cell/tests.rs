@@ -391,7 +391,17 @@ fn a_host_is_an_address_or_a_name() {
         let here = ["::1", "localhost"].contains(&host);
         assert_eq!(cell.robot().is_on_this_machine(), here, "{host}");
     }
-    for host in ["host.foo bar", "172.31.1.999", "172.31.1", "-krc", "krc-", "krc..cell", "http://krc", "krc:54600", "krc/1"] {
+    for host in [
+        "host.foo bar",
+        "172.31.1.999",
+        "172.31.1",
+        "-krc",
+        "krc-",
+        "krc..cell",
+        "http://krc",
+        "krc:54600",
+        "krc/1",
+    ] {
         assert!(of(host).is_err(), "{host}");
     }
 }

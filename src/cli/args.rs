@@ -37,9 +37,11 @@ pub enum Command {
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
-    #[command(after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
+    #[command(
+        after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
         panelprep render --seed 1 --boards --out target/cell\n  \
-        panelprep render --seed 1 --place 2 --out target/cell2")]
+        panelprep render --seed 1 --place 2 --out target/cell2"
+    )]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(

@@ -60,7 +60,11 @@ fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault>
     match &args.config {
         Some(folder) if robot.kind() == RobotKind::Eki && files != cells => {
             let (files, cells) = (files.map(|port| port.to_string()), cells.map(|port| port.to_string()));
-            Err(Fault::OtherPorts { folder: folder.clone(), files: files.join(" and "), cells: cells.join(" and ") })
+            Err(Fault::OtherPorts {
+                folder: folder.clone(),
+                files: files.join(" and "),
+                cells: cells.join(" and "),
+            })
         }
         Some(_) => Ok(Ports { host: args.host, command: files[0], state: files[1] }),
         None => Ok(Ports { host: args.host, command: cells[0], state: cells[1] }),
@@ -94,7 +98,12 @@ impl Told {
         }
         for stop in &controller.stops()[self.stops..] {
             let detail = if stop.detail.is_empty() { String::new() } else { format!(": {}", stop.detail) };
-            lines.push(format!("{}  epoch {} stopped: {}{detail}", at(stop.time_ms), stop.epoch, stop.cause.words()));
+            lines.push(format!(
+                "{}  epoch {} stopped: {}{detail}",
+                at(stop.time_ms),
+                stop.epoch,
+                stop.cause.words()
+            ));
         }
         (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
         let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();

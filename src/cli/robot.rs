@@ -192,8 +192,7 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
         if on.is_empty() { "none".to_owned() } else { on.join(", ") }
     };
     let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = state.joints;
-    let [a1, a2, a3, a4, a5, a6] =
-        [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
+    let [a1, a2, a3, a4, a5, a6] = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
     vec![
         format!(
             "mode {}, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",

@@ -21,15 +21,17 @@ pub(super) fn problem_of(text: &str, error: &toml::de::Error) -> Problem {
 /// A value of this line that is a number with a comma in it, `6,5`, and the same with a point.
 fn decimal_comma(line: &str) -> Option<(String, String)> {
     let values = line.split('=').skip(1);
-    values.filter_map(|value| {
-        let value = value.trim_start();
-        let number: String = value.chars().take_while(|c| c.is_ascii_digit() || "+-,_.".contains(*c)).collect();
-        let (whole, fraction) = number.trim_end_matches(',').split_once(',')?;
-        let is_whole = whole.trim_start_matches(['+', '-']).chars().all(|c| c.is_ascii_digit()) && !whole.is_empty();
-        let is_fraction = !fraction.is_empty() && fraction.chars().all(|c| c.is_ascii_digit());
-        (is_whole && is_fraction).then(|| (format!("{whole},{fraction}"), format!("{whole}.{fraction}")))
-    })
-    .next()
+    values
+        .filter_map(|value| {
+            let value = value.trim_start();
+            let number: String = value.chars().take_while(|c| c.is_ascii_digit() || "+-,_.".contains(*c)).collect();
+            let (whole, fraction) = number.trim_end_matches(',').split_once(',')?;
+            let is_whole =
+                whole.trim_start_matches(['+', '-']).chars().all(|c| c.is_ascii_digit()) && !whole.is_empty();
+            let is_fraction = !fraction.is_empty() && fraction.chars().all(|c| c.is_ascii_digit());
+            (is_whole && is_fraction).then(|| (format!("{whole},{fraction}"), format!("{whole}.{fraction}")))
+        })
+        .next()
 }
 
 /// The key that a line begins with, under the last table header above it. The tree cannot tell: what is broken

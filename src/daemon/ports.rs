@@ -5,7 +5,7 @@ use super::replay::ToRecord;
 use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
 use crate::devices::world::Follower;
-use crate::eki::{Channel, LinkLoss, Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
+use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
@@ -305,7 +305,8 @@ impl Robot for LinkedRobot {
             self.virtual_now = Time::at_ms(u64::from(state.time_ms));
             if let Some(follower) = &self.follower {
                 if !Follower::may_follow(state) {
-                    let problem = "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
+                    let problem =
+                        "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
                     let (channel, problem) = (Channel::State, problem.to_owned());
                     return Some(Report::LinkLost { why: LinkLoss::System { channel, problem } });
                 }

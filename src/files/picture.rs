@@ -142,7 +142,11 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
         Ok(ImageFormat::Png) => (ImageFormat::Png, "PNG"),
         Ok(ImageFormat::Jpeg) => (ImageFormat::Jpeg, "JPEG"),
         Ok(ImageFormat::Tiff) => (ImageFormat::Tiff, "TIFF"),
-        Ok(other) => return Err(PictureError::Format { found: format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")) }),
+        Ok(other) => {
+            return Err(PictureError::Format {
+                found: format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
+            });
+        }
         Err(_) => return Err(PictureError::Format { found: first_bytes(bytes) }),
     };
     let damaged = |problem: String| PictureError::Damaged { format: name, bytes: bytes.len(), problem };
@@ -157,7 +161,8 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
         DynamicImage::ImageRgba8(pixels) => pixels.pixels().all(|pixel| pixel.0[3] == 255),
         other => {
             let color = other.color();
-            let (channels, bits) = (color.channel_count(), color.bits_per_pixel() / u16::from(color.channel_count()));
+            let (channels, bits) =
+                (color.channel_count(), color.bits_per_pixel() / u16::from(color.channel_count()));
             return Err(PictureError::Pixels { found: format!("{channels} channels of {bits} bits") });
         }
     };

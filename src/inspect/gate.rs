@@ -276,7 +276,9 @@ fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::I
     let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
         Flaw::Darker => {
-            format!("the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady")
+            format!(
+                "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
+            )
         }
         Flaw::Brighter => format!(
             "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \

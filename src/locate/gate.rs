@@ -147,7 +147,9 @@ fn picture(fit: &Fit, against: &mut Against) {
     });
     against.review(exceeds(fit.saturated, MAX_SATURATED), "overexposed", || {
         let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
-        format!("{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp")
+        format!(
+            "{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp"
+        )
     });
 }
 
@@ -221,7 +223,9 @@ fn knowledge(fit: &Fit, against: &mut Against) {
 fn motion(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
     against.reject(exceeds(fit.shift_mm, limits.max_shift_mm()), "shift_limit", || {
         let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
-        format!("the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer")
+        format!(
+            "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
+        )
     });
     against.reject(exceeds(fit.turn.0.abs(), limits.turn_limit_deg()), "turn_limit", || {
         let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);

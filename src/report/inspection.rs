@@ -95,11 +95,7 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
             format!("≥ {}", demands.min_usable(observation.frames)),
         ),
         Row::new("dry picture", if observation.has_dry { "taken" } else { "missing" }, "taken"),
-        Row::new(
-            "wet in no picture",
-            format!("{never_wet} % of the region"),
-            format!("≤ {most_never_wet} %"),
-        ),
+        Row::new("wet in no picture", format!("{never_wet} % of the region"), format!("≤ {most_never_wet} %")),
         Row::new(
             "panel moved in the picture",
             quality.moved_px.map_or_else(unknown, |px| format!("{px:.2} px")),

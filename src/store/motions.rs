@@ -121,7 +121,9 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let Some((_, outcome, done)) = settled.closed.filter(|(closed, ..)| *closed == motion) else {
-                return Err(self.journal_problem(0, format!("it does not know of the open motion {}", self.text(&motion)?)));
+                return Err(
+                    self.journal_problem(0, format!("it does not know of the open motion {}", self.text(&motion)?))
+                );
             };
             self.close_intent(&motion, outcome, done)?;
             open = None;

@@ -28,7 +28,8 @@ pub enum KnotError {
     /// Not open, not rising, or broken inside.
     #[error(
         "{} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
-         degree + 1 times, no other knot more than degree times", list(knots)
+         degree + 1 times, no other knot more than degree times",
+        list(knots)
     )]
     NotOpen {
         /// Degree asked for.

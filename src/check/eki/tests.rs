@@ -295,8 +295,10 @@ fn other_kinds_of_channel_are_put_in_words() {
 fn files_of_one_controller_are_held_against_each_other() {
     let other = file(INTERNAL, RECEIVE, "");
     let away = other.replace("54600", "54605").replace("Set_Flag=\"1\"", "Set_Flag=\"11\"");
-    let reports =
-        check_files(&[("a/ONE.xml", &other), ("cell.toml", ""), ("b/TWO.xml", &away), ("CELLCMD.xml", COMMANDS)], None);
+    let reports = check_files(
+        &[("a/ONE.xml", &other), ("cell.toml", ""), ("b/TWO.xml", &away), ("CELLCMD.xml", COMMANDS)],
+        None,
+    );
     assert_begins(
         &lines(&reports[0].problems),
         &[

@@ -65,7 +65,8 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
     let check = |panel: String| match store.taught(&panel, None) {
         Ok(taught) => {
             let corners = taught.teaching.corners.len();
-            let found = format!("version {}, its scan and {corners} corner pictures as they were taught", taught.version);
+            let found =
+                format!("version {}, its scan and {corners} corner pictures as they were taught", taught.version);
             Check::right(format!("taught panel {panel}"), found)
         }
         Err(error) => Check::wrong(

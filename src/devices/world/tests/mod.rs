@@ -4,7 +4,9 @@ mod reach;
 
 use super::*;
 use crate::cell::Feedback;
-use crate::devices::cameras::{Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated};
+use crate::devices::cameras::{
+    Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated,
+};
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
 use crate::eki::{
