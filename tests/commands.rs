@@ -158,6 +158,7 @@ fn bad_input_is_refused_with_file_and_reason() {
     write("short.pcd", &scan[..scan.len() / 2]);
     let text = String::from_utf8(read("cell/recipe.toml")).expect("UTF-8");
     write("cell/misspelt.toml", text.replace("box_min_mm", "box_min_cm").as_bytes());
+    write("cell/half.toml", text.replace("box_min_mm = [465.0, -240.0,", "box_min_mm = [465.0, 60.0,").as_bytes());
     write("cell/nan.toml", text.replace("rows = 4", "rows = nan").as_bytes());
     let cell = String::from_utf8(read("cell/cell.toml")).expect("UTF-8");
     write("cell/uncalibrated.toml", cell.replace("base_from_camera =", "# base_from_camera =").as_bytes());
@@ -177,6 +178,10 @@ fn bad_input_is_refused_with_file_and_reason() {
         (teach(cell, recipe, "cell/missing.pcd"), vec!["cell/missing.pcd", "No such file"]),
         (teach(cell, recipe, "short.pcd"), vec!["short.pcd"]),
         (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
+        (
+            teach(cell, "cell/half.toml", "cell/taught_scan.pcd"),
+            vec!["no point of the scan there lies in the search box, though elsewhere a piece of"],
+        ),
         (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),
         (
             teach(cell, "cell/misspelt.toml", "cell/scan.pcd"),

@@ -3,6 +3,7 @@
 use crate::cell::Limits;
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
+use crate::words::apart;
 
 /// One look at a fixed target, or one touch.
 #[derive(Debug, Clone, PartialEq)]
@@ -48,8 +49,9 @@ pub fn distance_mm(
 pub fn beyond(last: &Verification, demands: Demands) -> Option<Reason> {
     let (subject, found, allowed) = (&last.subject, last.error_mm, demands.limit_mm);
     (found.is_nan() || found > allowed).then(|| {
+        let [found, allowed] = apart(found, allowed, 3);
         let message = format!(
-            "the last verification of {subject} was {found:.3} mm off, allowed are {allowed} mm; look whether something \
+            "the last verification of {subject} was {found} mm off, allowed are {allowed} mm; look whether something \
              was bumped, calibrate {subject} again, and verify it"
         );
         Reason::new("verification_limit", message)
@@ -82,9 +84,8 @@ pub fn health(
         reject.push(Reason::new("verification_ahead", message));
     }
     if age_h > demands.max_age_h {
-        let allowed = demands.max_age_h;
-        let message =
-            format!("{subject} was verified {age_h:.1} h ago, allowed are {allowed} h; {}", advice(subject));
+        let [age, allowed] = apart(age_h, demands.max_age_h, 1);
+        let message = format!("{subject} was verified {age} h ago, allowed are {allowed} h; {}", advice(subject));
         reject.push(Reason::new("verification_old", message));
     }
     reject.extend(beyond(last, demands));

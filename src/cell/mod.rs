@@ -51,6 +51,18 @@ pub struct CalibrationFiles {
 }
 
 impl CalibrationFiles {
+    /// Those that are named, each with its key.
+    pub fn named(&self) -> Vec<(&'static str, &Path)> {
+        let all = [
+            ("scanner", &self.scanner),
+            ("flange_camera", &self.flange_camera),
+            ("base_from_camera", &self.base_from_camera),
+            ("flange_from_camera", &self.flange_from_camera),
+            ("flange_from_tool", &self.flange_from_tool),
+        ];
+        all.into_iter().filter_map(|(key, file)| Some((key, file.as_deref()?))).collect()
+    }
+
     fn take(folder: &Path, section: &Section<'_, '_>) -> Option<Self> {
         let file =
             |key| section.take::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));

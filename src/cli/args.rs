@@ -37,8 +37,11 @@ pub enum Command {
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
-    #[command(after_help = "Example, with the pictures for `panelprep calibrate`:\n  \
-        panelprep render --seed 1 --boards --out target/cell")]
+    #[command(
+        after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
+        panelprep render --seed 1 --boards --out target/cell\n  \
+        panelprep render --seed 1 --place 2 --out target/cell2"
+    )]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(
@@ -60,9 +63,11 @@ pub enum Command {
         To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
-    /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
+    /// A stand-alone mock controller on the cell's ports, by the wall clock.
     #[command(after_help = format!(
-        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\n--fault SPEC:\n{}", FaultSpec::HELP
+        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
+        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
+        and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
@@ -209,6 +214,10 @@ pub struct Render {
     /// What stands in the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at: the same panel with the same grease, displaced otherwise by each number;
+    /// what it is taught by is the same for all of them.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
@@ -256,6 +265,9 @@ pub struct Simulation {
     /// What stands in the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
 }
 
 /// Options of `robot`.
@@ -368,7 +380,7 @@ pub enum OnOff {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
     /// What goes wrong, and when: see below.
@@ -447,6 +459,21 @@ pub struct Check {
     /// The files.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// What a cell's file must be complete for.
+    #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
+    pub purpose: PurposeName,
+}
+
+/// What a cell's file must be complete for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum PurposeName {
+    /// Commands on files alone: what is there must be right, nothing must be there.
+    Files,
+    /// One function of the robot at a time.
+    Robot,
+    /// `cycle`, `air-run` and `run`.
+    #[default]
+    Cycle,
 }
 
 /// Options of `teach`.

@@ -6,6 +6,7 @@ use super::fault::Fault;
 use super::labels::{self, Labels};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
+use super::output;
 use super::pictures;
 use super::validate;
 use crate::files::{self, Clip, ClipEntry};
@@ -141,7 +142,7 @@ pub fn stage(
             if !opened && !step.newly_failed.is_empty() {
                 opened = true;
                 let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
-                eprintln!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", "));
+                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", ")));
             }
         }
     }

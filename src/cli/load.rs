@@ -14,8 +14,13 @@ use crate::geometry::{
 use crate::locate::corner;
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
+use crate::requirements::{Purpose, unmet};
 use crate::store::{Store, Teaching, calibration_hash};
 use std::path::{Path, PathBuf};
+
+/// How a calibration file comes to be.
+pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
+                                      `panelprep render`, of a real one by `panelprep calibrate`";
 
 /// A file's name in messages.
 fn name(file: &Path) -> String {
@@ -108,8 +113,29 @@ impl CellFiles {
         last_touch(&self.store().ok()?, tool_text)
     }
 
+    /// Refuses where the cell's file does not say what this needs, or a calibration that it names is not there.
+    ///
+    /// # Errors
+    /// All that is missing, each with its key.
+    pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
+        let unmet = unmet(&self.cell, purpose);
+        if !unmet.is_empty() {
+            return Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet });
+        }
+        let named = self.cell.calibration().named();
+        let away = named.into_iter().find(|(_, file)| purpose == Purpose::Cycle && !file.exists());
+        away.map_or(Ok(()), |(key, file)| Err(self.away(key, file)))
+    }
+
+    fn away(&self, key: &'static str, file: &Path) -> Fault {
+        Fault::CalibrationAway { cell: self.file.clone(), key, file: file.to_owned() }
+    }
+
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
         let file = file.ok_or_else(|| Fault::NotCalibrated { cell: self.file.clone(), key })?;
+        if !file.exists() {
+            return Err(self.away(key, file));
+        }
         Ok((name(file), disk::read_text(file)?))
     }
 

@@ -6,12 +6,14 @@ use super::fault::Fault;
 use super::labels;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
+use super::output;
 use super::render_boards;
 use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{ColorPicture, Flange, KukaPose, Rigid, Tool};
 use crate::phase::Phase;
 use crate::sim::{self, Film, FilmSpec, Grease, Place, SEARCH_BOX_MM, Scene};
+use crate::store::{Store, StoreError};
 use crate::verdict::{Judgement, Verdict};
 use rayon::prelude::*;
 use serde_json::json;
@@ -76,8 +78,9 @@ impl From<SceneName> for Scene {
 /// Where the folder holds other things or the disk refuses.
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let spec = args.film.spec(args.seed);
-    let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize).with_films(spec);
-    let progress = |line: &str| eprintln!("{line}");
+    let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
+    let cell = cell.with_films(spec).placed(args.place);
+    let progress = |line: &str| output::tell_line(line);
     let rendered = write(&cell, &args.out, args.seconds, &progress)?;
     if args.boards {
         progress("rendering boards for calibration");
@@ -163,6 +166,11 @@ fn claim(folder: &Path) -> Result<(), Fault> {
         let empty = fs::read_dir(folder).map_err(named)?.next().is_none();
         if !ours && !empty {
             return Err(Fault::NotOurs { folder: folder.to_owned() });
+        }
+        // Nobody's store is taken away under him.
+        let store = folder.join("store");
+        if let (true, Err(in_use @ StoreError::Leased { .. })) = (store.exists(), Store::create(&store)) {
+            return Err(Fault::stage(in_use));
         }
         fs::remove_dir_all(folder).map_err(named)?;
     }

@@ -17,6 +17,7 @@ use crate::daemon::{
     Socket, StoreRecord, Taped, Taping,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -34,6 +35,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let (tell, letters) = mpsc::channel();
     signals(tell.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
+    files.require(Purpose::Cycle)?;
     let site = Site::new(&files.cell).map_err(Fault::stage)?;
     let calibrated = Calibrated::read(&files, common)?;
     let mut store = files.store_for_writing()?;
@@ -45,7 +47,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     );
     let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
-    let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
+    let world = live.world.clone();
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     let path = files.socket();
     let socket = Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone()))
@@ -126,7 +128,8 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     ];
     for (which, lens, file) in lenses {
         let size_px = [lens.value.width_px, lens.value.height_px];
-        all.push((which, format!("{:?} {size_px:?}", calibrated_serial(file.as_deref())?)));
+        let serial = calibrated_serial(file.as_deref())?.unwrap_or_default();
+        all.push((which, format!("{serial} {}×{}", size_px[0], size_px[1])));
     }
     Ok(all)
 }

@@ -12,6 +12,7 @@ use crate::geometry::ColorPicture;
 use crate::inspect::{Advice, Demands, Sampler, Watch, best_threshold};
 use crate::phase::Phase;
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::apart;
 use serde_json::json;
 
 /// Pictures of each phase that are looked at.
@@ -79,17 +80,17 @@ fn told(advice: &Advice) -> Outcome {
     let mut review = Vec::new();
     let best = advice.channels.iter().map(|channel| channel.contrast_to_noise()).fold(0.0, f64::max);
     if best < MIN_CONTRAST_TO_NOISE {
+        let [best, needed] = apart(best, MIN_CONTRAST_TO_NOISE, 1);
         let message = format!(
-            "the film changes the best channel by {best:.1} times the noise, needed are {MIN_CONTRAST_TO_NOISE:.0}: more \
-             light, or a longer exposure"
+            "the film changes the best channel by {best} times the noise, needed are {needed}: more light, or a longer exposure"
         );
         review.push(Reason::new("contrast", message));
     }
     if advice.evenness[0] < MIN_EVENNESS {
+        let [darkest, needed] = apart(advice.evenness[0], MIN_EVENNESS, 2);
         let message = format!(
-            "the darkest twentieth of the region has {:.2} of its mean light, needed are {MIN_EVENNESS:.1}: a diffuser, or a \
-             lamp farther away",
-            advice.evenness[0]
+            "the darkest twentieth of the region has {darkest} of its mean light, needed are {needed}: a diffuser, or a lamp \
+             farther away"
         );
         review.push(Reason::new("uneven", message));
     }

@@ -177,6 +177,19 @@ pub enum Outcome {
     Cleared,
 }
 
+impl Outcome {
+    /// The word on the page.
+    pub fn word(self) -> &'static str {
+        match self {
+            Outcome::Done => "done",
+            Outcome::Held => "held",
+            Outcome::Stopped => "stopped",
+            Outcome::Aborted => "aborted",
+            Outcome::Cleared => "cleared",
+        }
+    }
+}
+
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -53,8 +53,13 @@ impl Turn {
             }
             (At::Stopped | At::Complete { .. }, Q::Reset)
             | (At::Idle, Q::Start { .. } | Q::AirRun { .. })
-            | (At::Held(_), Q::Unhold { .. } | Q::Accept)
-            | (At::Aborted { .. }, Q::Clear) => self.refuse(request, Refusal::Robot(robot)),
+            | (At::Held(_), Q::Unhold { .. })
+            | (At::Held(Hold { why: Why::Review, .. }), Q::Accept)
+            | (At::Aborted { .. }, Q::Clear)
+                if !ready =>
+            {
+                self.refuse(request, Refusal::Robot(robot));
+            }
             (At::Execute(phase) | At::Unholding { resume: phase, .. }, Q::Hold) => self.hold(Why::Asked, phase),
             (At::Stopped | At::Stopping { .. } | At::Clearing { .. }, Q::Stop)
             | (At::Aborting { .. } | At::Aborted { .. }, Q::Stop | Q::Abort) => {

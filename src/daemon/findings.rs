@@ -13,6 +13,7 @@ use crate::path::{MIN_COVERAGE, Plan, disc::DiscUse};
 use crate::record::{Finding, Kind, Limit, Number, name};
 use crate::surface::Deviation;
 use crate::verdict::{Judgement, Reason};
+use crate::words::apart;
 use serde_json::json;
 
 /// A result that is rejected for this reason, without numbers.
@@ -311,10 +312,8 @@ pub(super) fn abraded(
         doubts.push(Reason::new("not_covered", message));
     }
     if walked.off_mm > off_limit_mm {
-        let message = format!(
-            "the robot reported a pose {:.2} mm off the planned path, allowed are {off_limit_mm:.2}",
-            walked.off_mm
-        );
+        let [off, allowed] = apart(walked.off_mm, off_limit_mm, 2);
+        let message = format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}");
         doubts.push(Reason::new("off_path", message));
     }
     let finding =

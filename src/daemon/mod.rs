@@ -64,7 +64,7 @@ pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError};
 pub use wiring::Wiring;
-pub use words::{request_word, why};
+pub use words::{refusal, request_word, why};
 
 use crate::cell::{Arm, Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};

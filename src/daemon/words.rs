@@ -67,7 +67,7 @@ fn possible(state: &State) -> Vec<&'static str> {
 }
 
 /// Why a request is refused in this state.
-pub(super) fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
+pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_word(request);
     let possible = || match possible(state) {
         words if words.is_empty() => "nothing is possible before that has changed".to_owned(),

@@ -133,8 +133,20 @@ fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     }
 }
 
+/// TYPE as a header has it.
+fn type_letter(kind: ValueKind) -> char {
+    match kind {
+        ValueKind::F32 | ValueKind::F64 => 'F',
+        ValueKind::U8 | ValueKind::U16 | ValueKind::U32 | ValueKind::U64 => 'U',
+        ValueKind::I8 | ValueKind::I16 | ValueKind::I32 | ValueKind::I64 => 'I',
+    }
+}
+
 fn check_fields(fields: &Schema) -> Result<(), CloudFileError> {
-    let described = |field: &FieldDef| format!("{} {:?} COUNT {}", field.name, field.kind, field.count);
+    let described = |field: &FieldDef| {
+        let (kind, bytes) = (type_letter(field.kind), field.kind.byte_size());
+        format!("{} TYPE {kind}, SIZE {bytes}, COUNT {}", field.name, field.count)
+    };
     for name in ["x", "y", "z"] {
         let field = fields.iter().find(|field| field.name == name);
         if !field.is_some_and(|field| field.kind == ValueKind::F32 && field.count == 1) {

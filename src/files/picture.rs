@@ -142,7 +142,11 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
         Ok(ImageFormat::Png) => (ImageFormat::Png, "PNG"),
         Ok(ImageFormat::Jpeg) => (ImageFormat::Jpeg, "JPEG"),
         Ok(ImageFormat::Tiff) => (ImageFormat::Tiff, "TIFF"),
-        Ok(other) => return Err(PictureError::Format { found: format!("it looks like {other:?}") }),
+        Ok(other) => {
+            return Err(PictureError::Format {
+                found: format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
+            });
+        }
         Err(_) => return Err(PictureError::Format { found: first_bytes(bytes) }),
     };
     let damaged = |problem: String| PictureError::Damaged { format: name, bytes: bytes.len(), problem };
@@ -155,7 +159,12 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
         DynamicImage::ImageLuma8(_) | DynamicImage::ImageRgb8(_) => true,
         DynamicImage::ImageLumaA8(pixels) => pixels.pixels().all(|pixel| pixel.0[1] == 255),
         DynamicImage::ImageRgba8(pixels) => pixels.pixels().all(|pixel| pixel.0[3] == 255),
-        other => return Err(PictureError::Pixels { found: format!("{:?}", other.color()) }),
+        other => {
+            let color = other.color();
+            let (channels, bits) =
+                (color.channel_count(), color.bits_per_pixel() / u16::from(color.channel_count()));
+            return Err(PictureError::Pixels { found: format!("{channels} channels of {bits} bits") });
+        }
     };
     match opaque {
         true => Ok(picture),
@@ -269,13 +278,13 @@ mod tests {
         let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
         assert!(refusal(b"").contains("it is empty"));
         assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));
-        assert!(refusal(b"GIF89a,,,").contains("it looks like Gif; allowed are PNG, JPEG and TIFF"));
+        assert!(refusal(b"GIF89a,,,").contains("it looks like gif; allowed are PNG, JPEG and TIFF"));
     }
 
     #[test]
     fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
         let deep = as_file(DynamicImage::new_rgb16(3, 2), ImageFormat::Png);
-        assert!(read_color(&deep).expect_err("deep").to_string().contains("Rgb16; allowed are 8 bits"));
+        assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits"));
         let rgba = |alpha| {
             let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
             read_color(&as_file(pixels.into(), ImageFormat::Png))

@@ -12,6 +12,7 @@ use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::apart;
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
 const MIN_FRAME_SHARE: f64 = 0.8;
@@ -170,9 +171,9 @@ fn invalid(
         reasons.push(Reason::new("no_dry_picture", message));
     }
     if observed_s < demands.min_observed_s() {
+        let [observed, window] = apart(observed_s, window_s, 1);
         let message = format!(
-            "the film was watched for {observed_s:.1} s; the recipe's observation_s asks for {window_s:.1} s: \
-             repeat the test"
+            "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
         );
         reasons.push(Reason::new("too_short", message));
     }
@@ -183,18 +184,17 @@ fn invalid(
     }
     let allowed_gap_s = demands.max_gap_s();
     if longest_gap_s > allowed_gap_s {
-        let message = format!(
-            "two wet pictures lie {longest_gap_s:.2} s apart; allowed are {allowed_gap_s:.2} s: repeat the test"
-        );
+        let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
+        let message = format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test");
         reasons.push(Reason::new("gap", message));
     }
     reasons.extend(unclear(observation, demands, settings));
     let allowed_percent = settings.max_never_wet_percent();
     if observation.has_dry && observation.never_wet_percent > allowed_percent {
+        let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
         let message = format!(
-            "{:.1} % of the region was wet in no picture; allowed are {allowed_percent:.0} %: was the water on, does the \
-             spray reach all of the panel? Repeat the test",
-            observation.never_wet_percent
+            "{found} % of the region was wet in no picture; allowed are {allowed} %: was the water on, does the spray reach all \
+             of the panel? Repeat the test"
         );
         reasons.push(Reason::new("never_wet", message));
     }
@@ -225,16 +225,18 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
     let mut reasons = Vec::new();
     let change = observation.change_levels();
     if observation.has_dry && change < MIN_CHANGE_LEVELS {
+        let [change, needed] = apart(change, MIN_CHANGE_LEVELS, 1);
         let message = format!(
-            "the film changes the panel by {change:.1} grey levels; needed are {MIN_CHANGE_LEVELS:.0}: give more light or \
-             a longer exposure, then repeat the test"
+            "the film changes the panel by {change} grey levels; needed are {needed}: give more light or a longer exposure, then \
+             repeat the test"
         );
         reasons.push(Reason::new("dark", message));
     }
     if let Some(sharpness) = quality.first_sharpness.filter(|sharpness| *sharpness < MIN_FIRST_SHARPNESS) {
+        let [sharpness, needed] = apart(sharpness, MIN_FIRST_SHARPNESS, 2);
         let message = format!(
-            "the panel's edge has {sharpness:.2} of its contrast from one pixel to the next in the first picture; needed \
-             are {MIN_FIRST_SHARPNESS:.2}: focus the camera and repeat the test"
+            "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first picture; needed are \
+             {needed}: focus the camera and repeat the test"
         );
         reasons.push(Reason::new("focus", message));
     }
@@ -248,9 +250,10 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
             if found.1.pictures > most.1.pictures { found } else { most }
         });
     let what = shown(flaw, flawed.worst, observation, settings);
+    let [unseen, allowed] = apart(unseen_s, allowed_s, 1);
     let message = format!(
-        "{} of {frames} wet pictures cannot be judged by, {unseen_s:.1} s of them without one that can (allowed {allowed_s:.1} \
-         s); in {} of them {what}: repeat the test",
+        "{} of {frames} wet pictures cannot be judged by, {unseen} s of them without one that can (allowed {allowed} s); in {} \
+         of them {what}: repeat the test",
         frames - quality.usable,
         flawed.pictures
     );
@@ -261,30 +264,35 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
 /// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
 fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
     let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
+    let (limit, decimals) = match flaw {
+        Flaw::Darker => (darker_percent, 1),
+        Flaw::Brighter => (brighter_percent, 1),
+        Flaw::Untold => (100.0 * MIN_TOLD, 0),
+        Flaw::Bright => (settings.max_bright_percent(), 1),
+        Flaw::Moved => (settings.max_moved_px(), 1),
+        Flaw::Focus => (MIN_SHARPNESS, 2),
+        Flaw::Frozen => (0.0, 0),
+    };
+    let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
-        Flaw::Darker => format!(
-            "the light is up to {worst:.1} % less than the dry picture's (allowed {darker_percent:.1} %); keep the lamp steady"
-        ),
+        Flaw::Darker => {
+            format!(
+                "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
+            )
+        }
         Flaw::Brighter => format!(
-            "the light is up to {worst:.1} % more than the dry picture's (allowed {brighter_percent:.1} %, beyond which it \
-             could be a film that broke all over); keep the lamp steady and other light away"
+            "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \
+             broke all over); keep the lamp steady and other light away"
         ),
         Flaw::Untold => format!(
-            "as little as {worst:.0} % of the region is as bright as wet and dry places are in one light (needed {:.0} %); keep \
-             other light and shadows away",
-            100.0 * MIN_TOLD
+            "as little as {worst} % of the region is as bright as wet and dry places are in one light (needed {limit} %); keep \
+             other light and shadows away"
         ),
-        Flaw::Bright => format!(
-            "glints or overexposure hide up to {worst:.1} % of the region (allowed {:.1} %)",
-            settings.max_bright_percent()
-        ),
-        Flaw::Moved => format!(
-            "the panel lies up to {worst:.1} px from where the first picture has it (allowed {:.1} px)",
-            settings.max_moved_px()
-        ),
-        Flaw::Focus => format!(
-            "the panel's edge has as little as {worst:.2} of its first sharpness (needed {MIN_SHARPNESS:.2})"
-        ),
+        Flaw::Bright => format!("glints or overexposure hide up to {worst} % of the region (allowed {limit} %)"),
+        Flaw::Moved => {
+            format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
+        }
+        Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
         Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
     }
 }

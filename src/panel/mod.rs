@@ -38,7 +38,20 @@ pub enum LearnError {
         /// The picture's height, px.
         height: usize,
     },
-    /// Nothing smooth lies under the region and in the search box.
+    /// Nothing of the scan under the region's centre lies in the search box.
+    #[error(
+        "no panel under the region's centre, ({u:.0}, {v:.0}) px: no point of the scan there lies in the search box, {}; are \
+         the region's corners on the panel, is the box right?", elsewhere(*largest)
+    )]
+    NothingThere {
+        /// The region's centre, column, px.
+        u: f64,
+        /// The region's centre, row, px.
+        v: f64,
+        /// Points of the largest piece of scan elsewhere in the box.
+        largest: usize,
+    },
+    /// What lies under the region and in the search box is too small for a panel.
     #[error(
         "no panel under the region's centre, ({u:.0}, {v:.0}) px: the piece of scan there that lies in the search box \
          has {found} points, needed are {needed}; is the box right, is the panel in place?"
@@ -201,6 +214,14 @@ impl TaughtPanel {
     }
 }
 
+/// What the search box holds away from where the panel was looked for.
+fn elsewhere(largest: usize) -> String {
+    match largest {
+        0 => "nor does any other".to_owned(),
+        points => format!("though elsewhere a piece of {points} points does"),
+    }
+}
+
 /// The piece of scan in the search box under the region's centre; all four corners must lie on it.
 fn panel_mask(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Mask, LearnError> {
     let (width, height) = (scan.width(), scan.height());
@@ -216,16 +237,16 @@ fn panel_mask(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) ->
         |index: usize| scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])));
     let pieces = segment::pieces(scan, in_box);
     let centre = region.pixel(Point2::new(0.5, 0.5));
-    let piece = pieces
-        .iter()
-        .find(|piece| {
-            piece.iter().any(|&i| Pixel::at((i % width) as f64, (i / width) as f64).distance_px(centre) < 3.0)
-        })
-        .filter(|piece| piece.len() >= MIN_PANEL_POINTS);
-    let Some(piece) = piece else {
-        let found = pieces.first().map_or(0, Vec::len);
-        return Err(LearnError::NoPanel { u: centre.u, v: centre.v, found, needed: MIN_PANEL_POINTS });
+    let (u, v) = (centre.u, centre.v);
+    let is_there = |piece: &&Vec<usize>| {
+        piece.iter().any(|&i| Pixel::at((i % width) as f64, (i / width) as f64).distance_px(centre) < 3.0)
     };
+    let Some(piece) = pieces.iter().find(is_there) else {
+        return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) });
+    };
+    if piece.len() < MIN_PANEL_POINTS {
+        return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS });
+    }
     let mask = segment::mask_of(scan, piece);
     for (index, pixel) in corners.iter().enumerate() {
         if !near_mask(&mask, *pixel) {

@@ -10,6 +10,7 @@ use super::plan::{Plan, ToolPath, Waypoint};
 use crate::geometry::{Degrees, Panel, Rigid, Tool};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, fixed, percent_apart};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
@@ -36,10 +37,13 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
     let allowed_mm = ERROR_OF_STROKE * stroke_mm;
     let message = match tool_error_mm {
         Some(error_mm) if error_mm <= allowed_mm => return Judgement::of(vec![], vec![]),
-        Some(error_mm) => format!(
-            "the error at the tool is {error_mm:.2} mm, a pad of {stroke_mm} mm stroke takes up {allowed_mm:.2}; a softer \
-             pad takes up more"
-        ),
+        Some(error_mm) => {
+            let [error, allowed] = apart(error_mm, allowed_mm, 2);
+            format!(
+                "the error at the tool is {error} mm, a pad of {stroke_mm} mm stroke takes up {allowed}; a softer pad takes up \
+                 more"
+            )
+        }
         None => {
             "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
         }
@@ -70,14 +74,15 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
                 + settings.press_in_mm()
         };
         if step_mm > limit_mm {
-            let message =
-                format!("grid {name}: {step_mm:.2} mm from waypoint {index} to the next, allowed {limit_mm:.2}");
+            let [step, limit] = apart(step_mm, limit_mm, 2);
+            let message = format!("grid {name}: {step} mm from waypoint {index} to the next, allowed {limit}");
             reasons.push(Reason::new("large_step", message));
         }
         if turn > MAX_TURN {
+            let [turn, limit] = apart(turn.0, MAX_TURN.0, 3);
             let message = format!(
-                "grid {name}: the tool turns by {turn} from waypoint {index} to the next, allowed {MAX_TURN}; set \
-                 a smaller waypoint_spacing_mm or another reference_axis"
+                "grid {name}: the tool turns by {turn}° from waypoint {index} to the next, allowed {limit}°; set a smaller \
+                 waypoint_spacing_mm or another reference_axis"
             );
             reasons.push(Reason::new("large_turn", message));
         }
@@ -92,22 +97,20 @@ fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
 fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
     let mut reasons = Vec::new();
     for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
+        let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
         let message = format!(
-            "grid {}: the disc reaches {:.2} %, wanted {:.1} %; a smaller step_over_mm reaches more, and so does a larger \
-             edge_overhang_mm beside the panel's outline",
-            grid.id,
-            100.0 * grid.share(),
-            100.0 * MIN_COVERAGE
+            "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
+             larger edge_overhang_mm beside the panel's outline",
+            grid.id
         );
         reasons.push(Reason::new("coverage", message));
     }
     if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
+        let [reach, allowed] = apart(plan.overhang.largest_mm, settings.edge_overhang_mm(), 1);
         let message = format!(
-            "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
-             edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",
-            plan.overhang.largest_mm,
-            100.0 * plan.overhang.share_beyond,
-            settings.edge_overhang_mm()
+            "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than edge_overhang_mm \
+             allows, {allowed}; move the region inwards or take a smaller disc",
+            fixed(100.0 * plan.overhang.share_beyond, 0)
         );
         reasons.push(Reason::new("edge_overhang", message));
     }

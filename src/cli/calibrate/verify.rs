@@ -16,6 +16,7 @@ use crate::geometry::{Base, Board as BoardFrame, Camera, Flange, FlangeCamera, K
 use crate::report;
 use crate::store::{Store, calibration_hash};
 use crate::verdict::Judgement;
+use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
@@ -166,7 +167,8 @@ pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Pa
     let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
-    outcome.say(format!("{}: {error_mm:.3} mm off, allowed are {limit_mm} mm", verification.subject));
+    let [off, allowed] = apart(error_mm, limit_mm, 3);
+    outcome.say(format!("{}: {off} mm off, allowed are {allowed} mm", verification.subject));
     if let Some(folder) = pictures {
         let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
         let file = folder.join(format!("trend_{}.svg", verification.subject));

@@ -221,6 +221,21 @@ fn where_verify_fails_the_panel_is_dried_and_located_again() {
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
 
+/// Nothing waits to be accepted there, however ready the robot is.
+#[test]
+fn accept_is_not_possible_where_no_result_waits() {
+    let mut story = Story::started(&[Film::Broken, Film::Whole]);
+    story.until("verify");
+    story.answer(Answer::Graded(Grade::Reject));
+    story.rests();
+    for robot in [Robot::Ready, Robot::GuardOpen] {
+        story.told(Report::Robot(robot));
+        story.asked(Request::Accept);
+        let refused = [Effect::Refuse { request: Request::Accept, refusal: Refusal::NotNow }];
+        assert_eq!(story.cell.effects, refused, "{robot:?}");
+    }
+}
+
 #[test]
 fn a_stop_ends_in_stopped_or_by_its_deadline_in_aborted() {
     let mut story = Story::in_contact();
