@@ -19,7 +19,7 @@ mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
 pub use calibration::{
-    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
+    BoardSize, FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
     ToolMount,
 };
 pub use date::Date;

@@ -1,7 +1,8 @@
 //! The gate: what was seen of the film becomes pass, fail or invalid.
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
-//! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
+//! them, pictures that cannot be judged by, a panel that stands elsewhere, pixels too coarse for the break that must not be
+//! missed, too little ever wet, or a grid out of sight. That outranks fail, since a
 //! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
 //! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
 //! do not pass. A break always stays in the reasons.
@@ -19,6 +20,9 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 const MIN_CHANGE_LEVELS: f64 = 6.0;
+/// The panel's outline in the dry picture is nearer than this to where the pose puts it, px. In place it is a few tenths of a
+/// pixel away, by the errors of pose and calibration.
+pub const MAX_OFF_PX: f64 = 1.5;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -117,6 +121,8 @@ pub struct Observation {
     pub dry_levels: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
+    /// Did nobody say where the panel stands?
+    pub is_place_assumed: bool,
     /// Which pictures could be judged by.
     pub quality: Quality,
 }
@@ -188,6 +194,9 @@ fn invalid(
         );
         reasons.push(Reason::new("gap", message));
     }
+    let place = (observation.is_place_assumed, observation.has_dry);
+    reasons.extend(elsewhere(observation.quality.off_px, place));
+    reasons.extend(too_coarse(observation.detection_limit_mm2, demands.min_break_mm2));
     reasons.extend(unclear(observation, demands, settings));
     let allowed_percent = settings.max_never_wet_percent();
     if observation.has_dry && observation.never_wet_percent > allowed_percent {
@@ -217,6 +226,40 @@ fn invalid(
         reasons.push(Reason::new("not_seen", message));
     }
     reasons
+}
+
+/// Why breaks that must fail a grid may be missed: the smallest one that is surely found is larger.
+pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
+    // A NaN is no limit that could be kept.
+    let is_fine = detection_limit_mm2 <= min_break_mm2;
+    (!is_fine).then(|| {
+        let message = format!(
+            "the smallest break that is surely found is {detection_limit_mm2:.1} mm², but a grid fails from {min_break_mm2:.1} \
+             mm² of broken film, and smaller breaks may be missed: bring the camera nearer, use all of its pixels, or state a \
+             min_break_mm2 in the recipe's [inspect] that is large enough, if the process allows it"
+        );
+        Reason::new("detection_limit", message)
+    })
+}
+
+/// Why the panel is not where the grids are looked for.
+pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
+    let message = match off_px {
+        Some(off_px) if off_px <= MAX_OFF_PX => return None,
+        None if !assumed || !has_dry => return None,
+        None => "the panel is taken to stand in its nominal place, and the dry picture cannot confirm it, because the panel's \
+                 outline has too little contrast"
+            .to_owned(),
+        Some(off_px) => {
+            let taken = if assumed { "its nominal place, where it is taken to stand" } else { "the place it was found" };
+            format!(
+                "in the dry picture the panel's outline lies {off_px:.1} px or more from {taken} (allowed {MAX_OFF_PX} px), and \
+                 the wrong places would be judged"
+            )
+        }
+    };
+    let remedy = if assumed { "give --located with what `panelprep locate` printed" } else { "locate the panel again" };
+    Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }
 
 /// Why the pictures cannot be judged by.
@@ -334,6 +377,7 @@ mod tests {
             film_left: Some(0.6),
             dry_levels: 70.0,
             detection_limit_mm2: 3.0,
+            is_place_assumed: false,
             quality: Quality::default(),
         };
         observation.quality.usable = 10;
@@ -358,6 +402,11 @@ mod tests {
             observation.quality.first_sharpness = Some(sharpness);
             observation
         };
+        let off = |is_place_assumed: bool, off_px: Option<f64>| {
+            let mut observation = Observation { is_place_assumed, ..good() };
+            observation.quality.off_px = off_px;
+            observation
+        };
         let pairs = [
             (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
             (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
@@ -370,6 +419,15 @@ mod tests {
                 "never_wet",
             ),
             (first(0.2), first(0.19), "focus"),
+            (
+                Observation { detection_limit_mm2: 5.0, ..good() },
+                Observation { detection_limit_mm2: 5.1, ..good() },
+                "detection_limit",
+            ),
+            (good(), Observation { detection_limit_mm2: f64::NAN, ..good() }, "detection_limit"),
+            (off(false, Some(1.5)), off(false, Some(1.6)), "elsewhere"),
+            (off(true, Some(1.5)), off(true, None), "elsewhere"),
+            (off(false, None), off(true, Some(8.0)), "elsewhere"),
             (usable(8, 5.0), usable(7, 5.0), "light"),
             (usable(8, 5.0), usable(8, 5.1), "light"),
         ];
