@@ -313,17 +313,27 @@ fn a_labelled_set_is_scored_and_a_clip_gives_advice() {
     let (exit, advice) = json(folder, tune);
     assert_eq!((exit, advice["verdict"].as_str()), (0, Some("accept")), "{advice}");
     // What it says is of the method in use: of the other one's thresholds nothing.
-    assert!(advice["threshold"].is_null() && advice["hsv_min"].is_null() && advice["best_threshold"].is_null(), "{advice}");
+    assert!(
+        advice["threshold"].is_null() && advice["hsv_min"].is_null() && advice["best_threshold"].is_null(),
+        "{advice}"
+    );
     let number = |key: &str| advice[key].as_f64().unwrap_or(f64::NAN);
     assert!(number("detection_limit_mm2") < number("min_break_mm2") && number("min_break_mm2") < 100.0, "{advice}");
     assert!(number("flash_s") < number("persist_s") && number("persist_s") >= 1.2, "{advice}");
     let grids = advice["grids"].as_array().expect("grids");
     // The film takes about 28 grey levels.
-    let contrast = |grid: &Value| grid["dry"].as_f64().unwrap_or(f64::NAN) - grid["wet"].as_f64().unwrap_or(f64::NAN);
+    let contrast =
+        |grid: &Value| grid["dry"].as_f64().unwrap_or(f64::NAN) - grid["wet"].as_f64().unwrap_or(f64::NAN);
     assert!(grids.len() == 24 && grids.iter().all(|grid| (15.0..45.0).contains(&contrast(grid))), "{advice}");
-    assert!(grids.iter().all(|grid| grid["contrast_to_noise"].as_f64().is_some_and(|ratio| ratio > 5.0)), "{advice}");
+    assert!(
+        grids.iter().all(|grid| grid["contrast_to_noise"].as_f64().is_some_and(|ratio| ratio > 5.0)),
+        "{advice}"
+    );
     let words = String::from_utf8(panelprep(folder, tune).stdout).expect("UTF-8");
-    assert!(words.contains("persist_s = 1.2") && words.contains("lamp = ") && !words.contains("threshold"), "{words}");
+    assert!(
+        words.contains("persist_s = 1.2") && words.contains("lamp = ") && !words.contains("threshold"),
+        "{words}"
+    );
 
     let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("the recipe");
     let thesis = recipe.replace("method = \"film\"", "method = \"thesis\"");
@@ -397,14 +407,19 @@ fn a_scan_is_shown_and_so_is_what_cannot_be_taught() {
     std::fs::write(folder.join("cell/wrong.toml"), wrong).expect("written");
     let (exit, told) = json(folder, &format!("{} --pictures wrong", TEACH.replace("recipe.toml", "wrong.toml")));
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
-    for words in ["corner 1 of the region, (2, 2) px, is not on", "corner 3 of", "corner 4 of the region, (100, 310) px, lies outside"] {
+    for words in [
+        "corner 1 of the region, (2, 2) px, is not on",
+        "corner 3 of",
+        "corner 4 of the region, (100, 310) px, lies outside",
+    ] {
         assert!(exit == 2 && message.contains(words), "{words}: {told}");
     }
     assert!(folder.join("wrong/taught_region.png").is_file());
     // Pictures of no corner: both are named.
     let corners = "--corner cell/target/flange_camera.png --flange cell/target/flange.json \
                    --corner cell/target/flange_camera.png --flange cell/target/flange.json";
-    let teach = "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd --pictures wrong";
+    let teach =
+        "teach --cell cell/cell.toml --recipe cell/recipe.toml --scan cell/taught_scan.pcd --pictures wrong";
     let (exit, told) = json(folder, &format!("{teach} {corners}"));
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && message.matches("flange_camera.png: ").count() == 2, "{told}");

@@ -117,7 +117,8 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
     let (exit, told) = json(folder, &look);
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
     assert!(exit == 2 && message.contains("square_mm"), "{told}");
-    let history = |folder: &Path| json(folder, "calibrate history --cell cell/cell.toml").1["verifications"].clone();
+    let history =
+        |folder: &Path| json(folder, "calibrate history --cell cell/cell.toml").1["verifications"].clone();
     assert_eq!(history(folder).as_array().map(Vec::len), Some(1), "nothing was kept of them");
 
     assert_eq!(json(folder, VERIFY[1]).0, 0);
@@ -125,7 +126,11 @@ fn a_look_that_says_nothing_is_refused_or_struck_out() {
     assert_eq!(json(folder, strike).0, 0);
     refused(folder, &["verification_struck"]);
     let kept = history(folder);
-    assert_eq!((&kept[0]["struck"]["by"], &kept[0]["struck"]["why"]), (&"inspector".into(), &"moved".into()), "{kept}");
+    assert_eq!(
+        (&kept[0]["struck"]["by"], &kept[0]["struck"]["why"]),
+        (&"inspector".into(), &"moved".into()),
+        "{kept}"
+    );
     assert!(kept[1]["struck"].is_null() && kept[0]["error_mm"].as_f64().is_some_and(|mm| mm < 0.5), "{kept}");
     let (exit, told) = json(folder, strike);
     let message = told["reasons"][0]["message"].as_str().unwrap_or_default();

@@ -161,7 +161,8 @@ pub fn health(
         return Judgement::of(vec![Reason::new("not_verified", message)], vec![]);
     };
     if let Some(Strike { by, why, .. }) = &last.struck {
-        let message = format!("the last verification of {subject} was struck out by {by} ({why}); {}", advice(subject));
+        let message =
+            format!("the last verification of {subject} was struck out by {by} ({why}); {}", advice(subject));
         return Judgement::of(vec![Reason::new("verification_struck", message)], vec![]);
     }
     let mut reject = Vec::new();
@@ -196,7 +197,14 @@ mod tests {
 
     fn verified(error_mm: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();
-        Verification { subject, error_mm, limit_mm: 0.5, calibration_hash: "ab".to_owned(), at_unix_s, struck: None }
+        Verification {
+            subject,
+            error_mm,
+            limit_mm: 0.5,
+            calibration_hash: "ab".to_owned(),
+            at_unix_s,
+            struck: None,
+        }
     }
 
     #[test]

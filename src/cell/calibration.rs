@@ -3,6 +3,7 @@
 //! The numbers travel through TOML without loss. The file says where they come from (date, serial, residuals);
 //! whether they are good enough is judged where they are used.
 
+use super::board_size::BoardSize;
 use super::date::Date;
 use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
@@ -287,21 +288,6 @@ impl Mount for TargetMount {
     const IS_BOARD: bool = true;
 }
 
-/// Which board it is, as the command line names it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct BoardSize {
-    /// Its corners or squares, `9x6` or `charuco:8x6:15:4X4_50`.
-    pub board: String,
-    /// Side of a square, mm.
-    pub square_mm: f64,
-}
-
-impl std::fmt::Display for BoardSize {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "--board {} --square-mm {}", self.board, self.square_mm)
-    }
-}
-
 /// A mounted pose as its file holds it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MountedPose<M: Mount> {
@@ -325,14 +311,7 @@ pub struct MountedPose<M: Mount> {
 }
 
 const PLACE_MM: RangeInclusive<f64> = -20_000.0..=20_000.0;
-const SQUARE_MM: RangeInclusive<f64> = 0.5..=500.0;
 const ANGLE_DEG: RangeInclusive<f64> = -360.0..=360.0;
-
-/// A look through another board, or one of another size, would put the board elsewhere: its file says which one it is.
-fn take_board(section: &Section<'_, '_>) -> Option<BoardSize> {
-    let (board, square_mm) = (section.take("board", (), None), section.take("square_mm", SQUARE_MM, None));
-    Some(BoardSize { board: board?, square_mm: square_mm? })
-}
 
 impl<M: Mount> MountedPose<M> {
     /// A pose of which nothing else is known.
@@ -374,7 +353,7 @@ impl<M: Mount> MountedPose<M> {
         let rms_mm = section.take("rms_mm", RESIDUAL, Some(None));
         let uncertainty_mm = section.take("uncertainty_mm", RESIDUAL, Some(None));
         let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
-        let board = if M::IS_BOARD { take_board(section).map(Some) } else { Some(None) };
+        let board = if M::IS_BOARD { BoardSize::take(section).map(Some) } else { Some(None) };
         let serial = section.take("serial", (), Some(None));
         let provenance = Provenance::take(section, "residuals_mm");
         section.done();

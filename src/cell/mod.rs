@@ -5,6 +5,7 @@
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
 mod arm;
+mod board_size;
 mod calibration;
 mod date;
 mod devices;
@@ -18,8 +19,9 @@ mod zivid;
 mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
+pub use board_size::BoardSize;
 pub use calibration::{
-    BoardSize, FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
+    FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
     ToolMount,
 };
 pub use date::Date;

@@ -254,8 +254,7 @@ fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) 
     let text = plain_recipe(cell, seconds);
     let plain = Recipe::check("recipe.toml", &text)?;
     let demanded_mm2 = Demands::of(&plain, cell::Cell::check("cell.toml", CELL)?.limits()).min_break_mm2;
-    let panel =
-        TaughtPanel::learn(taught_scan, *cell.scanner(), cell.calibrated_base_from_camera(), &plain);
+    let panel = TaughtPanel::learn(taught_scan, *cell.scanner(), cell.calibrated_base_from_camera(), &plain);
     let panel = panel.map_err(Fault::stage)?;
     let limit_mm2 = Footprint::taught_detection_limit_mm2(&panel, plain.inspect()).map_err(Fault::stage)?;
     let sure_mm2 = DISPLACED * limit_mm2;

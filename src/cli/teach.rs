@@ -28,34 +28,9 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let scan = load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
-    let mut teaching = Teaching {
-        name: recipe.panel().to_owned(),
-        scan: super::disk::read(&args.scan)?,
-        recipe_text: super::disk::read_text(&args.recipe)?,
-        scanner_calibration_text: scanner.text,
-        base_from_camera_text: base_from_camera.text,
-        corners: Vec::new(),
-        flange_camera_text: String::new(),
-        flange_from_camera_text: String::new(),
-    };
-    let calibration = cell_files.cell.calibration();
-    let runs_cycles = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
-    if args.corner.is_empty() && args.flange.is_empty() {
-        if runs_cycles {
-            return Err(Fault::NoCorner);
-        }
-    } else {
-        let flange_camera = cell_files.flange_camera()?;
-        let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
-        let kept =
-            |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
-        teaching.corners = shots.into_iter().map(kept).collect();
-        teaching.flange_camera_text = flange_camera.text;
-        teaching.flange_from_camera_text = cell_files.flange_from_camera()?.text;
-    }
-    let name = |index: usize| {
-        args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string())
-    };
+    let teaching = given(args, &cell_files, &recipe)?;
+    let name =
+        |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
     let mut taught = match load::derive(&teaching, &recipe, String::new(), &name) {
         Ok(taught) => taught,
         Err(fault) => {
@@ -69,8 +44,7 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
         pictures::save(folder, "taught", &picture(&taught)?)?;
     }
     let min_break_mm2 = Demands::of(&recipe, cell_files.cell.limits()).min_break_mm2;
-    let limit_mm2 =
-        Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
+    let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
     taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
     let review: Vec<Reason> = too_coarse(limit_mm2, min_break_mm2).into_iter().collect();
     let mut outcome = outcome(&taught, recipe.panel(), &Judgement::of(vec![], review));
@@ -86,6 +60,33 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     }
     outcome.put("warnings", json!(warnings));
     Ok(outcome)
+}
+
+/// The files that are given, as the store keeps them.
+fn given(args: &Teach, cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
+    let mut teaching = Teaching {
+        name: recipe.panel().to_owned(),
+        scan: super::disk::read(&args.scan)?,
+        recipe_text: super::disk::read_text(&args.recipe)?,
+        scanner_calibration_text: cell_files.scanner()?.text,
+        base_from_camera_text: cell_files.base_from_camera()?.text,
+        corners: Vec::new(),
+        flange_camera_text: String::new(),
+        flange_from_camera_text: String::new(),
+    };
+    if args.corner.is_empty() && args.flange.is_empty() {
+        let calibration = cell_files.cell.calibration();
+        let runs_cycles = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
+        return if runs_cycles { Err(Fault::NoCorner) } else { Ok(teaching) };
+    }
+    let flange_camera = cell_files.flange_camera()?;
+    let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
+    let kept =
+        |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
+    teaching.corners = shots.into_iter().map(kept).collect();
+    teaching.flange_camera_text = flange_camera.text;
+    teaching.flange_from_camera_text = cell_files.flange_from_camera()?.text;
+    Ok(teaching)
 }
 
 /// Pictures of what nothing could be learnt from: the scan with the region as the recipe has it, and where a corner was not

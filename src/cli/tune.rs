@@ -180,7 +180,9 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     outcome.say("  [process]");
     outcome.say(match recipe.process().lamp() {
         Some(lamp) => format!("  lamp = {lamp:?}        # as it stands"),
-        None => "  lamp = \"kind, brightness at the panel\"        # not stated yet; the inspector signs it".to_owned(),
+        None => {
+            "  lamp = \"kind, brightness at the panel\"        # not stated yet; the inspector signs it".to_owned()
+        }
     });
     let grid = |grid: &GridContrast| {
         json!({"id": grid.id.to_string(), "dry": grid.dry, "wet": grid.wet,

@@ -102,8 +102,7 @@ impl Sampler {
 impl Flashes {
     /// The next wet picture.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
-        let now: Vec<f64> =
-            self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
+        let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
         let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>());
         for (index, now) in now.iter().enumerate() {
             let is_dry = now / light > (self.dry[index] + self.wet[index]) / 2.0; // (1)

@@ -8,6 +8,7 @@
 //! do not pass. A break always stays in the reasons.
 
 use super::model::FILM_ASSUMED;
+use super::place::{elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
@@ -20,9 +21,6 @@ const MIN_FRAME_SHARE: f64 = 0.8;
 const MAX_GAP_INTERVALS: f64 = 5.0;
 /// A film must change the panel by this many grey levels at least: six times the noise of a common camera's pixel.
 const MIN_CHANGE_LEVELS: f64 = 6.0;
-/// The panel's outline in the dry picture is nearer than this to where the pose puts it, px. In place it is a few tenths of a
-/// pixel away, by the errors of pose and calibration.
-pub const MAX_OFF_PX: f64 = 1.5;
 
 /// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -226,40 +224,6 @@ fn invalid(
         reasons.push(Reason::new("not_seen", message));
     }
     reasons
-}
-
-/// Why breaks that must fail a grid may be missed: the smallest one that is surely found is larger.
-pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
-    // A NaN is no limit that could be kept.
-    let is_fine = detection_limit_mm2 <= min_break_mm2;
-    (!is_fine).then(|| {
-        let message = format!(
-            "the smallest break that is surely found is {detection_limit_mm2:.1} mm², but a grid fails from {min_break_mm2:.1} \
-             mm² of broken film, and smaller breaks may be missed: bring the camera nearer, use all of its pixels, or state a \
-             min_break_mm2 in the recipe's [inspect] that is large enough, if the process allows it"
-        );
-        Reason::new("detection_limit", message)
-    })
-}
-
-/// Why the panel is not where the grids are looked for.
-pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
-    let message = match off_px {
-        Some(off_px) if off_px <= MAX_OFF_PX => return None,
-        None if !assumed || !has_dry => return None,
-        None => "the panel is taken to stand in its nominal place, and the dry picture cannot confirm it, because the panel's \
-                 outline has too little contrast"
-            .to_owned(),
-        Some(off_px) => {
-            let taken = if assumed { "its nominal place, where it is taken to stand" } else { "the place it was found" };
-            format!(
-                "in the dry picture the panel's outline lies {off_px:.1} px or more from {taken} (allowed {MAX_OFF_PX} px), and \
-                 the wrong places would be judged"
-            )
-        }
-    };
-    let remedy = if assumed { "give --located with what `panelprep locate` printed" } else { "locate the panel again" };
-    Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
 }
 
 /// Why the pictures cannot be judged by.

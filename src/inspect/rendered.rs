@@ -44,7 +44,14 @@ impl Test {
             Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2, persist_s: 1.0 };
         let watch =
             Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
-        Test { cell, taught, camera_from_panel, watch, filmed_s: demands.filmed_s(), truth_s: WET_FROM_S + observation_s }
+        Test {
+            cell,
+            taught,
+            camera_from_panel,
+            watch,
+            filmed_s: demands.filmed_s(),
+            truth_s: WET_FROM_S + observation_s,
+        }
     }
 
     fn inspect(mut self, film: &Film) -> (Inspection, Mask) {
@@ -156,8 +163,8 @@ fn a_panel_that_stands_elsewhere_is_no_test() {
         let placed = Rigid::claim(Translation3::new(off_mm, 0.0, 0.0) * test.camera_from_panel.isometry());
         let (assumed, place) = if off_mm > 0.0 { (false, placed) } else { (true, nominal) };
         let demands = Demands { observation_s: 5.0, ..test.watch.demands };
-        test.watch =
-            Watch::new(&test.taught, test.cell.scanner(), place, &test.watch.settings.clone(), demands).expect("in view");
+        test.watch = Watch::new(&test.taught, test.cell.scanner(), place, &test.watch.settings.clone(), demands)
+            .expect("in view");
         if assumed {
             test.watch.assume_place();
         }

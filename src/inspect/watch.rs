@@ -2,8 +2,9 @@
 
 use super::film::NEVER;
 use super::footprint::Footprint;
-use super::gate::{Demands, elsewhere};
+use super::gate::Demands;
 use super::model::{MOST_PICTURES, Model};
+use super::place::elsewhere;
 use super::quality::Quality;
 use super::steady::Outline;
 use super::{InspectError, thesis};

@@ -106,7 +106,8 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let times = verifications.iter().map(|v| v.at_unix_s as f64);
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
     let counts = |v: &&Verification| v.struck.is_none();
-    let highest = verifications.iter().filter(counts).flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
+    let highest =
+        verifications.iter().filter(counts).flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
     let x =
         |v: &Verification| MARGIN + (WIDTH - 2.0 * MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0);
     let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * (mm / highest).min(1.0);
@@ -177,8 +178,13 @@ mod tests {
         let strike = Strike { by: "A & B".to_owned(), why: "<moved>".to_owned(), at_unix_s: 0 };
         let struck = Verification { struck: Some(strike), ..verified(203.0, 43_200) };
         let with = trend("scanner", &[verified(0.2, 0), struck, verified(1.0, 86_400)]);
-        assert!(with.matches("<circle").count() == 2 && with.contains("cy=\"74.1\""), "the scale is the others': {with}");
-        assert!(with.contains("203.000 mm, struck out by A &amp; B: &lt;moved&gt;") && with.contains("struck out (1)"));
+        assert!(
+            with.matches("<circle").count() == 2 && with.contains("cy=\"74.1\""),
+            "the scale is the others': {with}"
+        );
+        assert!(
+            with.contains("203.000 mm, struck out by A &amp; B: &lt;moved&gt;") && with.contains("struck out (1)")
+        );
         assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
     }
 }

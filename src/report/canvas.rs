@@ -24,7 +24,7 @@ impl Ink {
     pub const YELLOW: Ink = Ink([240, 228, 66]);
     /// Labels.
     pub const WHITE: Ink = Ink([255, 255, 255]);
-    const RIM: Ink = Ink([20, 20, 20]);
+    pub(super) const RIM: Ink = Ink([20, 20, 20]);
 
     /// This colour with a share of another, 0…1.
     #[must_use]
@@ -33,7 +33,7 @@ impl Ink {
         Ink([mix(0), mix(1), mix(2)])
     }
 
-    fn scalar(self) -> Scalar {
+    pub(super) fn scalar(self) -> Scalar {
         let [r, g, b] = self.0;
         Scalar::new(r.into(), g.into(), b.into(), 0.0)
     }
@@ -50,7 +50,7 @@ pub struct Pen {
 
 /// Sub-pixel bits of OpenCV's drawing.
 const SHIFT: i32 = 4;
-const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
+pub(super) const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
@@ -58,16 +58,12 @@ const FONT_HEIGHT_PX: f64 = 22.0;
 const BARS_MM: [f64; 9] = [500.0, 200.0, 100.0, 50.0, 20.0, 10.0, 5.0, 2.0, 1.0];
 const BAR_SHARE: f64 = 0.25;
 
-/// Distances between the numbers of a ruler, px, and how many numbers it has at most.
-const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
-const MOST_NUMBERS: usize = 20;
-
 /// A picture being drawn on.
 pub struct Canvas {
-    mat: Mat,
+    pub(super) mat: Mat,
 }
 
-fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
+pub(super) fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
@@ -77,7 +73,7 @@ fn ascii(text: &str) -> String {
 }
 
 /// Scale and weight of letters of this height.
-fn lettering(height_px: f64) -> (f64, i32) {
+pub(super) fn lettering(height_px: f64) -> (f64, i32) {
     let scale = height_px / FONT_HEIGHT_PX;
     (scale, (scale * 1.6).round().max(1.0) as i32)
 }
@@ -203,62 +199,6 @@ impl Canvas {
         self.label(above, &format!("{length_mm:.0} mm"), text_px, Ink::WHITE)
     }
 
-    /// The picture with a ruler of its pixels above and beside it, and faint lines across it at the ruler's numbers.
-    ///
-    /// # Errors
-    /// As [`Canvas::polyline`].
-    pub fn with_ruler(mut self) -> Result<Self, ImagingError> {
-        let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
-        let text_px = (height as f64 / 60.0).max(11.0);
-        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MOST_NUMBERS);
-        let step = step.unwrap_or(width.max(height));
-        self.lines_at(step)?;
-        // As wide as the largest number, and a tick.
-        let (scale, weight) = lettering(text_px);
-        let widest = drawn(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
-        let band = widest.width + (1.6 * text_px).ceil() as i32;
-        let mut mat = Mat::default();
-        let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
-        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, band, 0, border, ground))?;
-        let (mut canvas, band) = (Canvas { mat }, f64::from(band));
-        let pen = Pen { ink: Ink::WHITE, width_px: 1 };
-        let tick = |at: usize| if at.is_multiple_of(step) { 0.9 * text_px } else { 0.4 * text_px };
-        for u in (0..width).step_by(step / 5) {
-            let at = band + u as f64;
-            canvas.polyline(&[Pixel::at(at, band - tick(u)), Pixel::at(at, band - 1.0)], false, pen)?;
-            if u % step == 0 {
-                let place = Pixel::at(at + 0.2 * text_px, band - 1.1 * text_px);
-                canvas.label(place, &u.to_string(), text_px, Ink::WHITE)?;
-            }
-        }
-        for v in (0..height).step_by(step / 5) {
-            let at = band + v as f64;
-            canvas.polyline(&[Pixel::at(band - tick(v), at), Pixel::at(band - 1.0, at)], false, pen)?;
-            if v % step == 0 {
-                let place = Pixel::at(0.2 * text_px, at + 1.1 * text_px);
-                canvas.label(place, &v.to_string(), text_px, Ink::WHITE)?;
-            }
-        }
-        let corner = Pixel::at(0.2 * text_px, band - 1.1 * text_px);
-        canvas.label(corner, "px", text_px, Ink::WHITE)?;
-        Ok(canvas)
-    }
-
-    /// Faint lines every so many pixels, across and down.
-    fn lines_at(&mut self, step: usize) -> Result<(), ImagingError> {
-        use opencv::core::MatTraitManual;
-        const FAINT: f64 = 0.25;
-        let width = self.mat.cols() as usize;
-        let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
-        for (index, pixel) in pixels.iter_mut().enumerate() {
-            let (u, v) = (index % width, index / width);
-            if (u > 0 && u % step == 0) || (v > 0 && v % step == 0) {
-                *pixel = Ink(*pixel).mixed(Ink::WHITE, FAINT).0;
-            }
-        }
-        Ok(())
-    }
-
     /// The picture with a dark band above it that holds a legend: a stroke of each ink beside its meaning.
     ///
     /// # Errors
@@ -359,21 +299,6 @@ mod tests {
         };
         assert!(width(60) > 200);
         assert_eq!(width(900), 900);
-    }
-
-    /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines lie at whole steps.
-    #[test]
-    fn a_ruler_stands_beside_the_picture_and_counts_its_pixels() {
-        let mut plain = ColorPicture::filled(300, 200, [90; 3]);
-        plain.rgb[37 * 300 + 45] = [1, 2, 3];
-        let ruled = Canvas::on(&plain).expect("a picture").with_ruler().expect("drawn").finish().expect("pixels");
-        let band = ruled.width - 300;
-        assert!(band > 20 && ruled.height == 200 + band, "{band}");
-        let at = |u: usize, v: usize| ruled.rgb[(v + band) * ruled.width + u + band];
-        assert_eq!((at(45, 37), at(0, 0), at(19, 21)), ([1, 2, 3], [90; 3], [90; 3]));
-        assert!(at(40, 37)[0] > 100 && at(45, 60)[0] > 100, "lines at 40 and 60");
-        let tick = |u: usize| ruled.rgb[(band - 6) * ruled.width + band + u][0];
-        assert!(tick(100) > 200 && tick(90) < 60, "a long tick at 100, none at 90");
     }
 
     /// By hand: a quarter from black (20, 20, 20) to white is 20 + 0.25 · 235 = 78.75. Of a picture 300 px wide a bar may take

@@ -10,6 +10,7 @@ mod inspection;
 mod overlay;
 pub mod page;
 mod reasons;
+mod ruler;
 mod scan_view;
 mod surface_map;
 

@@ -57,8 +57,10 @@ pub enum What {
     History,
     /// Strike out a look or touch that says nothing of the calibration: it stays in the store, with who and why, and counts
     /// no more. An older one does not take its place: look or touch again.
-    #[command(after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
-        --cell target/cell/cell.toml")]
+    #[command(
+        after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
+        --cell target/cell/cell.toml"
+    )]
     Strike(StrikeOut),
 }
 

@@ -197,7 +197,8 @@ impl Footprint {
     pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
         let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
         for index in 0..self.inside.len() {
-            if let Some(patch) = self.patches[self.starts[index] as usize..self.starts[index + 1] as usize].first() {
+            if let Some(patch) = self.patches[self.starts[index] as usize..self.starts[index + 1] as usize].first()
+            {
                 let (column, row) = self.place(index);
                 held[patch.grid as usize].1.push(row * self.width_px + column);
             }
