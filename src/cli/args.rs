@@ -101,6 +101,10 @@ pub enum Command {
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
+    /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
+        panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
+    Look(Look),
     /// Find where the panel stands now, from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd --json")]
@@ -122,8 +126,8 @@ pub enum Command {
         --located target/cell/located.json"
     )]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
-    /// weights and thresholds fit (thesis 4.2, 4.3).
+    /// From a clip, labelled or clean: how well channels and grids tell wet from dry, how even the light is, which breaks are
+    /// surely found, and what fits the recipe's method (thesis 4.2, 4.3).
     #[command(
         after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
@@ -491,9 +495,20 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt.
+    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+}
+
+/// Options of `look`.
+#[derive(Debug, Clone, Args)]
+pub struct Look {
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// Folder for the picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: PathBuf,
 }
 
 /// Options of `locate`.
@@ -539,7 +554,8 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
@@ -560,7 +576,8 @@ pub struct Tune {
     /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end.

@@ -144,6 +144,15 @@ pub enum Fault {
         /// Flange poses named.
         flanges: usize,
     },
+    /// Corner pictures that show no corner: all of them.
+    #[error("{}", .0.join("; "))]
+    Corners(Vec<String>),
+    /// No corner picture for a cell that runs cycles.
+    #[error(
+        "a cycle of this cell looks at taught corners before each contact, and no corner picture was given: name one or, better, \
+         two with --corner FILE --flange POSE.json each (a cell without [calibration] flange_camera needs none)"
+    )]
+    NoCorner,
     /// More corner pictures than corners were taught.
     #[error("{found} corner pictures, but {taught} corners were taught of this panel; teach them with --corner")]
     CornersNotTaught {

@@ -196,10 +196,10 @@ impl CellFiles {
     }
 }
 
-/// The last touch check of this tool's calibration in a store; none where it was not touched.
+/// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
 pub fn last_touch(store: &Store, tool_text: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
+    (last.struck.is_none() && last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
 }
 
 /// Reads and checks a recipe.
@@ -309,20 +309,26 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
             version: kept.version,
         });
     }
-    derive(&kept.teaching, &taught_recipe, kept.version)
+    derive(&kept.teaching, &taught_recipe, kept.version, &|index| format!("taught corner {}", index + 1))
 }
 
-/// Derives panel and corners from what a teaching holds.
+/// Derives panel and corners from what a teaching holds; `name` is a corner picture's in messages.
 ///
 /// # Errors
-/// Where the scan shows no panel under the region, or a picture no corner.
-pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<Taught, Fault> {
+/// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
+pub fn derive(
+    teaching: &Teaching,
+    recipe: &Recipe,
+    version: String,
+    name: &dyn Fn(usize) -> String,
+) -> Result<Taught, Fault> {
     let kept = "the taught calibration";
     let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
+    let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
         let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
         let flange_from_camera =
@@ -339,8 +345,13 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
         };
         // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
         // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
-        let rough = seen_at(panel.centre())?;
-        corners.push(seen_at(rough.point)?);
+        match seen_at(panel.centre()).and_then(|rough| seen_at(rough.point)) {
+            Ok(corner) => corners.push(corner),
+            Err(fault) => problems.push(format!("{}: {fault}", name(index))),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Fault::Corners(problems));
     }
     Ok(Taught { panel, corners, version })
 }

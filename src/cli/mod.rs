@@ -20,6 +20,7 @@ mod live;
 mod load;
 mod locate;
 mod log;
+mod look;
 mod mock_robot;
 mod outcome;
 mod output;
@@ -70,6 +71,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| output::tell_line(line)),
         Command::Teach(args) => teach::run(args, common),
+        Command::Look(args) => look::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),

@@ -196,6 +196,7 @@ impl Parts<'_> {
             flange_from_camera_text: text(4)?,
         };
         let taught_recipe = Recipe::check(TAUGHT[0], &teaching.recipe_text)?;
-        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned())
+        let name = |index: usize| format!("recorded corner {}", index + 1);
+        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned(), &name)
     }
 }

@@ -3,7 +3,7 @@
 use super::Job;
 use super::trace::Walked;
 use crate::geometry::KukaPose;
-use crate::inspect::{GridInspection, Inspection};
+use crate::inspect::{GridInspection, Inspection, MAX_OFF_PX};
 use crate::locate::refine::{self, CornerReport, Refined};
 use crate::locate::{self, gate};
 use crate::panel::GridId;
@@ -198,7 +198,14 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, counted: Counted, job: &
         Number::new("panel moved in the picture", "px", quality.moved_px),
         Number::new("least sharpness against the dry picture", "", quality.sharpness),
         Number::new("the film leaves of the dry brightness", "", observation.film_left),
-        Number::new("smallest break that is surely found", "mm²", observation.detection_limit_mm2),
+        at_most(
+            "smallest break that is surely found",
+            "mm²",
+            observation.detection_limit_mm2,
+            observation.min_break_mm2,
+        ),
+        Number::new("outline from where the panel was found, in the dry picture", "px", quality.off_px)
+            .within(Limit::AtMost(MAX_OFF_PX)),
         Number::new("places where the film broke", "", inspection.breaks.len() as f64),
         Number::new("of these, closed again", "", closed as f64),
         Number::new(name::PER_PICTURE, "ms", counted.ms_per_picture),

@@ -21,4 +21,4 @@ pub use picture::{
 };
 pub use ply::{read_ply, write_ply};
 pub use pose::{PoseError, read_flange, read_located, read_located_mm, write_pose};
-pub use shot::{check_cloud_size, read_cloud};
+pub use shot::{check_cloud_size, read_any_cloud, read_cloud};

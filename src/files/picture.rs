@@ -284,7 +284,9 @@ mod tests {
     #[test]
     fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
         let deep = as_file(DynamicImage::new_rgb16(3, 2), ImageFormat::Png);
-        assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits"));
+        assert!(
+            read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits")
+        );
         let rgba = |alpha| {
             let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
             read_color(&as_file(pixels.into(), ImageFormat::Png))

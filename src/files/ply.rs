@@ -15,8 +15,20 @@ use header::{Header, NAMES, Number, Place, Places};
 /// # Errors
 /// Where the bytes are not an organised PLY file with colours, whole to its last point.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read_ply_of(bytes, Some((camera.width_px, camera.height_px)))
+}
+
+/// The same; `size_px` is the picture's width and height where the file does not say them.
+///
+/// # Errors
+/// As [`read_ply`], and where neither says the size.
+pub fn read_ply_of(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = Header::parse(bytes)?;
-    let (width, height) = header.size()?.unwrap_or((camera.width_px as u64, camera.height_px as u64));
+    let known = size_px.map(|(width, height)| (width as u64, height as u64));
+    let (width, height) = header.size()?.or(known).ok_or(CloudFileError::NoSize)?;
     if width < 2 || height < 2 {
         return Err(CloudError::NotOrganized { width: width as usize, height: height as usize }.into());
     }

@@ -1,6 +1,7 @@
 //! A 3D shot from a file of either form.
 
 use super::cloud_error::CloudFileError;
+use super::ply::read_ply_of;
 use super::{read_pcd, read_ply};
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 
@@ -13,6 +14,18 @@ pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud
     let cloud = if is_ply { read_ply(bytes, camera)? } else { read_pcd(bytes)? };
     check_cloud_size(&cloud, camera)?;
     Ok(cloud)
+}
+
+/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
+///
+/// # Errors
+/// Where the bytes are not an organised cloud with colours, or nobody says how wide it is.
+pub fn read_any_cloud(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
+    if is_ply { read_ply_of(bytes, size_px) } else { read_pcd(bytes) }
 }
 
 /// Refuses a cloud that is not from the calibrated camera.

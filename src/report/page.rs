@@ -131,7 +131,7 @@ fn verdict_html(judgement: &Judgement) -> String {
     format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", word)
 }
 
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
