@@ -21,7 +21,10 @@ const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
-    let reject = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
+    let mut reject: Vec<Reason> = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
+    if reject.is_empty() && !plan.is_finite() {
+        reject.push(Reason::new("not_finite", "the length, the time or the reach of the path is not a number"));
+    }
     Judgement::of(reject, shortfalls(plan, settings))
 }
 
@@ -49,7 +52,7 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
 
 fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.pose.is_finite()) {
+    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
         return vec![Reason::new("not_finite", format!("grid {name}: waypoint {index} is not a number"))];
     }
     let mut reasons = Vec::new();
@@ -100,6 +103,25 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
             100.0 * MIN_COVERAGE
         );
         reasons.push(Reason::new("coverage", message));
+    }
+    let step_over_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
+    if step_over_mm > settings.step_over_mm() {
+        let message = format!(
+            "lines lie {step_over_mm:.2} mm apart, allowed is step_over_mm, {}; another pattern or feed_angle_deg lays \
+             them closer",
+            settings.step_over_mm()
+        );
+        reasons.push(Reason::new("step_over", message));
+    }
+    if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.dwell_limit()) {
+        let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
+        let message = format!(
+            "{place} the disc stays {ratio:.2} times longer at one place than at another (95 % to 5 % of the treated area), \
+             allowed is max_dwell_ratio, {}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
+             grids at a time make it more even",
+            settings.dwell_limit()
+        );
+        reasons.push(Reason::new("uneven", message));
     }
     if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
         let message = format!(
