@@ -65,7 +65,8 @@ impl Demo {
     }
 
     fn planned(&self, (pattern, disc_mm): (&str, f64), grids: &[GridId]) -> Result<(Plan, Recipe), String> {
-        let recipe = recipe(&format!("{}[path]\npattern = \"{pattern}\"\ndisc_diameter_mm = {disc_mm}\n", self.text));
+        let recipe =
+            recipe(&format!("{}[path]\npattern = \"{pattern}\"\ndisc_diameter_mm = {disc_mm}\n", self.text));
         let plan = path::plan(&self.surface, &self.panel.region, grids, &self.panel.outline, recipe.path());
         plan.map(|plan| (plan, recipe)).map_err(|error| error.to_string())
     }
@@ -111,7 +112,8 @@ pub fn run(
             sets.iter().enumerate().filter(|(index, set)| wanted(*index, set)).map(|(_, set)| set).collect();
         for (index, pattern) in PATTERNS.iter().enumerate() {
             for disc_mm in discs_mm {
-                let row = rows.entry((index, *disc_mm as u64)).or_insert(Row { least_coverage: 1.0, ..Row::default() });
+                let row =
+                    rows.entry((index, *disc_mm as u64)).or_insert(Row { least_coverage: 1.0, ..Row::default() });
                 let planned: Vec<_> = sets.par_iter().map(|set| demo.planned((pattern, *disc_mm), set)).collect();
                 for (set, planned) in sets.iter().zip(planned) {
                     let names: Vec<String> = set.iter().map(ToString::to_string).collect();
@@ -147,10 +149,11 @@ impl Row {
             (ratio.is_none(), "no dwell is told".to_owned()),
         ];
         if settings.disc_diameter_mm() == USUAL_DISC_MM {
-            let uneven = ratio.is_none_or(|ratio| ratio > settings.dwell_limit());
-            wrong.push((uneven, format!("dwell ratio {ratio:?}, allowed {}", settings.dwell_limit())));
+            let uneven = ratio.is_none_or(|ratio| ratio > settings.max_dwell_ratio());
+            wrong.push((uneven, format!("dwell ratio {ratio:?}, allowed {}", settings.max_dwell_ratio())));
         }
-        self.faults.extend(wrong.into_iter().filter(|(is_so, _)| *is_so).map(|(_, what)| format!("{name}: {what}")));
+        self.faults
+            .extend(wrong.into_iter().filter(|(is_so, _)| *is_so).map(|(_, what)| format!("{name}: {what}")));
     }
 }
 

@@ -7,9 +7,11 @@
 
 use super::coverage::MIN_COVERAGE;
 use super::plan::{Plan, ToolPath, Waypoint};
-use crate::geometry::{Degrees, Panel, Rigid, Tool};
+use super::waypoint_gate::{Route, WaypointLimits, judge_route};
+use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use nalgebra::{Isometry3, Vector3};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
@@ -26,6 +28,25 @@ pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
         reject.push(Reason::new("not_finite", "the length, the time or the reach of the path is not a number"));
     }
     Judgement::of(reject, shortfalls(plan, settings))
+}
+
+/// The tool's Z on the panel at its nominal place: the mean over the plan.
+pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let z = |waypoint: &Waypoint| (waypoint.pose.to_rigid::<Panel, Tool>() * Vector::<Tool>::new(Vector3::z())).mm;
+    let mean: Vector3<f64> = waypoints.map(z).sum();
+    // At the nominal place the panel's frame is the base.
+    Vector::new(mean).direction()
+}
+
+/// The gate before a motion on a whole plan where the panel stands, from its first waypoint on: the cell's box, steps,
+/// turns, and the tilt against the taught direction.
+pub fn judge_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Judgement {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let poses: Vec<Rigid<Base, Tool>> =
+        waypoints.map(|waypoint| base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>()).collect();
+    let from = poses.first().copied().unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
+    judge_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
 
 /// Largest share of the pad's stroke that the error at the tool may take.
@@ -113,13 +134,13 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
         );
         reasons.push(Reason::new("step_over", message));
     }
-    if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.dwell_limit()) {
+    if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.max_dwell_ratio()) {
         let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
         let message = format!(
             "{place} the disc stays {ratio:.2} times longer at one place than at another (95 % to 5 % of the treated area), \
              allowed is max_dwell_ratio, {}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
              grids at a time make it more even",
-            settings.dwell_limit()
+            settings.max_dwell_ratio()
         );
         reasons.push(Reason::new("uneven", message));
     }

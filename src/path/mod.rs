@@ -31,9 +31,9 @@ mod waypoint_gate;
 
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
 pub use edge::{Outline, Overhang};
-pub use gate::{judge, judge_pad};
+pub use gate::{judge, judge_in_base, judge_pad, taught_axis};
 pub use kinematics::Kinematics;
-pub use krl::{ProgramName, ProgramNameError, krl};
+pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
 pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan, plan_around};
 pub use raster::{Raster, RasterError, raster};

@@ -99,8 +99,9 @@ impl Plan {
     pub fn is_finite(&self) -> bool {
         let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
         let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
-        let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage, self.overhang.largest_mm];
-        moves && dwell && sums.iter().all(|sum| sum.is_finite())
+        let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
+        // Without an outline the disc reaches beyond it without end.
+        moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
     }
 }
 
@@ -205,7 +206,7 @@ fn planned(
         paths.push(path.0);
     }
     let plan = with_evidence(paths, &pieces, even, settings);
-    assert!(plan.is_finite(), "a number of the planned path is not finite: {plan:?}");
+    assert!(plan.is_finite(), "a number of the path over {grids:?} is not finite");
     Ok(plan)
 }
 

@@ -113,7 +113,9 @@ fn processors_ms() -> f64 {
 /// Every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs of 20 to 60 mm.
 fn every_pattern(seeds: u64) -> usize {
     let rows = patterns::run((1..=seeds, 1), &DISCS_MM, |_, _| true);
-    println!("   pattern        disc mm   plans   coverage %   step-over mm   dwell ratio: half, 95 %, all   reviews   faults");
+    println!(
+        "   pattern        disc mm   plans   coverage %   step-over mm   dwell ratio: half, 95 %, all   reviews   faults"
+    );
     for ((pattern, disc_mm), row) in &rows {
         println!(
             "   {:13}  {disc_mm:7}  {:6}  {:11.2}  {:13.2}  {:15.2}  {:5.2}  {:5.2}  {:8}  {:7}",

@@ -57,22 +57,6 @@ impl Choice for Pattern {
     ];
 }
 
-impl Pattern {
-    /// The word by which a recipe names it.
-    pub fn word(self) -> &'static str {
-        Self::WORDS.iter().find(|(_, pattern)| *pattern == self).map_or("", |(word, _)| word)
-    }
-
-    /// The limit of the dwell ratio where the recipe states none: what the pattern keeps on every set of grids with a
-    /// disc of 30 mm and a step-over of 12 mm.
-    pub fn max_dwell_ratio(self) -> f64 {
-        match self {
-            Pattern::Raster => 2.0,
-            Pattern::CrossHatch | Pattern::Spiral | Pattern::Offset | Pattern::OffsetSpiral => 2.5,
-        }
-    }
-}
-
 settings! {
     /// `[path]`: how the tool moves (thesis 4.6–4.8).
     pub struct Path {
@@ -98,8 +82,8 @@ settings! {
         /// How far the disc may reach beyond the panel's outline, mm.
         edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
         /// Largest ratio of the longest to the shortest time under the disc, 95 % to 5 % of the treated area, of each grid
-        /// and of all together; unstated, the pattern's own: see [`Path::dwell_limit`].
-        max_dwell_ratio: Option<f64>, 1.1..=20.0, default None;
+        /// and of all together.
+        max_dwell_ratio: f64, 1.1..=20.0, default 2.0;
         /// Highest feed along the surface, mm/s; it is lower where a place would be under the disc for less time.
         feed_mm_s: f64, 1.0..=500.0, default 60.0;
         /// Acceleration of the tool's point from and to a stop, mm/s².
@@ -126,13 +110,6 @@ settings! {
         round_tool: bool, (), default true;
         /// Contact area that one disc lasts for, mm² of panel; unstated, discs are not counted.
         disc_life_mm2: Option<f64>, 100.0..=10_000_000.0, default None;
-    }
-}
-
-impl Path {
-    /// The largest dwell ratio that is accepted: the recipe's `max_dwell_ratio`, or the pattern's own.
-    pub fn dwell_limit(&self) -> f64 {
-        self.max_dwell_ratio().unwrap_or(self.pattern().max_dwell_ratio())
     }
 }
 
