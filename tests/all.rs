@@ -12,6 +12,7 @@ mod kuka_files;
 mod layers;
 mod link;
 mod locate;
+mod patterns;
 mod quiet;
 mod rehearsal;
 mod replay;

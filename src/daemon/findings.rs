@@ -285,6 +285,14 @@ pub(super) fn planned(
         Number::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
         Number::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
             .within(Limit::AtMost(settings.step_over_mm())),
+        Number::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
+        Number::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
+        Number::new(
+            "their ratio, all together or the worst grid's",
+            "",
+            plan.dwell_ratio().map(|(ratio, _)| ratio),
+        )
+        .within(Limit::AtMost(settings.max_dwell_ratio())),
         Number::new("disc beyond the panel's outline", "mm", plan.overhang.largest_mm)
             .within(Limit::AtMost(settings.edge_overhang_mm())),
         Number::new("paths", "", plan.paths.len() as f64),
@@ -323,6 +331,7 @@ pub(super) fn abraded(
         let message = format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}");
         doubts.push(Reason::new("off_path", message));
     }
+    let spread = dwell.spread();
     let finding =
         Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
             Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
@@ -331,6 +340,8 @@ pub(super) fn abraded(
             Number::new("farthest of them from the planned path", "mm", walked.off_mm)
                 .within(Limit::AtMost(off_limit_mm)),
             Number::new("way in contact", "mm", walked.contact_mm),
+            Number::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
+            Number::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
         ]);
     let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
         let id = grid.id;
