@@ -7,12 +7,14 @@ pub mod args;
 mod assignment;
 mod calibrate;
 mod check;
+mod clear;
 mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
 mod doctor;
 mod fault;
+mod follow;
 mod health;
 mod inspect;
 mod labels;
@@ -24,6 +26,7 @@ mod look;
 mod mock_robot;
 mod outcome;
 mod output;
+mod part;
 mod person;
 mod pictures;
 mod plan;
@@ -68,6 +71,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| output::tell_line(line)),
         Command::Run(args) => run::run(args, common),
+        Command::Clear => clear::run(common),
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| output::tell_line(line)),
         Command::Teach(args) => teach::run(args, common),
