@@ -87,7 +87,7 @@ pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
 fn cause(event: &Event) -> Option<Reason> {
     let asked = |words: &str| Some(Reason::new("asked", words));
     match event {
-        Event::Asked(Request::Stop) => asked("a stop was asked for before the cycle's end"),
+        Event::Asked(Request::Stop) => Some(words::stopped()),
         Event::Asked(Request::Abort) => asked("an abort was asked for"),
         Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
         Event::Told(

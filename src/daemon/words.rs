@@ -136,6 +136,11 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
     Reason::new(code, message)
 }
 
+/// A cycle that was ended on request: no fault, and nobody has to clear anything.
+pub(super) fn stopped() -> Reason {
+    Reason::new("stopped", "stopped on request before the cycle's end; this is no fault")
+}
+
 /// Why the cycle stands in this state, where that is not plain, and the way out; and what may still run or move.
 pub fn why(state: &State) -> Vec<Reason> {
     let why = match state.at {

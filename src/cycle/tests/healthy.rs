@@ -12,6 +12,9 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 impl Cell {
     /// What is said next where nothing goes wrong; `None` would be a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
+        if self.condition_due {
+            return Some(Event::Told(Report::Robot(Robot::GuardOpen)));
+        }
         if let Some(due) = self.state.due {
             return Some(Event::Told(self.answer(due, random)));
         }
@@ -30,11 +33,11 @@ impl Cell {
 
     /// What is said next where a person clears, resets and starts, and nothing goes wrong any more.
     pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
-        if self.robot != Robot::Ready {
+        if self.robot != Robot::Ready && !self.condition_due {
             return Some(Event::Told(Report::Robot(Robot::Ready)));
         }
         Some(match self.state.at {
-            at if !at.rests() => return self.healthy(random),
+            at if !at.rests() || self.condition_due => return self.healthy(random),
             At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1 }),
             At::Aborted { .. } => Event::Asked(Request::Clear),
             At::Held(_) => Event::Asked(Request::Stop),
