@@ -62,7 +62,9 @@ fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
         if begun {
             return Ok(());
         }
-        let event = cell.recovering(random).ok_or_else(|| "a dead end".to_owned())?;
+        let works = matches!(cell.state.at, At::Execute(_) | At::Starting | At::Unholding { .. });
+        let stop = (works && asked[1] == 0 && !cell.condition_due).then_some(Event::Asked(Request::Stop));
+        let event = stop.or_else(|| cell.recovering(random)).ok_or_else(|| "a dead end".to_owned())?;
         asked[0] += usize::from(event == Event::Asked(Request::Clear));
         asked[1] += usize::from(matches!(event, Event::Asked(Request::Start { .. })));
         if asked[0] > 1 {
