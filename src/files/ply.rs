@@ -6,25 +6,23 @@
 
 mod header;
 
-use super::cloud_error::CloudFileError;
+use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use header::{Header, NAMES, Number, Place, Places};
 
 /// Reads an organised cloud; `camera` says its size where the file does not.
 ///
 /// # Errors
-/// Where the bytes are not an organised PLY file with colours, whole to its last point.
+/// Where the bytes are not an organised PLY file with colours, whole to its last point, or its size is not the camera's.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
-    read_ply_of(bytes, Some((camera.width_px, camera.height_px)))
+    read_ply_of(bytes, Some((camera.width_px, camera.height_px)), Some(camera))
 }
 
-/// The same; `size_px` is the picture's width and height where the file does not say them.
-///
-/// # Errors
-/// As [`read_ply`], and where neither says the size.
-pub fn read_ply_of(
+/// The same of any camera where none is named; `size_px` is the picture's width and height where the file does not say them.
+pub(super) fn read_ply_of(
     bytes: &[u8],
     size_px: Option<(usize, usize)>,
+    camera: Option<&PinholeCamera>,
 ) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = Header::parse(bytes)?;
     let known = size_px.map(|(width, height)| (width as u64, height as u64));
@@ -37,6 +35,7 @@ pub fn read_ply_of(
     }
     let places = header.places()?;
     let points = header.checked_points()?;
+    camera.map_or(Ok(()), |camera| check_cloud_size((width, height), camera))?;
     let (points_mm, colors) = match header.is_text {
         true => read_text(bytes, &header, points, &places)?,
         false => read_binary(bytes, &header, points, &places)?,

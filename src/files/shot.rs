@@ -1,6 +1,7 @@
 //! A 3D shot from a file of either form.
 
 use super::cloud_error::CloudFileError;
+use super::pcd::read_pcd_of;
 use super::ply::read_ply_of;
 use super::{read_pcd, read_ply};
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
@@ -11,9 +12,7 @@ use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 /// Where the bytes are not an organised cloud with colours, or its size is not the camera's.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
-    let cloud = if is_ply { read_ply(bytes, camera)? } else { read_pcd(bytes)? };
-    check_cloud_size(&cloud, camera)?;
-    Ok(cloud)
+    if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }
 }
 
 /// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
@@ -25,21 +24,7 @@ pub fn read_any_cloud(
     size_px: Option<(usize, usize)>,
 ) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
-    if is_ply { read_ply_of(bytes, size_px) } else { read_pcd(bytes) }
-}
-
-/// Refuses a cloud that is not from the calibrated camera.
-///
-/// # Errors
-/// Where width or height differ from the calibration's.
-pub fn check_cloud_size(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
-    let (width, height) = (cloud.width(), cloud.height());
-    match (width, height) == (camera.width_px, camera.height_px) {
-        true => Ok(()),
-        false => {
-            Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
-        }
-    }
+    if is_ply { read_ply_of(bytes, size_px, None) } else { read_pcd_of(bytes, None) }
 }
 
 #[cfg(test)]
