@@ -17,6 +17,7 @@ use crate::daemon::{
 };
 use crate::geometry::KukaPose;
 use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted, Who};
+use crate::requirements::Purpose;
 use crate::store::CycleStart;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
@@ -78,6 +79,7 @@ fn once(
     request: fn(&Assignment) -> Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    files.require(Purpose::Cycle)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
@@ -133,8 +135,8 @@ pub fn one(
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
-    if let Some(simulated) = &live.simulated {
-        simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+    if let Some(world) = &live.world {
+        world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
     let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
     let start = CycleStart { recording, ..assignment.start(calibrated) };

@@ -6,8 +6,8 @@ use rusqlite::{Connection, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications. 4: discs. 5: requests, contact paths, facts of a cycle.
-pub(super) const SCHEMA: i64 = 5;
+/// 3: verifications. 4: discs. 5: strikes of verifications. 6: requests, contact paths, facts of a cycle.
+pub(super) const SCHEMA: i64 = 6;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -60,6 +60,9 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
         transaction.execute_batch(discs::TABLES)?;
     }
     if found < 5 {
+        transaction.execute_batch(verifications::STRIKES)?;
+    }
+    if found < 6 {
         transaction.execute_batch(requests::TABLES)?;
         transaction.execute_batch(contacts::TABLES)?;
     }

@@ -138,9 +138,9 @@ fn end(motion: &MotionRecord) -> String {
     let is_counted = matches!(motion.motion.path, Path::Contact | Path::Air);
     match (motion.outcome.filter(|_| motion.end_is_known()), motion.executed()) {
         (Some(outcome), _) if is_counted => {
-            format!("{}, {} of {all} waypoints", format!("{outcome:?}").to_lowercase(), motion.done)
+            format!("{}, {} of {all} waypoints", outcome.word(), motion.done)
         }
-        (Some(outcome), _) => format!("{outcome:?}").to_lowercase(),
+        (Some(outcome), _) => outcome.word().to_owned(),
         (None, Some(Bounds { at_most: 0, .. })) => {
             "its end was not told; none of it was permitted to be sent".to_owned()
         }

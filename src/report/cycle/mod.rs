@@ -7,6 +7,7 @@ use crate::cell::Date;
 use crate::geometry::KukaPose;
 use crate::record::{Budget, Clock, CycleRecord, Finding, Kind, Limit, Number, name};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::{apart, fixed, plain};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -155,30 +156,43 @@ fn words(value: &Value) -> String {
 }
 
 fn row(number: &Number, times: Times) -> Row {
-    let with_unit = |value: f64| format!("{} {}", shown(value), number.unit).trim_end().to_owned();
+    let with_unit = |text: String| format!("{text} {}", number.unit).trim_end().to_owned();
     let beside = times.beside(number);
-    let value = match number.value {
+    let (sign, limit) = match number.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    let (mut value, mut allowed) = (number.value.map(shown), limit.map(shown));
+    let is_beyond = number.value.is_some_and(|value| !number.limit.allows(value));
+    if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, number.value, limit) {
+        let [found, limit] = apart(found, limit, decimals(limit));
+        (value, allowed) = (Some(found), Some(limit));
+    }
+    let value = match value {
         None => NOT_MEASURED.to_owned(),
-        Some(value) if number.limit.allows(value) => format!("{}{beside}", with_unit(value)),
-        Some(value) => format!("{}{beside}, not allowed", with_unit(value)),
+        Some(value) if is_beyond => format!("{}{beside}, not allowed", with_unit(value)),
+        Some(value) => format!("{}{beside}", with_unit(value)),
     };
-    let allowed = match number.limit {
-        Limit::Unlimited => String::new(),
-        Limit::AtMost(limit) => format!("≤ {}", with_unit(limit)),
-        Limit::AtLeast(limit) => format!("≥ {}", with_unit(limit)),
-        Limit::Below(limit) => format!("< {}", with_unit(limit)),
-    };
-    Row::new(&number.name, value, allowed)
+    Row::new(&number.name, value, allowed.map_or(String::new(), |limit| format!("{sign}{}", with_unit(limit))))
 }
 
 /// Four significant digits, or all before the point; the store has the rest.
 fn shown(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
-        return value.to_string();
+        return plain(value);
     }
-    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{value:.decimals$}");
+    let text = fixed(value, decimals(value)).to_string();
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Digits after the point that make four significant ones.
+fn decimals(value: f64) -> usize {
+    if value == 0.0 || !value.is_finite() {
+        return 0;
+    }
+    (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
 }
 
 fn budget(budget: Option<Budget>) -> Section {

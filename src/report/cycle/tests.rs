@@ -209,3 +209,15 @@ fn planned_and_executed_waypoints_agree() {
         assert!(html.contains(part), "no {part} in\n{html}");
     }
 }
+
+#[test]
+fn a_number_that_is_not_allowed_differs_from_its_limit() {
+    let shown = |value: f64, limit: Limit| {
+        let row = row(&Number::new("n", "%", value).within(limit), Times::Wall);
+        [row.value, row.allowed]
+    };
+    assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, not allowed", "≤ 8 %"]);
+    assert_eq!(shown(0.249_999, Limit::AtLeast(0.25)), ["0.249999 %, not allowed", "≥ 0.25 %"]);
+    assert_eq!(shown(8.2, Limit::AtMost(8.0)), ["8.2 %, not allowed", "≤ 8 %"]);
+    assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
+}

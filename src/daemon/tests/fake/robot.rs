@@ -147,6 +147,10 @@ impl Robot for FakeRobot {
             return Err(QueueError::NotConnected);
         }
         let done = CommandId(world.end_epoch());
+        // The end of an epoch shuts the water.
+        if world.outputs.insert(2, false) == Some(true) {
+            world.water_off_ms = world.time_ms;
+        }
         world.reports.push_back(Report::Standstill { done });
         Ok(())
     }
