@@ -37,8 +37,11 @@ pub enum Command {
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
-    #[command(after_help = "Example, with the pictures for `panelprep calibrate`:\n  \
-        panelprep render --seed 1 --boards --out target/cell")]
+    #[command(
+        after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
+        panelprep render --seed 1 --boards --out target/cell\n  \
+        panelprep render --seed 1 --place 2 --out target/cell2"
+    )]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(
@@ -60,9 +63,11 @@ pub enum Command {
         To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
-    /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
+    /// A stand-alone mock controller on the cell's ports, by the wall clock.
     #[command(after_help = format!(
-        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\n--fault SPEC:\n{}", FaultSpec::HELP
+        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
+        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
+        and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
@@ -71,10 +76,15 @@ pub enum Command {
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
+    /// After an abort of a cell without a service: says that the cause is gone. Asks the robot whether it stands, and proves
+    /// tool and water off. Beside a service it is `panelprep ctl clear`.
+    #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
+    Clear,
     /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
     #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
+        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait\n  \
         panelprep ctl state --cell target/cell/cell.toml --json")]
     Ctl(Ctl),
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
@@ -96,34 +106,33 @@ pub enum Command {
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
+    /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
+        panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
+    Look(Look),
     /// Find where the panel stands now, from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd --json")]
+        panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
+        --out target/cell/located.json")]
     Locate(Locate),
     /// Correct the place found by what a corner picture shows.
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
-        --corner target/cell/corner.png --flange target/cell/flange.json"
-    )]
+        --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
     Refine(Refine),
     /// Test a clip of the wet panel for broken film.
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --pictures target/cell/pictures\n\
         A labelled set, after `panelprep render --clips 6 --out target/cell` and the examples up to `locate`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
-        --located target/cell/located.json"
-    )]
+        --located target/cell/located.json")]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
-    /// weights and thresholds fit (thesis 4.2, 4.3).
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    /// From a clip, labelled or clean: how well channels and grids tell wet from dry, how even the light is, which breaks are
+    /// surely found, and what fits the recipe's method (thesis 4.2, 4.3).
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json --truth target/cell/truth"
-    )]
+        --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
@@ -209,6 +218,10 @@ pub struct Render {
     /// What stands in the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at: the same panel with the same grease, displaced otherwise by each number;
+    /// what it is taught by is the same for all of them.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
@@ -256,6 +269,9 @@ pub struct Simulation {
     /// What stands in the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
 }
 
 /// Options of `robot`.
@@ -368,7 +384,7 @@ pub enum OnOff {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
     /// What goes wrong, and when: see below.
@@ -416,6 +432,12 @@ pub enum CtlAsk {
         /// gigabyte at full size.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
+        /// The part that stands in the cell: kept with the cycle and shown on its page.
+        #[command(flatten)]
+        part: PartArguments,
+        /// Wait for the cycle's end, tell each change, and end with the cycle's exit code. A cycle that is held waits on.
+        #[arg(long)]
+        wait: bool,
     },
     /// Leave what is going on: no further waypoint, tool off, retract.
     Hold,
@@ -437,8 +459,24 @@ pub enum CtlAsk {
     Accept,
     /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
     NewDisc,
-    /// How the cell stands.
+    /// How the cell stands: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
+    /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
+    Watch,
+}
+
+/// Which part a cycle is about, as far as it is told.
+#[derive(Debug, Clone, Args)]
+pub struct PartArguments {
+    /// The part's serial number.
+    #[arg(long = "part", value_name = "SERIAL")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[arg(long, value_name = "WORK_ORDER")]
+    pub order: Option<String>,
+    /// Who operates the cell.
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
 }
 
 /// Options of `check`.
@@ -447,6 +485,21 @@ pub struct Check {
     /// The files.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// What a cell's file must be complete for.
+    #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
+    pub purpose: PurposeName,
+}
+
+/// What a cell's file must be complete for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum PurposeName {
+    /// Commands on files alone: what is there must be right, nothing must be there.
+    Files,
+    /// One function of the robot at a time.
+    Robot,
+    /// `cycle`, `air-run` and `run`.
+    #[default]
+    Cycle,
 }
 
 /// Options of `teach`.
@@ -464,9 +517,20 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt.
+    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+}
+
+/// Options of `look`.
+#[derive(Debug, Clone, Args)]
+pub struct Look {
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// Folder for the picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: PathBuf,
 }
 
 /// Options of `locate`.
@@ -478,6 +542,9 @@ pub struct Locate {
     /// The scan: organised PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
+    /// File for the place found, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Folder for a picture of the place found.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -498,6 +565,9 @@ pub struct Refine {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json", required = true)]
     pub flange: Vec<PathBuf>,
+    /// File for the corrected place, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Folder for pictures of the corner before and after.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -512,7 +582,8 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
@@ -533,7 +604,8 @@ pub struct Tune {
     /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end.

@@ -1,13 +1,16 @@
 //! `panelprep check`: are these configuration files right, and what do they say?
 
-use super::args::Check;
-use super::disk;
+use super::args::{Check, PurposeName};
 use super::fault::Fault;
 use super::outcome::Outcome;
+use super::{disk, load};
+use crate::cell::Cell;
 use crate::check::check_files;
-use crate::config::Problem;
+use crate::config::{Problem, line_of_key};
+use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
+use std::path::Path;
 
 /// Checks every file; all problems of all files are told, traps too. EthernetKRL files are checked against each other.
 ///
@@ -22,7 +25,9 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
         texts.push((file.display().to_string(), disk::read_text(file)?));
     }
     let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
-    for ((name, _), report) in named.iter().zip(check_files(&named)) {
+    for ((name, _), report) in named.iter().zip(check_files(&named, purpose(args.purpose))) {
+        let mut report = report;
+        report.warnings.extend(calibrations_that_are_not_there(name, report.kind));
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
@@ -43,6 +48,26 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     outcome.words = lines;
     outcome.put("files", json!(files));
     Ok(outcome)
+}
+
+fn purpose(name: PurposeName) -> Option<Purpose> {
+    match name {
+        PurposeName::Files => None,
+        PurposeName::Robot => Some(Purpose::Robot),
+        PurposeName::Cycle => Some(Purpose::Cycle),
+    }
+}
+
+/// A cell's file may be right before its calibrations are made; nothing that needs one can be done before.
+fn calibrations_that_are_not_there(name: &str, kind: Option<&str>) -> Vec<Problem> {
+    let text = disk::read_text(Path::new(name)).unwrap_or_default();
+    let cell = (kind == Some("cell")).then(|| Cell::check(name, &text).ok()).flatten();
+    let away = |(key, file): (&str, &Path)| {
+        let key = format!("calibration.{key}");
+        let message = format!("{} is not there; {}", file.display(), load::CALIBRATION_ADVICE);
+        (!file.exists()).then(|| Problem { line: line_of_key(&text, &key), key, message })
+    };
+    cell.iter().flat_map(|cell| cell.calibration().named()).filter_map(away).collect()
 }
 
 fn warning(warning: &Problem) -> String {

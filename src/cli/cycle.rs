@@ -12,10 +12,11 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
 use crate::daemon::{
-    Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
+    self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from,
 };
 use crate::geometry::KukaPose;
+use crate::requirements::Purpose;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -75,6 +76,7 @@ fn once(
     request: fn(&Assignment) -> Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    files.require(Purpose::Cycle)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
@@ -121,8 +123,8 @@ pub fn one(
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
-    if let Some(simulated) = &live.simulated {
-        simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+    if let Some(world) = &live.world {
+        world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
     let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
@@ -142,7 +144,7 @@ pub fn one(
     let ended = run_cycle_from((state, Begin::Boot), &job, ports);
     // What a cycle came to before it failed is worth most.
     let recorded = taping.finish();
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
     Ok(Ran {
         ended,
@@ -168,7 +170,7 @@ impl Ran {
         let mut outcome = Outcome::of(&judgement);
         outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
         if let Some((request, refusal)) = self.refused {
-            outcome.say(format!("refused: {request:?}, {refusal:?}"));
+            outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
         let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
         outcome

@@ -4,12 +4,14 @@ use super::Task;
 use super::replay::ToRecord;
 use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
-use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
+use crate::devices::world::Follower;
+use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::CycleStart;
+use crate::supervision::{ThreadFault, Watched};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
@@ -46,6 +48,13 @@ pub trait Robot {
     fn now(&self) -> Time;
     /// Whether time passes only in [`Robot::next`].
     fn is_lock_step(&self) -> bool;
+    /// Whether what drives it still works; without that nothing is ever told again.
+    ///
+    /// # Errors
+    /// Where its thread failed.
+    fn works(&self) -> Result<(), ThreadFault> {
+        Ok(())
+    }
 }
 
 /// The cameras. Each call exposes once, now.
@@ -223,6 +232,10 @@ pub trait Requests {
     }
     /// A cycle has its verdict.
     fn concluded(&mut self, _verdict: Verdict) {}
+    /// A film is under way: so many seconds of it were seen.
+    fn filmed(&mut self, _seconds: f64) {}
+    /// That a new disc was mounted is kept.
+    fn disc_mounted(&mut self) {}
     /// What was found last is not as it should be for these reasons, or for none.
     fn noted(&mut self, _reasons: &[Reason]) {}
 }
@@ -240,6 +253,8 @@ pub enum Ask {
     NewDisc,
     /// To leave; done where the state rests.
     Leave,
+    /// To stop the robot and end the program at once: a thread of it failed.
+    GiveUp(ThreadFault),
 }
 
 /// A cycle to begin.
@@ -256,18 +271,29 @@ pub struct Order {
 }
 
 /// A robot at the end of a link.
-#[derive(Debug)]
 pub struct LinkedRobot {
     link: BlockingLink,
     pace: Pace,
     started: Instant,
     virtual_now: Time,
+    follower: Option<Follower>,
 }
 
 impl LinkedRobot {
     /// The robot behind this link, which runs at this pace.
     pub fn new(link: BlockingLink, pace: Pace) -> Self {
-        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default() }
+        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default(), follower: None }
+    }
+
+    /// The same with a simulated world around it, which follows what the controller tells. A controller that is no mock is
+    /// reported as lost: nothing that is simulated may decide how a real arm moves.
+    pub fn followed(self, follower: Follower) -> Self {
+        LinkedRobot { follower: Some(follower), ..self }
+    }
+
+    /// The link's thread, for who supervises it.
+    pub fn watched(&self) -> Watched {
+        self.link.watched()
     }
 }
 
@@ -296,6 +322,15 @@ impl Robot for LinkedRobot {
         let report = self.link.next(PATIENCE);
         if let Some(Report::State(state) | Report::Connected { state }) = &report {
             self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+            if let Some(follower) = &self.follower {
+                if !Follower::may_follow(state) {
+                    let problem =
+                        "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
+                    let (channel, problem) = (Channel::State, problem.to_owned());
+                    return Some(Report::LinkLost { why: LinkLoss::System { channel, problem } });
+                }
+                follower.hear(state);
+            }
         }
         report
     }
@@ -309,5 +344,9 @@ impl Robot for LinkedRobot {
 
     fn is_lock_step(&self) -> bool {
         self.pace == Pace::LockStep
+    }
+
+    fn works(&self) -> Result<(), ThreadFault> {
+        self.link.watched().check()
     }
 }

@@ -10,6 +10,7 @@ use crate::path::reach::{Leg, Things, follow};
 use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge, judge_pad, judge_route, taught_axis};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::apart;
 use nalgebra::Vector3;
 use std::sync::Arc;
 
@@ -190,9 +191,11 @@ impl Standing<'_> {
         let by_model = by_model.ok_or_else(unknown)?;
         let (off_mm, off) = (by_model.origin().distance_mm(from.origin()), (by_model.inverse() * from).turn());
         if !(off_mm <= MODEL_MM && off.0 <= MODEL.0) {
+            let [mm, allowed_mm] = apart(off_mm, MODEL_MM, 1);
+            let [deg, allowed_deg] = apart(off.0, MODEL.0, 3);
             let message = format!(
-                "by its axes and [arm] the tip stands {off_mm:.1} mm and {off} from where the controller says, allowed \
-                 are {MODEL_MM} mm and {MODEL}; is the arm in the cell's file this one?"
+                "by its axes and [arm] the tip stands {mm} mm and {deg}° from where the controller says, allowed are \
+                 {allowed_mm} mm and {allowed_deg}°; is the arm in the cell's file this one?"
             );
             return Err(Reason::new("arm_model", message));
         }

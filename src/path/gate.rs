@@ -11,6 +11,7 @@ use super::waypoint_gate::{Route, WaypointLimits, judge_route};
 use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, fixed, percent_apart};
 use nalgebra::{Isometry3, Vector3};
 
 /// Largest turn of the tool from one waypoint to the next.
@@ -60,10 +61,13 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
     let allowed_mm = ERROR_OF_STROKE * stroke_mm;
     let message = match tool_error_mm {
         Some(error_mm) if error_mm <= allowed_mm => return Judgement::of(vec![], vec![]),
-        Some(error_mm) => format!(
-            "the error at the tool is {error_mm:.2} mm, a pad of {stroke_mm} mm stroke takes up {allowed_mm:.2}; a softer \
-             pad takes up more"
-        ),
+        Some(error_mm) => {
+            let [error, allowed] = apart(error_mm, allowed_mm, 2);
+            format!(
+                "the error at the tool is {error} mm, a pad of {stroke_mm} mm stroke takes up {allowed}; a softer pad takes up \
+                 more"
+            )
+        }
         None => {
             "a press-in needs the error at the tool: state [limits] tool_error_mm in the cell's file".to_owned()
         }
@@ -94,14 +98,15 @@ fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
                 + settings.press_in_mm()
         };
         if step_mm > limit_mm {
-            let message =
-                format!("grid {name}: {step_mm:.2} mm from waypoint {index} to the next, allowed {limit_mm:.2}");
+            let [step, limit] = apart(step_mm, limit_mm, 2);
+            let message = format!("grid {name}: {step} mm from waypoint {index} to the next, allowed {limit}");
             reasons.push(Reason::new("large_step", message));
         }
         if turn > MAX_TURN {
+            let [turn, limit] = apart(turn.0, MAX_TURN.0, 3);
             let message = format!(
-                "grid {name}: the tool turns by {turn} from waypoint {index} to the next, allowed {MAX_TURN}; set \
-                 a smaller waypoint_spacing_mm or another reference_axis"
+                "grid {name}: the tool turns by {turn}° from waypoint {index} to the next, allowed {limit}°; set a smaller \
+                 waypoint_spacing_mm or another reference_axis"
             );
             reasons.push(Reason::new("large_turn", message));
         }
@@ -116,41 +121,38 @@ fn turn_between(from: Rigid<Panel, Tool>, to: Rigid<Panel, Tool>) -> Degrees {
 fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
     let mut reasons = Vec::new();
     for grid in plan.grids.iter().filter(|grid| grid.share() < MIN_COVERAGE) {
+        let [reached, wanted] = percent_apart(grid.share(), MIN_COVERAGE, 2);
         let message = format!(
-            "grid {}: the disc reaches {:.2} %, wanted {:.1} %; a smaller step_over_mm reaches more, and so does a larger \
-             edge_overhang_mm beside the panel's outline",
-            grid.id,
-            100.0 * grid.share(),
-            100.0 * MIN_COVERAGE
+            "grid {}: the disc reaches {reached} %, wanted {wanted} %; a smaller step_over_mm reaches more, and so does a \
+             larger edge_overhang_mm beside the panel's outline",
+            grid.id
         );
         reasons.push(Reason::new("coverage", message));
     }
     let step_over_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
     if step_over_mm > settings.step_over_mm() {
+        let [found, allowed] = apart(step_over_mm, settings.step_over_mm(), 2);
         let message = format!(
-            "lines lie {step_over_mm:.2} mm apart, allowed is step_over_mm, {}; another pattern or feed_angle_deg lays \
-             them closer",
-            settings.step_over_mm()
+            "lines lie {found} mm apart, allowed is step_over_mm, {allowed}; another pattern or feed_angle_deg lays them closer"
         );
         reasons.push(Reason::new("step_over", message));
     }
     if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.max_dwell_ratio()) {
         let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
+        let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
         let message = format!(
-            "{place} the disc stays {ratio:.2} times longer at one place than at another (95 % to 5 % of the treated area), \
-             allowed is max_dwell_ratio, {}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
-             grids at a time make it more even",
-            settings.max_dwell_ratio()
+            "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the treated area), \
+             allowed is max_dwell_ratio, {allowed}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
+             grids at a time make it more even"
         );
         reasons.push(Reason::new("uneven", message));
     }
     if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
+        let [reach, allowed] = apart(plan.overhang.largest_mm, settings.edge_overhang_mm(), 1);
         let message = format!(
-            "the disc reaches {:.1} mm beyond the panel's outline, at {:.0} % of the waypoints more than \
-             edge_overhang_mm allows, {}; move the region inwards or take a smaller disc",
-            plan.overhang.largest_mm,
-            100.0 * plan.overhang.share_beyond,
-            settings.edge_overhang_mm()
+            "the disc reaches {reach} mm beyond the panel's outline, at {} % of the waypoints more than edge_overhang_mm \
+             allows, {allowed}; move the region inwards or take a smaller disc",
+            fixed(100.0 * plan.overhang.share_beyond, 0)
         );
         reasons.push(Reason::new("edge_overhang", message));
     }

@@ -6,29 +6,24 @@ use crate::cell::{Cell, RobotKind};
 use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
+use crate::cli::disk;
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, last_touch};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
+use crate::requirements::{Purpose, Unmet, unmet};
 use crate::store::{Store, StoreError, calibration_hash};
-use std::fs;
 use std::path::Path;
 
 /// The cell's file, which was read.
-pub(super) fn file(common: &Common, files: &CellFiles) -> Check {
+pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
-    match (files.cell.robot().kind(), files.cell.park(), files.cell.limits().workspace()) {
-        (RobotKind::Eki, None, _) => Check::wrong(
-            "cell file",
-            format!("{name} names no [poses] park"),
-            "every cycle begins there: teach it and write it down",
-        ),
-        (RobotKind::Eki, _, None) => Check::wrong(
-            "cell file",
-            format!("{name} states no box"),
-            "nothing moves in lines without [limits] box_min_mm and box_max_mm",
-        ),
-        _ => Check::right("cell file", name),
+    let unmet = unmet(&files.cell, Purpose::Cycle);
+    if unmet.is_empty() {
+        return vec![Check::right("cell file", name)];
     }
+    let advice = format!("change it in {name}; {} need it", Purpose::Cycle.commands());
+    let wrong = |Unmet { key, message }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
+    unmet.into_iter().map(wrong).collect()
 }
 
 /// The store: can it be read, and does it wait for a person?
@@ -55,6 +50,32 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
         Err(error) => Check::wrong("store", error.to_string(), "bring back the store's last copy"),
     };
     (check, Some(store))
+}
+
+/// Each taught panel: are its scan and its pictures still those that were taught, by their hashes?
+pub(super) fn taught(store: &Store) -> Vec<Check> {
+    let name = "taught panels";
+    let panels = match store.panels() {
+        Ok(panels) => panels,
+        Err(error) => return vec![Check::wrong(name, error.to_string(), "bring back the store's last copy")],
+    };
+    if panels.is_empty() {
+        return vec![Check::wrong(name, "none", "teach the panel: `panelprep teach`")];
+    }
+    let check = |panel: String| match store.taught(&panel, None) {
+        Ok(taught) => {
+            let corners = taught.teaching.corners.len();
+            let found =
+                format!("version {}, its scan and {corners} corner pictures as they were taught", taught.version);
+            Check::right(format!("taught panel {panel}"), found)
+        }
+        Err(error) => Check::wrong(
+            format!("taught panel {panel}"),
+            error.to_string(),
+            "a cycle would refuse it: teach it again, or bring back the store's last copy",
+        ),
+    };
+    panels.into_iter().map(check).collect()
 }
 
 /// Each calibration: is it there, and was it verified lately, as the store says?
@@ -143,7 +164,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
     let channels = [("CELLCMD.xml", CELLCMD, ports[0]), ("CELLSTAT.xml", CELLSTAT, ports[1])];
     let checks = channels.map(|(name, ours, port)| channel(folder, (name, ours), port)).to_vec();
-    let data = fs::read_to_string(folder.join("cell_data.dat")).unwrap_or_default();
+    let data = disk::read_text(&folder.join("cell_data.dat")).unwrap_or_default();
     let stated = data.split("CELL_PROGRAM_SUM=").nth(1).map(|rest| rest.lines().next().unwrap_or_default().trim());
     Programs { checks, sum: stated.and_then(|digits| digits.parse().ok()) }
 }
@@ -151,11 +172,11 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
 fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
     let (file, title) = (folder.join(name), format!("{KUKA}: {name}"));
     let copy = format!("copy {name} of this program's config/kuka to the controller and make it read its I/O anew");
-    let text = match fs::read_to_string(&file) {
+    let text = match disk::read_text(&file) {
         Ok(text) => text,
-        Err(error) => return Check::wrong(title, format!("{}: {error}", file.display()), copy),
+        Err(error) => return Check::wrong(title, error.to_string(), copy),
     };
-    let report = check_files(&[(name, &text)]).swap_remove(0);
+    let report = check_files(&[(name, &text)], None).swap_remove(0);
     if let [problem, ..] = report.problems.as_slice() {
         return Check::wrong(title, format!("line {}: {}: {}", problem.line, problem.key, problem.message), copy);
     }
