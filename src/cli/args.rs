@@ -143,6 +143,10 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
         panelprep page 1 --cell target/cell/cell.toml")]
     Page(PageOf),
+    /// Look after the store: is everything in it what was written?
+    #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
+        panelprep store verify --cell target/cell/cell.toml")]
+    Store(StoreCommand),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
@@ -150,6 +154,32 @@ pub enum Command {
         The recording is an MCAP file: Foxglove and Lichtblick open it."
     )]
     Replay(Replay),
+}
+
+/// Options of `store`.
+#[derive(Debug, Clone, Args)]
+pub struct StoreCommand {
+    /// What to do with it.
+    #[command(subcommand)]
+    pub what: StoreTask,
+}
+
+/// What may be done with a store.
+#[derive(Debug, Clone, Subcommand)]
+pub enum StoreTask {
+    /// Hold every row against the chain of hashes, the chain against its head outside of the database, and every file
+    /// against its hash: name what was changed, deleted, put in, reordered or rolled back.
+    #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store --rows-only\n\
+        Exit codes: 0 nothing was found, 1 something was found, 2 there is no store to read.")]
+    Verify(VerifyStore),
+}
+
+/// Options of `store verify`.
+#[derive(Debug, Clone, Args)]
+pub struct VerifyStore {
+    /// Leave out the files (scans, pictures), which takes most of the time.
+    #[arg(long)]
+    pub rows_only: bool,
 }
 
 /// Options of `replay`.

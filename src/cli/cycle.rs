@@ -10,7 +10,7 @@ use super::outcome::Outcome;
 use super::recording;
 use super::report::{self, Kept};
 use crate::cell::Cell;
-use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
+use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
 use crate::daemon::{
     self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from, whoever_runs_this,
@@ -100,7 +100,7 @@ fn once(
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    ran.kept.write(&page, ran.recorded.as_ref(), vec![])?;
+    ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
@@ -131,7 +131,6 @@ pub fn one(
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     store.recover().map_err(Fault::stage)?;
-    let journal = store.journal().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
@@ -142,7 +141,7 @@ pub fn one(
     let start = CycleStart { recording, ..assignment.start(calibrated) };
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
-    let state = fold(journal);
+    let state = store.state().map_err(Fault::stage)?;
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     if let Some(file) = record {
         let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;

@@ -70,7 +70,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     ran.kept.write_pictures(&pictures)?;
     let simulation = format!("Simulated cell, seed {}, scene {}", args.seed, scene.word());
     let score_section = score.iter().map(|score| score.section(&simulation));
-    ran.kept.write(&page, ran.recorded.as_ref(), score_section.collect())?;
+    ran.kept.write_with(&page, ran.recorded.as_ref(), score_section.collect())?;
 
     let mut outcome = ran.outcome(judgement);
     let wall_s = begun.elapsed().as_secs_f64();

@@ -17,7 +17,7 @@ pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let kept = Kept::read(&files.store()?, CycleId(args.cycle))?;
     let page = args.out.clone().unwrap_or_else(|| report::page_file(files.store_folder(), CycleId(args.cycle)));
-    kept.write(&page, report::recorded(files.store_folder(), &kept.record).as_ref(), vec![])?;
+    kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
     let found: Vec<Reason> = kept.missing().map(|words| Reason::new("picture_missing", words)).collect();
     let ok = found.is_empty();
     let verdict = if ok { Verdict::Pass } else { Verdict::Fail };

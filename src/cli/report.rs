@@ -2,14 +2,16 @@
 
 use super::disk;
 use super::fault::Fault;
+use super::kept;
 use super::load::CellFiles;
 use super::part;
 use super::recording;
+use crate::cell::Keep;
 use crate::daemon::{self, Recorded};
 use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::page::{Page, Section};
 use crate::report::{cycle_page, utc};
-use crate::store::Store;
+use crate::store::{Pruned, Store};
 use crate::tape;
 use std::collections::BTreeMap;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -20,6 +22,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 pub struct Kept {
     /// The record.
     pub record: CycleRecord,
+    /// What was removed of it.
+    pub pruned: Option<Pruned>,
     pictures: BTreeMap<String, Vec<u8>>,
     /// What is told of the part, where it was named.
     part: Option<Section>,
@@ -35,19 +39,29 @@ impl Kept {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
+        // A store of an earlier program has removed nothing.
+        let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
-        Ok(Kept { record, pictures, part })
+        Ok(Kept { record, pruned, pictures, part })
+    }
+
+    /// Writes the page into its store: with what came of its recording, and how long clips and scans are kept.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub fn write(&self, keep: &Keep, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
+        self.write_with(file, recorded, kept::section(keep, &self.record, self.pruned).into_iter().collect())
     }
 
     /// Writes the page, with `more` and what came of its recording at its end.
     ///
     /// # Errors
     /// Where the disk refuses.
-    pub fn write(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
+    pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
         let recorded = recorded.map(recording::section);
         let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
-        disk::write(file, Page { sections, made: made(), ..page }.html())
+        disk::write_through(file, Page { sections, made: made(), ..page }.html())
     }
 
     /// What the page shows and the store no longer has, or not whole.
@@ -128,7 +142,7 @@ pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fa
         if !is_whole(&page) {
             let kept = Kept::read(&store, cycle);
             let recorded = |kept: &Kept| recorded(files.store_folder(), &kept.record);
-            let written = kept.and_then(|kept| kept.write(&page, recorded(&kept).as_ref(), vec![]));
+            let written = kept.and_then(|kept| kept.write(files.cell.keep(), &page, recorded(&kept).as_ref()));
             made(cycle, written.map(|()| page));
         }
     }

@@ -45,6 +45,7 @@ mod sight;
 mod single;
 mod socket;
 mod trace;
+mod waiting;
 mod who;
 mod wiring;
 mod words;
@@ -70,6 +71,7 @@ pub use replay::{
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError, Started};
+pub use waiting::wait_for;
 pub use who::whoever_runs_this;
 pub use wiring::Wiring;
 pub use words::{refusal, request_word, why};

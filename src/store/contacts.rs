@@ -2,7 +2,7 @@
 //! sent, committed before they are. What was abraded, or may have been, follows from that after any end.
 
 use super::error::StoreError;
-use super::{Store, now};
+use super::{Store, unix_ms};
 use crate::cycle::{Event, Id, Motion, Report};
 use crate::record::{
     Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, PASSES_USED, RecordingFile,
@@ -50,19 +50,17 @@ impl Store {
         (path, permitted): (&ContactPath, u32),
     ) -> Result<(), StoreError> {
         self.writable()?;
-        let (motion, path, unix_ms) = (self.text(motion)?, self.text(path)?, now()?.as_millis() as i64);
-        let written = || -> Result<(), rusqlite::Error> {
-            let all = self.connection.unchecked_transaction()?;
-            all.execute(
-                "INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)",
-                params![cycle.map(|id| id.0), motion],
-            )?;
-            let id = all.last_insert_rowid();
-            all.execute("INSERT INTO contacts (motion_id, path) VALUES (?1, ?2)", params![id, path])?;
-            all.execute(PERMIT, params![id, unix_ms, permitted])?;
-            all.commit()
-        };
-        written().map_err(|error| self.failed("write a motion to", &error))
+        let (motion, path, unix_ms) = (self.text(motion)?, self.text(path)?, unix_ms(self.clock()));
+        self.commit("write a motion to", |writing| {
+            let cycle = cycle.map(|id| id.0);
+            writing.execute("INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)", params![cycle, motion])?;
+            let id = writing.last_insert_rowid();
+            writing.chain("motions", id)?;
+            writing.execute("INSERT INTO contacts (motion_id, path) VALUES (?1, ?2)", params![id, path])?;
+            writing.chain("contacts", writing.last_insert_rowid())?;
+            writing.execute(PERMIT, params![id, unix_ms, permitted])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
     }
 
     /// Commits that so many waypoints of the open motion may be sent.
@@ -79,10 +77,11 @@ impl Store {
         let Some(open) = open else {
             return Err(StoreError::MotionNotOpen { motion: "motion to permit waypoints of".to_owned() });
         };
-        self.connection
-            .execute(PERMIT, params![open, now()?.as_millis() as i64, waypoints])
-            .map_err(|error| self.failed("write a motion to", &error))?;
-        Ok(())
+        let unix_ms = unix_ms(self.clock());
+        self.commit("write a motion to", |writing| {
+            writing.execute(PERMIT, params![open, unix_ms, waypoints])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
     }
 
     /// What is kept of the contact path of the motion in this row.
@@ -172,13 +171,11 @@ impl Store {
     fn keep_fact(&mut self, id: CycleId, name: &str, fact: &impl Serialize) -> Result<(), StoreError> {
         self.writable()?;
         let fact = self.text(fact)?;
-        self.connection
-            .execute(
-                "INSERT INTO cycle_facts (cycle_id, name, fact) VALUES (?1, ?2, ?3)",
-                params![id.0, name, fact],
-            )
-            .map_err(|error| self.failed("write a cycle to", &error))?;
-        Ok(())
+        self.commit("write a cycle to", |writing| {
+            let sql = "INSERT INTO cycle_facts (cycle_id, name, fact) VALUES (?1, ?2, ?3)";
+            writing.execute(sql, params![id.0, name, fact])?;
+            writing.chain("cycle_facts", writing.last_insert_rowid())
+        })
     }
 
     fn facts(&self, id: CycleId, name: &str) -> Result<Vec<String>, StoreError> {

@@ -4,7 +4,7 @@
 //! the journal alone has it: who asked and what came of it was then not recorded, and the record says so.
 
 use super::error::StoreError;
-use super::{Store, now};
+use super::{Store, unix_ms};
 use crate::cycle::Event;
 use crate::record::{Asked, CycleId, Wanted};
 use rusqlite::params;
@@ -33,15 +33,15 @@ impl Store {
         journal: Option<u64>,
     ) -> Result<(), StoreError> {
         self.writable()?;
-        let unix_ms = now()?.as_millis() as i64;
+        let unix_ms = unix_ms(self.clock());
         let text = self.text(&Asked { unix_ms, ..asked.clone() })?;
-        self.connection
-            .execute(
+        self.commit("write a request to", |writing| {
+            writing.execute(
                 "INSERT INTO requests (cycle_id, journal_sequence, unix_ms, request) VALUES (?1, ?2, ?3, ?4)",
                 params![cycle.map(|id| id.0), journal.map(|sequence| sequence as i64), unix_ms, text],
-            )
-            .map_err(|error| self.failed("write a request to", &error))?;
-        Ok(())
+            )?;
+            writing.chain("requests", writing.last_insert_rowid())
+        })
     }
 
     /// What was asked in a cycle, in order; of lines of the journal that have no row, what they say.
