@@ -16,6 +16,7 @@ use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
 use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
+use std::collections::BTreeMap;
 
 pub use text::{NotText, decode};
 
@@ -164,6 +165,16 @@ fn say_gige(gige: &Gige, device: &str) -> String {
     }
 }
 
+/// What the controller switches off by itself, and when.
+fn say_off(after_s: &BTreeMap<String, u16>) -> String {
+    let say = |(name, after_s): (&String, &u16)| match after_s {
+        0 => format!("{name} at once"),
+        _ => format!("{name} after {after_s} s"),
+    };
+    let words: Vec<String> = after_s.iter().map(say).collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+}
+
 fn say_camera<Device>(camera: &Camera<Device>, device: impl Fn(&Device) -> String) -> String {
     match camera {
         Camera::Simulated => "simulated".to_owned(),
@@ -206,6 +217,7 @@ fn say_cell(cell: &Cell) -> Vec<String> {
         ),
         format!("poses: {}", named(cell.poses().keys().map(String::as_str).collect())),
         format!("outputs: {}", named(cell.io().outputs().keys().map(String::as_str).collect())),
+        format!("off after the end of an epoch: {}", say_off(cell.io().off_after_s())),
         format!("feedbacks: {}", named(cell.io().feedbacks().keys().map(String::as_str).collect())),
         format!("calibration files named: {}", named(calibrations)),
         format!("limits: {box_of_waypoints}"),
@@ -348,6 +360,7 @@ mod tests {
                 "robot: KUKA controller at krc, commands on port 54600, state on port 54601",
                 "poses: none",
                 "outputs: none",
+                "off after the end of an epoch: none",
                 "feedbacks: none",
                 "calibration files named: none",
                 "limits: the tool stays in [0.0, 0.0, 0.0] … [1.0, 2.0, 3.0] mm",

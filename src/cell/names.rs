@@ -1,4 +1,4 @@
-//! `[poses]` and `[io]`: what the user gives names to.
+//! `[poses]` and `[io]`: what the user gives names to, and what goes off by itself.
 
 use crate::config::Section;
 use crate::geometry::Joints;
@@ -101,10 +101,12 @@ impl Feedback {
     }
 }
 
-/// `[io.outputs]`, `[io.feedbacks]` and `[io.mapped_inputs]`: names for the controller's digital outputs and inputs.
+/// `[io.outputs]`, `[io.off_after_s]`, `[io.feedbacks]` and `[io.mapped_inputs]`: names for the controller's digital
+/// outputs and inputs, and which outputs its program switches off when an epoch ends.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct InputsOutputs {
     outputs: BTreeMap<String, u16>,
+    off_after_s: BTreeMap<String, u16>,
     feedbacks: BTreeMap<String, u16>,
     mapped_inputs: BTreeMap<String, u16>,
 }
@@ -123,6 +125,19 @@ impl InputsOutputs {
     /// Numbers that `set_digin` may name: the controller maps each to a flag, since `$IN[n]` itself cannot be written.
     pub fn mapped_inputs(&self) -> &BTreeMap<String, u16> {
         &self.mapped_inputs
+    }
+
+    /// The outputs that the controller switches off by itself when an epoch ends, and how long after it, s; tool and
+    /// water at once. What is not in it stays as it is, as the lens shutter does.
+    pub fn off_after_s(&self) -> &BTreeMap<String, u16> {
+        &self.off_after_s
+    }
+
+    /// The bits of the state message's `Out` that are tool and water: what goes off at once.
+    pub fn harmful_bits(&self) -> u32 {
+        let at_once = self.off_after_s.iter().filter(|(_, after_s)| **after_s == 0);
+        let bits = at_once.filter_map(|(name, _)| bit(&self.outputs, *self.outputs.get(name)?));
+        bits.fold(0, |bits, bit| bits | 1u32.checked_shl(bit).unwrap_or(0))
     }
 
     /// The number of an output that the process uses.
@@ -163,16 +178,28 @@ fn signals(names: &BTreeMap<String, u16>, bits: u32) -> Vec<(&str, bool)> {
 
 /// The state message carries the mapped inputs as the bits of one INT (`eki.md` 9).
 const MOST_FEEDBACKS: usize = 31;
+/// Outputs that do harm while nobody looks after them: the tool, and all that lets water run.
+const OFF_AT_ONCE: [&str; 3] = ["rinse", "spray", "tool"];
+/// An output that is left on for longer is left on, s.
+const LONGEST_OFF_S: u16 = 600;
 /// As many as the controller's list of mapped inputs has places.
 const MOST_MAPPED: usize = 8;
 
 pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
     let (outputs, feedbacks) = (section.section("outputs"), section.section("feedbacks"));
     let mapped = section.section("mapped_inputs");
+    let off_after = section.section("off_after_s");
     section.done();
     let (outputs, feedbacks_taken, mapped_taken) =
         (take_numbers(&outputs), take_numbers(&feedbacks), take_numbers(&mapped));
-    let io = InputsOutputs { outputs: outputs?, feedbacks: feedbacks_taken?, mapped_inputs: mapped_taken? };
+    let outputs = outputs?;
+    let off_after_s = take_off_after(&off_after, &outputs);
+    let io = InputsOutputs {
+        outputs,
+        off_after_s: off_after_s?,
+        feedbacks: feedbacks_taken?,
+        mapped_inputs: mapped_taken?,
+    };
     let constant: Vec<_> = io.feedbacks.iter().filter(|(_, number)| [1025, 1026].contains(*number)).collect();
     for (name, number) in &constant {
         feedbacks.problem(name, format!("found {number}; $IN[1025] is always true and $IN[1026] always false"));
@@ -193,6 +220,32 @@ pub(super) fn take_io(section: &Section<'_, '_>) -> Option<InputsOutputs> {
         }
     }
     right.then_some(io)
+}
+
+/// `[io.off_after_s]`: what the controller's program switches off after the end of an epoch.
+fn take_off_after(section: &Section<'_, '_>, outputs: &BTreeMap<String, u16>) -> Option<BTreeMap<String, u16>> {
+    let stated = section.take_named::<u16>(&(0..=LONGEST_OFF_S));
+    let mut right = true;
+    for (name, after_s) in &stated {
+        let wrong = if !outputs.contains_key(name) {
+            let names = outputs.keys().map(String::as_str).collect::<Vec<_>>().join(", ");
+            format!("is no output of [io.outputs]; allowed are {names}")
+        } else if name == Output::LensShutter.name() {
+            "keeps drops off the cameras and stays as it is; take it out".to_owned()
+        } else if OFF_AT_ONCE.contains(&name.as_str()) && *after_s > 0 {
+            format!("found {after_s}; tool and water go off at once, 0")
+        } else {
+            continue;
+        };
+        section.problem(name, wrong);
+        right = false;
+    }
+    let at_once = OFF_AT_ONCE.map(|name| (name, 0));
+    let usual = at_once.into_iter().chain([(Output::Extraction.name(), 30), (Output::Light.name(), 60)]);
+    let mut all: BTreeMap<String, u16> =
+        usual.filter(|(name, _)| outputs.contains_key(*name)).map(|(name, s)| (name.to_owned(), s)).collect();
+    all.extend(stated);
+    right.then_some(all)
 }
 
 fn take_numbers(section: &Section<'_, '_>) -> Option<BTreeMap<String, u16>> {

@@ -163,10 +163,26 @@ fn each_mistake_is_named() {
             "[io.feedbacks]\nflow = 1026",
             "2: io.feedbacks.flow: found 1026; $IN[1025] is always true and $IN[1026] always false",
         ),
-        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs"),
+        ("[io]\ntool = 3", "2: io.tool: unknown key; known here: outputs, feedbacks, mapped_inputs, off_after_s"),
         (
             "[io]\nfeedbacks = { flow = 4 }\nmapped_inputs = { start = 33, flow = 4 }",
             "3: io.mapped_inputs.flow: found 4, which is a feedback's; a feedback is read and never set",
+        ),
+        (
+            "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { lamp = 5 }",
+            "3: io.off_after_s.lamp: is no output of [io.outputs]; allowed are light, tool",
+        ),
+        (
+            "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { tool = 5 }",
+            "3: io.off_after_s.tool: found 5; tool and water go off at once, 0",
+        ),
+        (
+            "[io]\noutputs = { tool = 1, light = 2 }\noff_after_s = { light = 601 }",
+            "3: io.off_after_s.light: found 601, allowed is a whole number from 0 to 600",
+        ),
+        (
+            "[io]\noutputs = { lens_shutter = 1 }\noff_after_s = { lens_shutter = 5 }",
+            "3: io.off_after_s.lens_shutter: keeps drops off the cameras and stays as it is; take it out",
         ),
         (
             "[limits]\nheartbeat_s = 0.1",
@@ -295,6 +311,20 @@ fn signals_are_the_bits_in_the_order_of_their_numbers() {
     let cell = Cell::check("cell.toml", "[io.outputs]\nlight = 9\ntool = 3\nspray = 5\n").expect("good");
     let found = cell.io().outputs_in(0b101);
     assert_eq!(found, [("light", true), ("spray", false), ("tool", true)], "3 is bit 0, 5 bit 1, 9 bit 2");
+}
+
+/// Tool and all water at once, extraction and light after their usual time or the one that is stated; the shutter and
+/// whatever else the user has stay as they are.
+#[test]
+fn what_goes_off_by_itself_has_its_time() {
+    let outputs = "outputs = { light = 9, tool = 3, spray = 5, rinse = 6, extraction = 4, lens_shutter = 7, horn = 8, fan = 2 }";
+    let text = format!("[io]\n{outputs}\noff_after_s = {{ light = 20, fan = 3 }}");
+    let cell = Cell::check("cell.toml", &text).unwrap_or_else(|problems| panic!("{problems}"));
+    let after: Vec<(&str, u16)> =
+        cell.io().off_after_s().iter().map(|(name, after_s)| (name.as_str(), *after_s)).collect();
+    assert_eq!(after, [("extraction", 30), ("fan", 3), ("light", 20), ("rinse", 0), ("spray", 0), ("tool", 0)]);
+    // Numbers 2 3 4 5 6 7 8 9 are bits 0 to 7: the tool is bit 1, the spray bit 3, the rinse bit 4.
+    assert_eq!(cell.io().harmful_bits(), 0b11010);
 }
 
 proptest! {

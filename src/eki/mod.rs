@@ -37,7 +37,7 @@ pub use schema::{DecodeError, SchemaError};
 pub use session::{LinkLimits, Pace, QueueError, Session};
 pub use state::{Mode, State};
 pub use time::Time;
-pub use wire::{CommandId, Epoch, Wire};
+pub use wire::{CommandId, EPOCH_STEP, Epoch, Wire};
 
 /// The command channel's file as it is loaded on the controller.
 pub const CELLCMD: &str = include_str!("../../config/kuka/CELLCMD.xml");

@@ -260,6 +260,45 @@ pub enum LinkLoss {
         /// How long, ms.
         waited_ms: u64,
     },
+    /// An epoch that no controller can have reached from the one that was known.
+    #[error(
+        "the {channel} tells of epoch {found}; known was {known}, and a controller never goes back, nor on by more than \
+         {step}: such a message is not believed"
+    )]
+    EpochJump {
+        /// Which connection.
+        channel: Channel,
+        /// The epoch that it tells of.
+        found: Epoch,
+        /// The highest that was known.
+        known: Epoch,
+        /// How much higher it may be.
+        step: u32,
+    },
+    /// A controller that has hardly any epochs left.
+    #[error(
+        "the controller counts epoch {found}, which is above {most}: its count was damaged; deselect all programs there, \
+         set CELL_EP to 0 and start the controller cold"
+    )]
+    EpochTooHigh {
+        /// Its epoch.
+        found: Epoch,
+        /// The highest that is believed.
+        most: u32,
+    },
+    /// An abort that the controller did not answer. Without a client it stops by itself.
+    #[error(
+        "the controller has not answered an abort within {waited_ms} ms: the connections are closed, which stops it too"
+    )]
+    AbortNotAnswered {
+        /// How long was waited, ms.
+        waited_ms: u64,
+    },
+    /// An abort that was answered and not obeyed. Without a client the controller stops by itself.
+    #[error(
+        "the controller has answered an abort and has not stopped: the connections are closed, which stops it too"
+    )]
+    AbortNotObeyed,
     /// As many requests as 32 bits count; a new connection counts anew.
     #[error("{most} requests were sent on this connection, which is all that can be counted")]
     RequestsExhausted {

@@ -4,7 +4,7 @@ use super::each;
 use super::krl::{data, files, folder};
 use panelprep::cell::Cell;
 use panelprep::devices::mock::{Arm, Refusal};
-use panelprep::eki::{CELLCMD, CELLSTAT, ChannelFile, Element, Kind, LinkLimits};
+use panelprep::eki::{CELLCMD, CELLSTAT, ChannelFile, EPOCH_STEP, Element, Kind, LinkLimits};
 use std::collections::{BTreeMap, BTreeSet};
 
 fn page() -> String {
@@ -92,7 +92,7 @@ fn flags_and_timers_agree_everywhere() {
     let page = page();
     let named: Vec<&String> =
         data.keys().filter(|name| name.starts_with("CELL_F_") || name.starts_with("CELL_T_")).collect();
-    assert_eq!(named.len(), 11);
+    assert_eq!(named.len(), 12);
     for name in &named {
         let kind = if name.starts_with("CELL_F_") { "$FLAG" } else { "$TIMER" };
         let row = format!("| `{kind}` | {} | `{name}` |", data[*name]);
@@ -101,7 +101,7 @@ fn flags_and_timers_agree_everywhere() {
     let numbers: BTreeSet<&String> = named.iter().map(|name| &data[*name]).collect();
     assert_eq!(numbers.len(), named.len(), "each number once");
     // CELL_INIT starts them in one loop.
-    let timers = ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT"];
+    let timers = ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF"];
     let timers = timers.map(|name| number(&data, name));
     assert!(timers.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "the timers follow one another");
     // Elsewhere they are used by their names.
@@ -158,6 +158,8 @@ fn the_numbers_are_those_of_client_and_mock() {
         ("CELL_ACK_MS", "ACK_EVERY_MS", 1.0),
         ("CELL_CYCLE_MS", "TICK_MS", 1.0),
         ("CELL_SILENT_MS", "SILENCE_MS", 1.0),
+        ("CELL_EPOCH_STEP", "EPOCH_STEP", 1.0),
+        ("CELL_OFF_AGAIN_MS", "OFF_AGAIN_MS", 1.0),
         ("CELL_RETRACT_MM", "RETRACT_MM", 1.0),
         ("CELL_RETRACT_VEL", "RETRACT_MM_S", 1000.0),
         ("CELL_RETRACT_ACC", "RETRACT_MM_S2", 1000.0),
@@ -165,6 +167,7 @@ fn the_numbers_are_those_of_client_and_mock() {
         assert_eq!(of(ours) * unit, mock_constant(mocks), "{ours} and the mock's {mocks}");
     }
     assert_eq!(data["CELL_RING_N"], "100");
+    assert_eq!(of("CELL_EPOCH_STEP"), f64::from(EPOCH_STEP), "of the client");
     assert!(files().iter().any(|file| file.text.contains("CELL_RING[100]")), "the array is as long");
     let arm = Arm::kr6_r700_2();
     for (axis, [low, high]) in arm.limits_deg.into_iter().enumerate() {
@@ -223,7 +226,29 @@ fn the_mapped_signals_are_those_of_the_example_cell() {
             assert_eq!(number(&data, &format!("{array}[{}]", index + 1)), f64::from(expected));
         }
     }
-    assert_eq!(number(&data, "CELL_TOOL_OUT"), f64::from(cell.io().outputs()["tool"]));
+    // What the controller switches off by itself: all but the lens shutter, by the numbers and times of the example.
+    let after_ms: BTreeMap<u16, f64> = cell
+        .io()
+        .off_after_s()
+        .iter()
+        .map(|(name, s)| (cell.io().outputs()[name], 1_000.0 * f64::from(*s)))
+        .collect();
+    assert_eq!(number(&data, "CELL_OFF_N"), after_ms.len() as f64);
+    for (index, (output, ms)) in after_ms.iter().enumerate() {
+        assert_eq!(number(&data, &format!("CELL_OFF[{}]", index + 1)), f64::from(*output));
+        assert_eq!(number(&data, &format!("CELL_OFF_MS[{}]", index + 1)), *ms);
+    }
+    let left_on: Vec<&String> = cell
+        .io()
+        .outputs()
+        .iter()
+        .filter(|(_, number)| !after_ms.contains_key(number))
+        .map(|(name, _)| name)
+        .collect();
+    assert_eq!(left_on, ["lens_shutter"]);
+    for name in ["tool", "spray"] {
+        assert_eq!(after_ms[&cell.io().outputs()[name]], 0.0, "{name} goes off at once");
+    }
 }
 
 /// Sum times 31 plus the byte, modulo 1000003, over the programs that nobody edits.

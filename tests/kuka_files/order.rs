@@ -35,7 +35,18 @@ fn in_order(routine: &Routine, codes: &[&str]) {
 fn the_order_that_a_stop_stands_on_is_kept() {
     let files = files();
     let routines = routines(&files);
-    in_order(routines["CELL_STOP"], &["CELL_OPEN=FALSE", "$OUT[CELL_TOOL_OUT]=FALSE", "$FLAG[CELL_F_HALT]=TRUE"]);
+    in_order(
+        routines["CELL_STOP"],
+        &[
+            "WAS_OPEN=CELL_OPEN",
+            "CELL_OPEN=FALSE",
+            "CELL_OFF_NOW(FALSE)",
+            "IF WAS_OPEN",
+            "$TIMER[CELL_T_OFF]=0",
+            "CELL_OFF_DUE[I]=TRUE",
+            "$FLAG[CELL_F_HALT]=TRUE",
+        ],
+    );
     in_order(routines["CELL_RESET"], &["CELL_OPEN=FALSE", "CELL_BEGIN", "CELL_STOPPED=FALSE", "CELL_OPEN=TRUE"]);
     in_order(routines["CELL_BEGIN"], &["CELL_RX=0", "CELL_EP=NUMBER"]);
     in_order(routines["CELL_TAKE"], &["CELL_RING[SLOT]=CMD", "CELL_RX=CMD.ID"]);
@@ -61,7 +72,13 @@ fn the_order_that_a_stop_stands_on_is_kept() {
     for isr in ["CELL_ISR_STOP", "CELL_ISR_HALT"] {
         in_order(
             routines[isr],
-            &["$OUT[CELL_TOOL_OUT]=FALSE", "CELL_DEAD_EP=CELL_RUN_EP", "BRAKE", "IF CELL_BELOW", "RESUME"],
+            &[
+                "CELL_OFF_NOW($TIMER_FLAG[CELL_T_SUBMIT])",
+                "CELL_DEAD_EP=CELL_RUN_EP",
+                "BRAKE",
+                "IF CELL_BELOW",
+                "RESUME",
+            ],
         );
         assert_eq!(routines[isr].body.last().expect("some").code, "ENDIF", "nothing follows RESUME");
     }
@@ -111,8 +128,30 @@ fn the_rules_that_the_mock_shares_are_written_as_it_keeps_them() {
         "CELL_PROGRAM",
         &["IF CELL_NO_PROGRAM( ) THEN", "IF CELL_OPEN AND (CELL_READY OR CELL_BUSY( )) THEN", "CELL_STOP(FALSE)"],
     );
-    // A tool that runs is watched like a motion.
-    has("CELL_WATCH", &["IF (CELL_BUSY( ) OR CELL_TOOL_ON( )) AND ($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS) THEN"]);
+    // A tool that runs, or water, is watched like a motion.
+    has("CELL_WATCH", &["IF (CELL_BUSY( ) OR CELL_AT_STAKE( )) AND ($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS) THEN"]);
+    has("CELL_AT_STAKE", &["IF (CELL_OFF_MS[I]==0) AND $OUT[CELL_OFF[I]] THEN", "RETURN TRUE"]);
+    // Outputs go off after an epoch's end, each by its own time, and stay off for a second; never in an open epoch.
+    has("CELL_OFF_NOW", &["IF ALL OR (CELL_OFF_MS[I]==0) THEN", "$OUT[CELL_OFF[I]]=FALSE"]);
+    assert_eq!(body("CELL_OUTPUTS")[2..5], ["IF CELL_OPEN THEN", "RETURN", "ENDIF"]);
+    has(
+        "CELL_OUTPUTS",
+        &[
+            "SINCE=$TIMER[CELL_T_OFF]",
+            "FOR I=1 TO CELL_OFF_N",
+            "IF CELL_OFF_DUE[I] AND (SINCE>=CELL_OFF_MS[I]) THEN",
+            "$OUT[CELL_OFF[I]]=FALSE",
+            "CELL_OFF_DUE[I]=(SINCE<(CELL_OFF_MS[I]+CELL_OFF_AGAIN_MS))",
+        ],
+    );
+    has("CELL_MOTION", &["IF $TIMER_FLAG[CELL_T_SUBMIT] THEN", "CELL_OFF_NOW(TRUE)"]);
+    // No request raises the epoch by more than a step; an abort stops in any case.
+    has(
+        "CELL_FOLLOWS",
+        &["IF NUMBER<=CELL_EP THEN", "RETURN FALSE", "ENDIF", "RETURN ((NUMBER-CELL_EP)<=CELL_EPOCH_STEP)"],
+    );
+    has("CELL_ABORT", &["CELL_STOP(FALSE)", "IF CELL_FOLLOWS(NUMBER) THEN", "CELL_BEGIN(NUMBER)"]);
+    has("CELL_RESET", &["DECL INT NUMBER", "IF CELL_FOLLOWS(NUMBER) THEN"]);
     // A stop of a program that is paused, or that must stand at once, resets it.
     has("CELL_STOP", &["IF AT_ONCE OR ($PRO_STATE1==#P_STOP) THEN", "CELL_RESET_DUE=TRUE"]);
     // Outputs that nobody listed are refused; inputs only where they are mapped.

@@ -7,7 +7,7 @@
 //!   (what waits), `wire` (what the numbers mean)
 //! - the arm: `kinematics`, `ramp`, `corner` and `legs` (speed and shape of a path), `mover` (the main run)
 //! - the programs: `model` (one tick), `channels` (who is connected), `submit` (intake, watchdog, stop), `epoch`,
-//!   `program` (advance run), `contact` (retract), `answer` (what is told)
+//!   `program` (advance run), `contact` (retract), `outputs` (what goes off by itself), `answer` (what is told)
 //! - the programs themselves instead: `interpreted` executes the files that ship
 //! - around it: `setup`, `safety` (people, keys, the program's start), `world` (inputs and outputs), `fault` (what goes
 //!   wrong, and when), `log` and `view` (what happened, what is), `server` (TCP) with `late` (slow ways)
@@ -33,6 +33,7 @@ mod log;
 mod memory;
 mod model;
 mod mover;
+mod outputs;
 mod program;
 mod ramp;
 mod safety;

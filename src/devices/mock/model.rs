@@ -20,7 +20,7 @@ use super::safety::Safety;
 use super::setup::{Clock, Setup};
 use super::wire::{CommandPlaces, RequestPlaces};
 use super::world::World;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// One interpolation and submit cycle.
 pub(super) const TICK_MS: u64 = 12;
@@ -48,6 +48,9 @@ pub struct Controller {
     pub(super) epoch: Epoch,
     /// Stopped by the program; only a new epoch goes on.
     pub(super) stopped: bool,
+    /// When the last epoch ended, and which outputs are still to go off after it.
+    pub(super) ended_ms: u64,
+    pub(super) off_due: BTreeSet<u16>,
     pub(super) mover: Mover,
     pub(super) contact: Contact,
     pub(super) underruns: i32,
@@ -97,6 +100,8 @@ impl Controller {
             started_ms: 0,
             epoch: Epoch::ended(0),
             stopped: false,
+            ended_ms: 0,
+            off_due: BTreeSet::new(),
             mover: Mover::new(setup.arm, setup.start),
             contact: Contact::default(),
             underruns: 0,
@@ -141,6 +146,7 @@ impl Controller {
             self.read_inputs();
             self.read_commands();
             self.watch();
+            self.switch_off_in_time();
         } else {
             self.miss_submit();
         }
@@ -172,11 +178,5 @@ impl Controller {
         self.flags.clear();
         let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         on.iter().for_each(|&number| self.set_output(number, false));
-    }
-
-    pub(super) fn set_output(&mut self, number: u16, value: bool) {
-        if self.outputs.insert(number, value).unwrap_or(false) != value {
-            self.world.on_output(number, value, self.now_ms);
-        }
     }
 }

@@ -42,6 +42,10 @@ pub enum Rule {
     Discard,
     /// A stop in contact retracts.
     Retract,
+    /// The end of an epoch switches outputs off.
+    OutputsOff,
+    /// The epoch is raised by a step at most.
+    EpochStep,
 }
 
 /// A mock controller's configuration.
@@ -65,8 +69,11 @@ pub struct Setup {
     pub inputs: Vec<u16>,
     /// Which $OUT the bits of `Out` are, lowest bit first; at most 31.
     pub outputs: Vec<u16>,
-    /// The $OUT that runs the tool, switched off by every stop.
+    /// The $OUT that runs the tool.
     pub tool_output: Option<u16>,
+    /// Each $OUT that the end of an epoch switches off, and how long after it, ms. With 0 it is at once, and silence of the
+    /// client is watched while it is on.
+    pub off_after_ms: BTreeMap<u16, u64>,
     /// Inputs that can be set, with the $FLAG that stands for each.
     pub mapped_inputs: BTreeMap<u16, u16>,
     /// How long each user subroutine takes, ms; its index is its place here, from 0.
@@ -82,8 +89,8 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// A KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the tool on output 5, one
-    /// subroutine of 100 ms.
+    /// A KR 6 R700-2 at home with these channels: lock step, inputs and outputs 1 to 8, the tool on output 5, water on 2,
+    /// light on 1 and extraction on 4, one subroutine of 100 ms.
     pub fn new(commands: ChannelFile, states: ChannelFile) -> Self {
         let start = Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         Setup {
@@ -97,6 +104,7 @@ impl Setup {
             inputs: (1..=8).collect(),
             outputs: (1..=8).collect(),
             tool_output: Some(5),
+            off_after_ms: BTreeMap::from([(1, 60_000), (2, 0), (4, 30_000), (5, 0)]),
             mapped_inputs: BTreeMap::new(),
             subroutines_ms: vec![100],
             first_state: 0,

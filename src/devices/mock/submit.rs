@@ -18,6 +18,8 @@ const WATCHDOG_MS: u64 = 400;
 const SILENCE_MS: u64 = 3_000;
 /// How long clearing, initialising and opening a channel takes.
 pub(super) const REOPEN_MS: u64 = 24;
+/// By so much, at most, one request may raise the epoch.
+const EPOCH_STEP: i32 = 1_000_000;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
 const MOST: [f64; 2] = [2.0, 10.0];
 
@@ -32,10 +34,13 @@ impl Controller {
             let is_grant =
                 |request: &Request| self.setup.clock == Clock::LockStep && request.operation == wire::HEARTBEAT;
             let next = self.request_places.next(&self.states.memory);
-            if next.is_some_and(|next| is_grant(&next) && !self.is_delivered(&next)) {
+            // What has come behind it, an abort, is not held up by it.
+            let is_last = self.request_places.waiting(&self.states.memory) == 1;
+            let is_delivered = next.as_ref().is_none_or(|next| self.is_delivered(next));
+            let grants = next.as_ref().is_some_and(is_grant) && (is_delivered || is_last);
+            if grants && !is_delivered {
                 return;
             }
-            let grants = next.as_ref().is_some_and(is_grant);
             let request = match self.request_places.take(&mut self.states.memory) {
                 Ok(request) => request,
                 Err(fault) => return self.close(Channel::State, fault),
@@ -61,17 +66,23 @@ impl Controller {
         heartbeat.n1 <= 0 || !self.awaits_commands || heartbeat.epoch < self.epoch.number || self.arrived >= named
     }
 
-    /// The client's abort. It stops in any case; a number that is not higher opens no gap in the count.
+    /// The client's abort. It stops in any case; a number that may not follow leaves the count as it is.
     fn abort(&mut self, number: i32) {
         self.stop(StopCause::Abort, String::new());
-        if number > self.epoch.number {
+        if self.follows(number) {
             self.epoch = Epoch::ended(number);
         }
     }
 
+    /// Higher than the epoch, and by no more than a step: one wrong message must not use the count up.
+    fn follows(&self, number: i32) -> bool {
+        let steps = i64::from(number) - i64::from(self.epoch.number);
+        steps > 0 && (steps <= i64::from(EPOCH_STEP) || self.setup.left_out == Some(Rule::EpochStep))
+    }
+
     /// Opens an epoch, without base and tool. Nothing moves but what is still being stopped.
     fn reset(&mut self, number: i32) {
-        if number <= self.epoch.number {
+        if !self.follows(number) {
             return;
         }
         if self.epoch.open && self.is_busy() {
@@ -187,10 +198,10 @@ impl Controller {
         self.epoch.refusal.get_or_insert((refusal, id));
     }
 
-    /// Silence while something is queued, or while the tool runs, ends the epoch.
+    /// Silence while something is queued, or while tool or water is on, ends the epoch.
     pub(super) fn watch(&mut self) {
         let watches = self.setup.left_out != Some(Rule::Watchdog);
-        let at_stake = self.is_busy() || self.tool_is_on();
+        let at_stake = self.is_busy() || self.is_at_stake();
         if self.epoch.open && at_stake && watches && self.now_ms - self.last_frame_ms >= WATCHDOG_MS {
             self.stop(StopCause::Watchdog, String::new());
         }
@@ -215,13 +226,14 @@ impl Controller {
     pub(super) fn miss_submit(&mut self) {
         let watches = self.setup.left_out != Some(Rule::Watchdog);
         let dead_ms = self.now_ms - self.submit_ran_ms;
-        if self.epoch.open && self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS {
+        if !(self.safety.has_program() && watches && dead_ms >= WATCHDOG_MS) {
+            return;
+        }
+        if self.epoch.open {
             self.stop(StopCause::SubmitDead, String::new());
         }
-    }
-
-    fn tool_is_on(&self) -> bool {
-        self.setup.tool_output.is_some_and(|number| self.outputs.get(&number) == Some(&true))
+        // Nobody else counts the time of what an ended epoch left on.
+        self.switch_off(|_| true);
     }
 
     /// An epoch ends with its link, busy or not: a tool that runs in the air is switched off, too.
@@ -235,7 +247,7 @@ impl Controller {
         !self.epoch.ring.is_empty() || !self.mover.stands()
     }
 
-    /// Ends the epoch: tool off, brake, discard, and away from the panel where the tool touches and the drives stay on.
+    /// Ends the epoch: tool and water off, brake, discard, and away from the panel where the tool touches and the drives stay on.
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
         if self.running.is_some() {
             return self.stop_interpreted(cause);
@@ -249,10 +261,11 @@ impl Controller {
         if self.epoch.open {
             let (time_ms, epoch) = (self.now_ms, self.epoch.number);
             self.stops.push(Stop { time_ms, epoch, cause, contact, detail });
+            // A second stop does not lengthen the times.
+            self.ended_ms = self.now_ms;
+            self.off_due = self.setup.off_after_ms.keys().copied().collect();
         }
-        if let Some(number) = self.setup.tool_output {
-            self.set_output(number, false);
-        }
+        self.switch_off(|after_ms| after_ms == 0);
         if self.setup.left_out != Some(Rule::Discard) {
             self.epoch.ring.clear();
         }

@@ -1,6 +1,7 @@
 //! The model driven as a client drives it: documents in, documents out, in lock step unless a test lets time pass itself.
 
 mod motion;
+mod outputs;
 mod protocol;
 mod served;
 mod stops;

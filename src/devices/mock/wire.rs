@@ -151,6 +151,11 @@ impl CommandPlaces {
 pub(super) struct RequestPlaces([usize; 4]);
 
 impl RequestPlaces {
+    /// How many requests wait.
+    pub(super) fn waiting(&self, memory: &Memory) -> usize {
+        memory.waiting(self.0[0])
+    }
+
     pub(super) fn new(memory: &Memory) -> Result<Self, FileProblem> {
         let tags = ["Req/@Id", "Req/@Ep", "Req/@Op", "Req/@N1"];
         let [id, epoch, operation, n1] = tags.map(|tag| memory.place(tag, Kind::Int));

@@ -67,6 +67,7 @@ pub fn link_limits(cell: &cell::Cell) -> LinkLimits {
         watchdog: ms(limits.watchdog_ms()),
         // A cell's file with more names is refused.
         mapped_inputs: MappedInputs::new(cell.io().mapped_inputs().values().copied()).unwrap_or_default(),
+        harmful_outputs: cell.io().harmful_bits(),
     }
 }
 

@@ -172,6 +172,9 @@ impl SimulatedWorld {
             inputs: numbers(cell.io().feedbacks()),
             outputs: numbers(cell.io().outputs()),
             tool_output: cell.io().output(Output::Tool),
+            off_after_ms: (cell.io().off_after_s().iter())
+                .filter_map(|(name, after_s)| Some((*cell.io().outputs().get(name)?, 1_000 * u64::from(*after_s))))
+                .collect(),
             // Which flags does not matter here: nothing in this world asks for them.
             mapped_inputs: (860..)
                 .zip(cell.io().mapped_inputs().values())

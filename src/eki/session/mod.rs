@@ -5,6 +5,14 @@
 //! an echo that differs, silence) ends it: abort on the wire, the queue dropped, a report; nothing moves again before
 //! [`Session::open_epoch`]. A new connection only asks for the state.
 //!
+//! A stop reaches the arm in every state. An abort needs no free number: with one that may not follow the controller
+//! stops all the same. It must be answered and obeyed within the watchdog's time, or the connections are closed, which
+//! stops the controller by its own rules; what is told is never more than what the controller has said. Epochs that
+//! jump by more than [`EPOCH_STEP`](super::EPOCH_STEP) are refused on both sides, so that one wrong message cannot use
+//! the count up. What is known of the controller's epoch is known of one connection; what this program opened is
+//! remembered beyond it. After a controller's cold start, or with a store from a backup, the next epoch is reached in
+//! steps.
+//!
 //! On the wall clock a heartbeat leaves by itself at [`Session::deadline`]. In lock step there are no deadlines:
 //! each heartbeat is asked for, and grants the controller its next 100 ms.
 
@@ -20,12 +28,15 @@ use super::command::{Command, CommandError, MappedInputs, MoveLin, Request, Sign
 use super::framer::Framer;
 use super::report::{Channel, LinkLoss, Report, StopCause};
 use super::time::Time;
-use super::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
+use super::wire::{CommandId, EPOCH_STEP, Epoch, LAST_NUMBER, Wire};
 use super::word::{Word, word};
 use flow::Flow;
 use serde::{Deserialize, Serialize};
 use std::collections::VecDeque;
 use std::time::Duration;
+
+/// So many steps a new epoch may lie above the controller's: requests that its channel buffers at once.
+const MOST_STEPS: u32 = 16;
 
 /// The limits of a link (`design.md`, "Limits").
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +53,9 @@ pub struct LinkLimits {
     pub watchdog: Duration,
     /// The inputs that can be set.
     pub mapped_inputs: MappedInputs,
+    /// Bits of the state's outputs that do harm while nobody looks after them: tool and water. While one is on, silence
+    /// counts as it does while something is queued.
+    pub harmful_outputs: u32,
 }
 
 impl Default for LinkLimits {
@@ -53,6 +67,7 @@ impl Default for LinkLimits {
             heartbeat: Duration::from_millis(100),
             watchdog: Duration::from_millis(400),
             mapped_inputs: MappedInputs::default(),
+            harmful_outputs: 0,
         }
     }
 }
@@ -79,11 +94,20 @@ pub enum QueueError {
     /// No epoch is open.
     #[error("no epoch is open; after a start, a stop or a fault one must be opened first")]
     NoEpoch,
-    /// Epochs are used up.
-    #[error("epoch {last} is the last that a controller can count; start its programs again")]
-    EpochsExhausted {
-        /// The last one.
-        last: Epoch,
+    /// Too far above the controller's epoch.
+    #[error(
+        "the next epoch would be {next} and the controller counts {found}; at most {most} more can be reached. Has the \
+         controller been replaced? Deselect its programs, set CELL_EP there to {above}, and start it cold"
+    )]
+    EpochTooFar {
+        /// The next one by what was opened before.
+        next: u64,
+        /// The controller's.
+        found: Epoch,
+        /// How far one may lie above the other.
+        most: u32,
+        /// What the controller should count.
+        above: u64,
     },
     /// Straight lines need both frames.
     #[error("move_lin needs base and tool set in this epoch; {missing} was not")]
@@ -111,16 +135,31 @@ pub enum QueueError {
 enum Phase {
     /// No connection.
     Offline,
-    /// Connected, and has asked for the state.
-    Greeting,
+    /// Connected, and has asked for the state; and to stop, where it was told to abort before the answer came.
+    Greeting { abort: Option<Stopping> },
     /// Knows the controller; no epoch is open.
     Idle,
     /// Has asked for an epoch with this request.
     Opening { epoch: Epoch, request: u32 },
     /// Commands flow.
     Open(Box<Flow>),
-    /// Has aborted; waits for standstill in the next epoch.
-    Stopping { ended: Option<Epoch>, next: Epoch, done: CommandId, refusal_told: bool },
+    /// Has aborted; waits for standstill.
+    Stopping(Stopping),
+}
+
+/// An abort on its way.
+#[derive(Debug, Clone, Copy)]
+struct Stopping {
+    /// The epoch that it ended, with the commands of it that were sent and executed.
+    ended: Option<Epoch>,
+    sent: CommandId,
+    done: CommandId,
+    refusal_told: bool,
+    /// The request, and when it was handed over for sending.
+    request: u32,
+    asked_at: Option<Time>,
+    /// The controller has answered it: it has stopped.
+    obeyed: bool,
 }
 
 /// One client's session with a controller, over any number of connections.
@@ -138,8 +177,11 @@ pub struct Session {
     reports: VecDeque<Report>,
     /// Boot and programs' checksum of the controller that was last seen.
     identity: Option<(i32, i32)>,
-    /// The highest epoch that was seen or asked for.
-    last_epoch: Epoch,
+    /// The controller's epoch and the highest that was asked for, on this connection.
+    controller_epoch: Epoch,
+    asked_epoch: Epoch,
+    /// The highest epoch that was ever open, by what this session and its callers know.
+    opened_epoch: Epoch,
     /// The last request sent and the last answered, on this connection.
     asked: u32,
     answered: u32,
@@ -148,6 +190,7 @@ pub struct Session {
     last_sequence: Option<u32>,
     /// As last heard.
     moving: bool,
+    harmful_on: bool,
     heard: Time,
     next_heartbeat: Time,
     stale: u64,
@@ -167,12 +210,15 @@ impl Session {
             requests: VecDeque::new(),
             reports: VecDeque::new(),
             identity: None,
-            last_epoch: Epoch(0),
+            controller_epoch: Epoch(0),
+            asked_epoch: Epoch(0),
+            opened_epoch: Epoch(0),
             asked: 0,
             answered: 0,
             named: VecDeque::new(),
             last_sequence: None,
             moving: false,
+            harmful_on: false,
             heard: Time::default(),
             next_heartbeat: Time::default(),
             stale: 0,
@@ -186,18 +232,20 @@ impl Session {
         self.begun = [None; 2];
         self.requests.clear();
         (self.asked, self.answered, self.last_sequence) = (0, 0, None);
+        (self.controller_epoch, self.asked_epoch) = (Epoch(0), Epoch(0));
         self.named.clear();
         (self.heard, self.next_heartbeat) = (now, now + self.limits.heartbeat);
-        self.phase = Phase::Greeting;
+        self.phase = Phase::Greeting { abort: None };
         self.ask(Request::State);
     }
 
     /// A connection failed, or could not be made. What was queued is forgotten. What is left to transmit is an abort,
     /// for a state channel that still stands.
     pub fn disconnected(&mut self, why: LinkLoss) {
-        // Refused only where no controller has answered; then nothing was sent to it either.
-        let _ = self.abort();
-        self.phase = Phase::Offline;
+        if self.is_connected() {
+            self.stop();
+        }
+        (self.phase, self.harmful_on) = (Phase::Offline, false);
         self.reports.push_back(Report::LinkLost { why });
     }
 
@@ -269,40 +317,89 @@ impl Session {
         self.greeted()?;
         let is_busy = match &self.phase {
             Phase::Open(flow) => flow.is_busy(),
-            phase => matches!(phase, Phase::Stopping { .. }),
+            phase => matches!(phase, Phase::Stopping(_)),
         };
         if is_busy || self.moving {
             return Err(QueueError::NotStanding);
         }
-        self.last_epoch = self.last_epoch.max(above);
-        let epoch = self.next_epoch()?;
-        let request = self.ask(Request::Reset { next: epoch });
+        let highest = self.known_epoch().max(self.opened_epoch).max(above);
+        let (epoch, steps) = self.steps_to(u64::from(highest.0) + 1)?;
+        let mut request = self.asked;
+        for step in steps {
+            request = self.ask(Request::Reset { next: step });
+        }
+        if !self.is_connected() {
+            return Err(QueueError::NotConnected);
+        }
+        self.asked_epoch = epoch;
         self.phase = Phase::Opening { epoch, request };
         Ok(epoch)
     }
 
+    /// This epoch, and those on the way to it, each no farther than a step above the one before. What lies between was
+    /// never open for a command.
+    fn steps_to(&self, next: u64) -> Result<(Epoch, Vec<Epoch>), QueueError> {
+        let found = self.known_epoch();
+        let far = u64::from(MOST_STEPS) * u64::from(EPOCH_STEP);
+        let epoch = u32::try_from(next).ok().filter(|epoch| *epoch <= LAST_NUMBER);
+        let epoch = epoch.filter(|epoch| u64::from(epoch.saturating_sub(found.0)) <= far);
+        let Some(epoch) = epoch else {
+            let most = MOST_STEPS * EPOCH_STEP;
+            return Err(QueueError::EpochTooFar { next, found, most, above: next.saturating_sub(1) });
+        };
+        let mut steps = Vec::new();
+        let mut reached = found.0;
+        while reached < epoch {
+            reached = reached.saturating_add(EPOCH_STEP).min(epoch);
+            steps.push(Epoch(reached));
+        }
+        Ok((Epoch(epoch), steps))
+    }
+
+    /// The highest epoch that the controller can be in, by what it said and what was asked for.
+    fn known_epoch(&self) -> Epoch {
+        self.controller_epoch.max(self.asked_epoch)
+    }
+
     /// Ends the epoch: tool off, brake, everything discarded, retract if in contact. [`Report::Standstill`]
-    /// follows. A second call changes nothing.
+    /// follows, or [`Report::LinkLost`] where the controller does not obey. A second call changes nothing.
     ///
     /// # Errors
-    /// Where no controller has answered yet; then its own watchdog stops it.
+    /// Where there is no connection; then the controller has stopped by itself.
     pub fn abort(&mut self) -> Result<(), QueueError> {
-        self.greeted()?;
-        if matches!(self.phase, Phase::Stopping { .. }) {
-            return Ok(());
+        if !self.is_connected() {
+            return Err(QueueError::NotConnected);
         }
-        let next = self.next_epoch()?;
-        let (ended, done) = match &self.phase {
-            Phase::Open(flow) => (Some(flow.epoch()), flow.done()),
-            _ => (None, CommandId(0)),
-        };
-        self.ask(Request::Abort { next });
-        self.phase = Phase::Stopping { ended, next, done, refusal_told: false };
+        self.stop();
         Ok(())
+    }
+
+    /// Puts an abort on the wire, whatever is going on; where one is under way already it stays at that.
+    fn stop(&mut self) {
+        if matches!(self.phase, Phase::Stopping(_) | Phase::Greeting { abort: Some(_) }) {
+            return;
+        }
+        let (ended, sent, done) = match &self.phase {
+            Phase::Open(flow) => (Some(flow.epoch()), flow.sent(), flow.done()),
+            _ => (None, CommandId(0), CommandId(0)),
+        };
+        // Where no higher number is left the last one stops all the same.
+        let next = Epoch(self.known_epoch().0.saturating_add(1).min(LAST_NUMBER));
+        let request = self.ask(Request::Abort { next });
+        self.asked_epoch = next;
+        let stopping = Stopping { ended, sent, done, refusal_told: false, request, asked_at: None, obeyed: false };
+        self.phase = match self.phase {
+            Phase::Offline => return,
+            Phase::Greeting { .. } => Phase::Greeting { abort: Some(stopping) },
+            _ => Phase::Stopping(stopping),
+        };
     }
 
     /// The next bytes to send. Requests first: an abort waits for nothing.
     pub fn poll_transmit(&mut self, now: Time) -> Option<(Channel, Vec<u8>)> {
+        if let Some(stopping) = self.stopping_mut() {
+            stopping.asked_at.get_or_insert(now);
+        }
         if let Some(request) = self.requests.pop_front() {
             return Some((Channel::State, request));
         }
@@ -315,16 +412,28 @@ impl Session {
         self.reports.pop_front()
     }
 
-    /// Ends the epoch for this cause, where anything of it is left.
+    /// Ends the epoch for this cause, where anything of it is left or does harm.
     pub fn interrupt(&mut self, cause: StopCause) {
-        if matches!(&self.phase, Phase::Open(flow) if flow.is_busy()) {
+        if self.is_at_stake() {
             self.fault(Report::Interrupted { cause });
+        }
+    }
+
+    /// An epoch is open in which commands are left, or tool or water is on.
+    fn is_at_stake(&self) -> bool {
+        matches!(&self.phase, Phase::Open(flow) if flow.is_busy() || self.harmful_on)
+    }
+
+    fn stopping_mut(&mut self) -> Option<&mut Stopping> {
+        match &mut self.phase {
+            Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) } => Some(stopping),
+            _ => None,
         }
     }
 
     fn greeted(&self) -> Result<(), QueueError> {
         match self.phase {
-            Phase::Offline | Phase::Greeting => Err(QueueError::NotConnected),
+            Phase::Offline | Phase::Greeting { .. } => Err(QueueError::NotConnected),
             _ => Ok(()),
         }
     }
@@ -337,31 +446,22 @@ impl Session {
         }
     }
 
-    fn next_epoch(&mut self) -> Result<Epoch, QueueError> {
-        if self.last_epoch.0 >= LAST_NUMBER {
-            return Err(QueueError::EpochsExhausted { last: self.last_epoch });
-        }
-        self.last_epoch = Epoch(self.last_epoch.0 + 1);
-        Ok(self.last_epoch)
-    }
-
     /// The epoch that requests are sent under.
     fn current_epoch(&self) -> Epoch {
         match &self.phase {
             Phase::Open(flow) => flow.epoch(),
-            Phase::Stopping { ended: Some(ended), .. } => *ended,
-            _ => self.last_epoch,
+            Phase::Stopping(Stopping { ended: Some(ended), .. }) => *ended,
+            _ => self.known_epoch(),
         }
     }
 
     fn ask(&mut self, request: Request) -> u32 {
-        if self.asked >= LAST_NUMBER {
-            // The connection ends, and by that the epoch on the controller.
-            self.phase = Phase::Offline;
-            self.reports.push_back(Report::LinkLost { why: LinkLoss::RequestsExhausted { most: LAST_NUMBER } });
+        // The last one is an abort's: with it the connection ends.
+        if self.asked + 1 >= LAST_NUMBER && !matches!(request, Request::Abort { .. }) {
+            self.disconnected(LinkLoss::RequestsExhausted { most: LAST_NUMBER });
             return self.asked;
         }
-        self.asked += 1;
+        self.asked = (self.asked + 1).min(LAST_NUMBER);
         let bytes = self.wire.encode_request(self.asked, self.current_epoch(), &request);
         self.requests.push_back(bytes);
         self.asked
@@ -370,7 +470,6 @@ impl Session {
     /// Reports what is wrong and ends the epoch.
     fn fault(&mut self, report: Report) {
         self.reports.push_back(report);
-        // Cannot be refused: without a controller that has answered there is no epoch.
-        let _ = self.abort();
+        self.stop();
     }
 }

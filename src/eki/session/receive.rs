@@ -1,13 +1,13 @@
 //! What comes in: bytes to documents, documents to what they mean for the phase at hand.
 
 use super::flow::{Flow, Late};
-use super::{Phase, Session};
+use super::{Phase, Session, Stopping};
 use crate::eki::ack::Ack;
 use crate::eki::framer::Framer;
 use crate::eki::report::{Channel, LinkLoss, Report, SequenceError, StopCause};
 use crate::eki::state::State;
 use crate::eki::time::Time;
-use crate::eki::wire::{CommandId, LAST_NUMBER};
+use crate::eki::wire::{CommandId, EPOCH_STEP, Epoch, HIGHEST_EPOCH, LAST_NUMBER};
 
 impl Session {
     /// Bytes from the command channel.
@@ -54,6 +54,9 @@ impl Session {
     }
 
     fn on_ack(&mut self, ack: &Ack, now: Time) {
+        if !self.is_greeting() && !self.follows(Channel::Command, ack.epoch) {
+            return;
+        }
         match &mut self.phase {
             Phase::Open(flow) if ack.epoch == flow.epoch() => {
                 match flow.acknowledge(ack, now) {
@@ -62,59 +65,87 @@ impl Session {
                 }
                 if let Some((id, refusal)) = ack.refused {
                     self.fault(Report::Refused { id, refusal });
-                    if let Phase::Stopping { refusal_told, .. } = &mut self.phase {
-                        *refusal_told = true;
+                    if let Phase::Stopping(stopping) = &mut self.phase {
+                        stopping.refusal_told = true;
                     }
                 }
             }
             // The reason may come behind the state that shows the stop.
-            Phase::Stopping { ended: Some(ended), done, refusal_told, .. } if ack.epoch == *ended => {
-                *done = ack.done.max(*done);
-                if let Some((id, refusal)) = ack.refused
-                    && !std::mem::replace(refusal_told, true)
-                {
-                    self.reports.push_back(Report::Refused { id, refusal });
-                }
+            Phase::Stopping(stopping) if Some(ack.epoch) == stopping.ended => {
+                let told = ack.refused.filter(|_| !stopping.refusal_told);
+                stopping.refusal_told |= told.is_some();
+                let wrong = stopping.executed(ack.done).err();
+                self.reports.extend(wrong.map(Report::SequenceError));
+                self.reports.extend(told.map(|(id, refusal)| Report::Refused { id, refusal }));
             }
             Phase::Open(flow) if ack.epoch > flow.epoch() => {
                 let error = SequenceError::Epoch { found: ack.epoch, ours: flow.epoch() };
-                self.last_epoch = self.last_epoch.max(ack.epoch);
+                // The abort's number is to be above it.
+                self.asked_epoch = self.asked_epoch.max(ack.epoch);
                 self.fault(Report::SequenceError(error));
             }
-            _ => self.stale += u64::from(ack.epoch < self.last_epoch),
+            _ => self.stale += u64::from(ack.epoch < self.known_epoch()),
         }
+    }
+
+    /// Whether the controller can be in this epoch, by what is known of it on this connection. One that cannot be is
+    /// told, and nothing of its message is believed.
+    fn follows(&mut self, channel: Channel, found: Epoch) -> bool {
+        let known = self.known_epoch();
+        // States come in their order; an acknowledgement may be of an epoch before.
+        let goes_back = channel == Channel::State && found < self.controller_epoch;
+        let follows = found.0 <= known.0.saturating_add(EPOCH_STEP) && !goes_back;
+        if !follows {
+            self.disconnected(LinkLoss::EpochJump { channel, found, known, step: EPOCH_STEP });
+        }
+        follows
     }
 
     fn on_state(&mut self, state: State, now: Time) {
         let identity = (state.boot, state.programs_checksum);
         if self.identity.is_some_and(|known| known != identity) {
-            self.phase = if self.is_greeting() { Phase::Greeting } else { Phase::Idle };
             // Its count may begin anew; ours does not, so that no number ever means two epochs.
-            (self.last_sequence, self.last_epoch) = (None, self.last_epoch.max(state.epoch));
+            (self.last_sequence, self.controller_epoch, self.asked_epoch) = (None, Epoch(0), Epoch(0));
             self.reports.push_back(Report::Rebooted { state: Box::new(state) });
         }
-        self.identity = Some(identity);
-        self.moving = state.moving;
-        if self.is_greeting() {
-            // Until our first request is answered the state may be an answer to the client before us.
-            if state.answered == self.asked {
-                self.note_counts(&state);
-                self.last_epoch = self.last_epoch.max(state.epoch);
-                self.phase = Phase::Idle;
-                self.reports.push_back(Report::Connected { state: Box::new(state) });
+        let is_new = self.identity.replace(identity) != Some(identity);
+        if is_new || self.is_greeting() {
+            if state.epoch.0 > HIGHEST_EPOCH {
+                let why = LinkLoss::EpochTooHigh { found: state.epoch, most: HIGHEST_EPOCH };
+                return self.disconnected(why);
             }
+        } else if !self.follows(Channel::State, state.epoch) {
             return;
+        }
+        if is_new && !self.is_greeting() {
+            // If it has not started anew after all, what it has of our epoch must not run on.
+            self.controller_epoch = state.epoch;
+            self.stop();
+        }
+        self.moving = state.moving;
+        self.harmful_on = state.outputs & self.limits.harmful_outputs != 0;
+        if let Phase::Greeting { abort } = self.phase {
+            // Until our first request is answered the state may be an answer to the client before us.
+            if state.answered != self.asked {
+                return;
+            }
+            self.note_counts(&state);
+            self.controller_epoch = state.epoch;
+            self.phase = abort.map_or(Phase::Idle, Phase::Stopping);
+            self.reports.push_back(Report::Connected { state: Box::new(state) });
+            return self.in_phase(&state, now);
         }
         if let Err(error) = self.check_counts(&state) {
             self.fault(Report::SequenceError(error));
         }
         self.note_counts(&state);
+        self.controller_epoch = state.epoch;
         self.in_phase(&state, now);
         self.reports.push_back(Report::State(Box::new(state)));
     }
 
     pub(super) fn is_greeting(&self) -> bool {
-        matches!(self.phase, Phase::Greeting)
+        matches!(self.phase, Phase::Greeting { .. })
     }
 
     fn check_counts(&self, state: &State) -> Result<(), SequenceError> {
@@ -144,20 +175,16 @@ impl Session {
         match &mut self.phase {
             Phase::Opening { epoch, .. } if state.epoch == *epoch => {
                 let epoch = *epoch;
+                self.opened_epoch = self.opened_epoch.max(epoch);
                 self.phase = Phase::Open(Box::new(Flow::new(epoch)));
                 self.reports.push_back(Report::EpochOpened { epoch });
             }
             Phase::Opening { epoch, request } if state.answered >= *request => {
                 self.reports.push_back(Report::EpochNotOpened { asked: *epoch, found: state.epoch });
+                self.asked_epoch = self.controller_epoch;
                 self.phase = Phase::Idle;
             }
-            Phase::Stopping { next, done, .. } if state.epoch >= *next && !state.moving => {
-                self.reports.push_back(Report::Standstill { done: *done });
-                self.phase = Phase::Idle;
-            }
-            Phase::Stopping { ended: Some(ended), done, .. } if state.epoch == *ended => {
-                *done = state.done.max(*done);
-            }
+            Phase::Stopping(_) => self.stops(state),
             Phase::Open(flow) if state.epoch == flow.epoch() => match flow.follow(state, now) {
                 Err(report) => self.fault(report),
                 Ok(()) => {
@@ -165,13 +192,35 @@ impl Session {
                     self.check_interlocks(state);
                 }
             },
-            Phase::Open(flow) if state.epoch > flow.epoch() => {
+            // Another one than ours, and on this channel nothing comes late.
+            Phase::Open(flow) => {
                 let error = SequenceError::Epoch { found: state.epoch, ours: flow.epoch() };
-                self.last_epoch = self.last_epoch.max(state.epoch);
                 self.fault(Report::SequenceError(error));
             }
-            Phase::Open(_) => self.stale += 1,
-            _ => self.last_epoch = self.last_epoch.max(state.epoch),
+            _ => {}
+        }
+    }
+
+    /// What a state says of the abort that is under way.
+    fn stops(&mut self, state: &State) {
+        let (asked, Phase::Stopping(stopping)) = (self.asked, &mut self.phase) else { return };
+        if stopping.ended == Some(state.epoch)
+            && let Err(error) = stopping.executed(state.done)
+        {
+            self.reports.push_back(Report::SequenceError(error));
+        }
+        if !(stopping.request..=asked).contains(&state.answered) {
+            return;
+        }
+        // In the ended epoch it says that it was stopped; in the next one nothing has begun.
+        if stopping.ended == Some(state.epoch) && !state.stopped {
+            return self.disconnected(LinkLoss::AbortNotObeyed);
+        }
+        stopping.obeyed = true;
+        if !state.moving {
+            let done = stopping.done;
+            self.reports.push_back(Report::Standstill { done });
+            self.phase = Phase::Idle;
         }
     }
 
@@ -199,10 +248,23 @@ impl Session {
             (!state.drives_on, StopCause::DrivesOff),
             (state.stopped, StopCause::ByProgram),
         ];
-        let busy = matches!(&self.phase, Phase::Open(flow) if flow.is_busy());
-        if let Some(&(_, cause)) = causes.iter().find(|(holds, _)| busy && *holds) {
+        // An epoch that the controller has stopped takes no command any more, busy or not.
+        let ends = state.stopped || matches!(&self.phase, Phase::Open(flow) if flow.is_busy());
+        if let Some(&(_, cause)) = causes.iter().find(|(holds, _)| ends && *holds) {
             self.fault(Report::Interrupted { cause });
         }
+    }
+}
+
+impl Stopping {
+    /// Of the ended epoch so many commands were executed; no more than were sent.
+    fn executed(&mut self, done: CommandId) -> Result<(), SequenceError> {
+        let (first, last) = (CommandId(0), self.sent);
+        if done > last {
+            return Err(SequenceError::Command { what: "executed", found: done, first, last });
+        }
+        self.done = self.done.max(done);
+        Ok(())
     }
 }
 

@@ -1,4 +1,4 @@
-//! What is due when: heartbeats, the watchdog, giving a silent connection up. Nothing of it in lock step, where only
+//! What is due when: heartbeats, the watchdog, giving a silent connection or a disobeyed abort up. Nothing of it in lock step, where only
 //! heartbeats let time pass.
 
 use super::{Pace, Phase, Session};
@@ -33,7 +33,7 @@ impl Session {
             return None;
         }
         let silence = self.heard + SILENCE;
-        let watchdog = self.watchdog().map(|(_, at)| at);
+        let watchdog = self.watchdog().map(|(_, at)| at).into_iter().chain(self.obeyed_by()).min();
         let heartbeat = (!self.is_greeting()).then_some(self.next_heartbeat);
         let unfinished = self.begun.iter().flatten().map(|&begun| begun + UNFINISHED);
         [heartbeat, Some(silence), watchdog].into_iter().flatten().chain(unfinished).min()
@@ -53,7 +53,11 @@ impl Session {
             };
             self.fault(Report::WatchdogExpired { channel, silence });
         }
-        if let Some((channel, waited)) = self.unfinished(now) {
+        if let Some(at) = self.obeyed_by().filter(|at| now >= *at) {
+            let waited = self.limits.watchdog + now.since(at);
+            let waited_ms = u64::try_from(waited.as_millis()).unwrap_or(u64::MAX);
+            self.disconnected(LinkLoss::AbortNotAnswered { waited_ms });
+        } else if let Some((channel, waited)) = self.unfinished(now) {
             let waited_ms = u64::try_from(waited.as_millis()).unwrap_or(u64::MAX);
             self.disconnected(LinkLoss::Unfinished { channel, waited_ms });
         } else if now.since(self.heard) >= SILENCE {
@@ -72,12 +76,20 @@ impl Session {
         channels.filter_map(|(channel, begun)| Some((channel, waited(begun)?))).next()
     }
 
+    /// When an abort that is on its way must have been answered.
+    fn obeyed_by(&self) -> Option<Time> {
+        let (Phase::Stopping(stopping) | Phase::Greeting { abort: Some(stopping) }) = &self.phase else {
+            return None;
+        };
+        stopping.asked_at.filter(|_| !stopping.obeyed).map(|at| at + self.limits.watchdog)
+    }
+
     /// The earliest moment at which silence is too long, and of which channel.
     fn watchdog(&self) -> Option<(Channel, Time)> {
         let Phase::Open(flow) = &self.phase else { return None };
         let state = (Channel::State, self.heard + self.limits.watchdog);
         let unreceived = flow.oldest_unreceived().map(|at| (Channel::Command, at + self.limits.watchdog));
-        let both = [flow.is_busy().then_some(state), unreceived];
+        let both = [self.is_at_stake().then_some(state), unreceived];
         both.into_iter().flatten().min_by_key(|&(_, at)| at)
     }
 }

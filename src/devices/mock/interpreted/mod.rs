@@ -183,7 +183,11 @@ fn configure(memory: &mut Memory, program: &Program, setup: &Setup) {
         }
     };
     let count = |list: usize| i32::try_from(list).unwrap_or(i32::MAX);
-    set("CELL_TOOL_OUT", 0, setup.tool_output.map_or(0, i32::from));
+    set("CELL_OFF_N", 0, count(setup.off_after_ms.len().min(31)));
+    for (index, (number, after_ms)) in setup.off_after_ms.iter().take(31).enumerate() {
+        set("CELL_OFF", index, i32::from(*number));
+        set("CELL_OFF_MS", index, i32::try_from(*after_ms).unwrap_or(i32::MAX));
+    }
     set("CELL_SEQ", 0, setup.first_state);
     for (size, list, numbers) in
         [("CELL_OUT_N", "CELL_OUT", &setup.outputs), ("CELL_IN_N", "CELL_IN", &setup.inputs)]

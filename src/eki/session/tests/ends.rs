@@ -70,7 +70,9 @@ fn silence_with_a_path_underway_aborts_and_then_gives_up() {
     let expired = Report::WatchdogExpired { channel: Channel::State, silence };
     assert_eq!(cell.events()[2..], [&expired]);
     cell.pass(700);
-    assert!(matches!(cell.events()[..], [.., Report::LinkLost { why: LinkLoss::Silent { .. } }]));
+    // The abort was not answered either.
+    let unanswered = LinkLoss::AbortNotAnswered { waited_ms: 400 };
+    assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: unanswered }));
     assert!(!cell.session.is_connected());
 }
 

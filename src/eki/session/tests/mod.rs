@@ -3,6 +3,7 @@
 mod ends;
 mod frames;
 mod link;
+mod stops;
 mod window;
 
 use super::*;
@@ -29,11 +30,17 @@ struct Controller {
     /// Added to what it says it answered.
     answers_ahead: u32,
     flags: u32,
+    /// The program has stopped the epoch.
+    stopped: bool,
     boot: u32,
     ms_per_command: u64,
     busy_until_ms: u64,
     ring_places: usize,
     silent: bool,
+    /// What it is asked it neither does nor answers.
+    deaf_to_requests: bool,
+    /// Aborts are answered and not obeyed.
+    disobedient: bool,
     deaf_to_commands: bool,
     most_in_ring: usize,
     command_bytes: Vec<u8>,
@@ -59,11 +66,14 @@ impl Controller {
             answered: 0,
             answers_ahead: 0,
             flags: READY,
+            stopped: false,
             boot: 77,
             ms_per_command: 20,
             busy_until_ms: 0,
             ring_places: 100,
             silent: false,
+            deaf_to_requests: false,
+            disobedient: false,
             deaf_to_commands: false,
             most_in_ring: 0,
             command_bytes: Vec::new(),
@@ -77,15 +87,28 @@ impl Controller {
         let values: Vec<String> = text.split('"').skip(1).step_by(2).map(str::to_owned).collect();
         let number = |index: usize| values[index].parse::<u32>().expect("a number");
         if text.starts_with("<Req ") {
+            if self.deaf_to_requests {
+                return;
+            }
             self.answered = number(0);
+            let follows = number(3) > self.epoch && number(3) - self.epoch <= 1_000_000;
             match number(2) {
-                11 | 12 if number(3) > self.epoch => self.begin(number(3)),
+                11 if !self.disobedient => {
+                    self.stop();
+                    if follows {
+                        self.begin(number(3));
+                    }
+                }
+                12 if follows => {
+                    self.begin(number(3));
+                    self.stopped = false;
+                }
                 _ => {}
             }
             self.send_state();
             return;
         }
-        if self.deaf_to_commands || number(1) != self.epoch {
+        if self.deaf_to_commands || number(1) != self.epoch || self.stopped {
             return;
         }
         if number(0) != self.received + 1 {
@@ -96,6 +119,12 @@ impl Controller {
             self.most_in_ring = self.most_in_ring.max(self.ring.len());
         }
         self.send_ack();
+    }
+
+    fn stop(&mut self) {
+        self.stopped = true;
+        self.discarded += self.ring.len();
+        self.ring.clear();
     }
 
     fn begin(&mut self, epoch: u32) {
@@ -125,19 +154,29 @@ impl Controller {
     }
 
     fn send_ack(&mut self) {
+        let ack = self.ack();
+        self.command_bytes.extend_from_slice(ack.as_bytes());
+    }
+
+    fn ack(&self) -> String {
         let (error, error_id) = self.refused.unwrap_or((0, 0));
         let free = self.ring_places - self.ring.len();
         let Controller { received, done, epoch, .. } = self;
-        self.command_bytes.extend_from_slice(
-            format!("<Ack Rx=\"{received}\" Done=\"{done}\" Free=\"{free}\" Err=\"{error}\" ErrId=\"{error_id}\" Ep=\"{epoch}\"></Ack>")
-                .as_bytes(),
-        );
+        format!(
+            "<Ack Rx=\"{received}\" Done=\"{done}\" Free=\"{free}\" Err=\"{error}\" ErrId=\"{error_id}\" Ep=\"{epoch}\"></Ack>"
+        )
     }
 
     fn send_state(&mut self) {
+        let state = self.next_state();
+        self.state_bytes.extend_from_slice(state.as_bytes());
+    }
+
+    fn next_state(&mut self) -> String {
         self.sequence += 1;
         let bit = |frame: &Option<_>, bit: u32| if frame.is_some() { 1 << bit } else { 0 };
-        let flags = self.flags + bit(&self.frames[0], 5) + bit(&self.frames[1], 6);
+        let stopped = u32::from(self.stopped) << 7;
+        let flags = self.flags + bit(&self.frames[0], 5) + bit(&self.frames[1], 6) + stopped;
         let zero = [const { String::new() }; 6].map(|_| "0.000000".to_owned());
         let pose = |name: &str, numbers: &[String; 6]| {
             let [x, y, z, a, b, c] = numbers;
@@ -146,17 +185,14 @@ impl Controller {
         let [base, tool] = [0, 1].map(|index: usize| self.frames[index].clone().unwrap_or(zero.clone()));
         let Controller { now_ms, sequence, epoch, boot, done, .. } = self;
         let answered = self.answered + self.answers_ahead;
-        self.state_bytes.extend_from_slice(
-            format!(
-                "<St T=\"{now_ms}\" Seq=\"{sequence}\" Re=\"{answered}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"5\" Mode=\"4\" \
+        format!(
+            "<St T=\"{now_ms}\" Seq=\"{sequence}\" Re=\"{answered}\" Ep=\"{epoch}\" Boot=\"{boot}\" Sum=\"5\" Mode=\"4\" \
                  Flags=\"{flags}\" In=\"0\" Out=\"0\" Done=\"{done}\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" \
                  A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
-                pose("Tcp", &zero),
-                pose("Base", &base),
-                pose("Tool", &tool)
-            )
-            .as_bytes(),
-        );
+            pose("Tcp", &zero),
+            pose("Base", &base),
+            pose("Tool", &tool)
+        )
     }
 }
 

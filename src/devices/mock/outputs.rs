@@ -1,0 +1,50 @@
+//! The outputs: what commands switch, and what the end of an epoch switches off by the controller's own clock.
+
+use super::model::Controller;
+use super::setup::Rule;
+
+/// So long an output that went off after an epoch's end is switched off again.
+const OFF_AGAIN_MS: u64 = 1_000;
+
+impl Controller {
+    pub(super) fn set_output(&mut self, number: u16, value: bool) {
+        if self.outputs.insert(number, value).unwrap_or(false) != value {
+            self.world.on_output(number, value, self.now_ms);
+        }
+    }
+
+    /// Tool or water is on.
+    pub(super) fn is_at_stake(&self) -> bool {
+        let mut at_once = self.setup.off_after_ms.iter().filter(|(_, after_ms)| **after_ms == 0);
+        at_once.any(|(number, _)| self.outputs.get(number) == Some(&true))
+    }
+
+    /// Switches off those of the list whose time is of that kind.
+    pub(super) fn switch_off(&mut self, is_over: impl Fn(u64) -> bool) {
+        if self.setup.left_out == Some(Rule::OutputsOff) {
+            return;
+        }
+        let over = self.setup.off_after_ms.iter().filter(|(_, after_ms)| is_over(**after_ms));
+        let on = over.map(|(number, _)| *number).filter(|number| self.outputs.get(number) == Some(&true));
+        let on: Vec<u16> = on.collect();
+        on.into_iter().for_each(|number| self.set_output(number, false));
+    }
+
+    /// After an epoch's end each output of the list goes off when its time is over, and stays off for a while.
+    pub(super) fn switch_off_in_time(&mut self) {
+        if self.epoch.open || self.setup.left_out == Some(Rule::OutputsOff) {
+            return;
+        }
+        let since_ms = self.now_ms - self.ended_ms;
+        for (number, after_ms) in self.setup.off_after_ms.clone() {
+            if since_ms >= after_ms && self.off_due.contains(&number) {
+                if self.outputs.get(&number) == Some(&true) {
+                    self.set_output(number, false);
+                }
+                if since_ms >= after_ms + OFF_AGAIN_MS {
+                    self.off_due.remove(&number);
+                }
+            }
+        }
+    }
+}

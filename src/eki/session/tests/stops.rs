@@ -1,0 +1,294 @@
+//! A stop reaches the arm in every state, whatever the controller has said before.
+
+use super::*;
+use crate::eki::EPOCH_STEP;
+
+/// Within this time of being told to abort the controller has stopped, ms.
+const BOUND_MS: u64 = 500;
+/// The ends of every field's range, what lies beyond, and the ends of a step of the epoch, which is 6 to 8 here.
+const VALUES: [i64; 13] = [
+    i32::MIN as i64,
+    -1,
+    0,
+    1,
+    6,
+    9,
+    255,
+    EPOCH_STEP as i64,
+    EPOCH_STEP as i64 + 9,
+    2_000_000_000,
+    2_000_000_001,
+    i32::MAX as i64 - 1,
+    i32::MAX as i64,
+];
+const ACK_FIELDS: [&str; 6] = ["Rx", "Done", "Free", "Err", "ErrId", "Ep"];
+const STATE_FIELDS: [&str; 15] =
+    ["T", "Seq", "Re", "Ep", "Boot", "Sum", "Mode", "Flags", "In", "Out", "Done", "Under", "A1", "X", "C"];
+
+/// What the session is doing when the message comes.
+#[derive(Debug, Clone, Copy)]
+enum Stage {
+    Greeting,
+    Idle,
+    Opening,
+    Open,
+    Busy,
+    Stopping,
+}
+
+impl Stage {
+    const ALL: [Stage; 6] =
+        [Stage::Greeting, Stage::Idle, Stage::Opening, Stage::Open, Stage::Busy, Stage::Stopping];
+
+    fn cell(self) -> Cell {
+        match self {
+            Stage::Greeting => {
+                let mut cell = Cell::new();
+                cell.session.connected(Time::at_ms(0));
+                cell
+            }
+            Stage::Idle | Stage::Opening => {
+                let mut cell = Cell::new();
+                cell.session.connected(Time::at_ms(0));
+                cell.pass(100);
+                if matches!(self, Stage::Opening) {
+                    cell.session.open_epoch().expect("connected");
+                }
+                cell
+            }
+            Stage::Open => {
+                let mut cell = Cell::ready();
+                cell.pass(300);
+                cell
+            }
+            Stage::Busy | Stage::Stopping => {
+                let mut cell = Cell::ready();
+                cell.session.queue_path(&path(200, 2.0)).expect("a good path");
+                cell.pass(1_000);
+                if matches!(self, Stage::Stopping) {
+                    cell.session.abort().expect("connected");
+                }
+                cell
+            }
+        }
+    }
+}
+
+/// The document with another value of this field.
+fn with_value(document: &str, field: &str, value: i64) -> String {
+    let start = document.find(&format!(" {field}=\"")).expect("it has the field") + field.len() + 3;
+    let end = start + document[start..].find('"').expect("quoted");
+    format!("{}{value}{}", &document[..start], &document[end..])
+}
+
+impl Cell {
+    /// Time passes; a controller without its client stops by itself.
+    fn pass_to_the_end(&mut self, ms: u64) {
+        for _ in 0..ms / 10 {
+            self.pass(10);
+            if !self.session.is_connected() {
+                self.controller.stop();
+                (self.controller.command_bytes, self.controller.state_bytes) = Default::default();
+            }
+        }
+    }
+
+    /// One message with a value that no controller sends, then an abort: within its bound the controller has stopped, and
+    /// nothing more is executed. Then everything is as before.
+    fn survives(mut self, name: &str, channel: Channel, message: &str) {
+        let now = Time::at_ms(self.now_ms);
+        match channel {
+            Channel::Command => self.session.push_command_bytes(message.as_bytes(), now),
+            Channel::State => self.session.push_state_bytes(message.as_bytes(), now),
+        }
+        // Refused only where the connection is given up, which stops it too.
+        assert_eq!(self.session.abort().is_err(), !self.session.is_connected(), "{name}");
+        self.pass_to_the_end(BOUND_MS);
+        assert!(self.controller.stopped && self.controller.ring.is_empty(), "{name}: it runs on");
+        let executed = self.controller.executed.len();
+        self.pass_to_the_end(2_000);
+        assert_eq!(self.controller.executed.len(), executed, "{name}: an ended epoch moves");
+        for report in &self.reports {
+            let Report::Standstill { done } = report else { continue };
+            assert!(done.0 as usize <= executed, "{name}: told executed {done}, executed are {executed}");
+        }
+        let mut tries = 0;
+        while self.session.epoch().is_none() {
+            tries += 1;
+            assert!(tries <= 3, "{name}: no epoch can be opened: {:?}", self.events());
+            if !self.session.is_connected() {
+                self.controller.answered = 0;
+                self.session.connected(Time::at_ms(self.now_ms));
+                self.pass_to_the_end(200);
+            }
+            let opened = self.session.open_epoch();
+            assert!(opened.is_ok() || !self.session.is_connected(), "{name}: {opened:?}");
+            self.pass_to_the_end(200);
+        }
+        assert!(self.controller.epoch < 2 * EPOCH_STEP, "{name}: the count is used up");
+        self.session.queue(speed(0.1)).expect("open");
+        self.pass_to_the_end(300);
+        assert_eq!(self.controller.executed.len(), executed + 1, "{name}");
+    }
+}
+
+#[test]
+fn a_stop_reaches_the_controller_after_any_value_of_any_field_in_any_state() {
+    for stage in Stage::ALL {
+        for value in VALUES {
+            for field in ACK_FIELDS {
+                let cell = stage.cell();
+                let message = with_value(&cell.controller.ack(), field, value);
+                cell.survives(&format!("{stage:?}, Ack {field}={value}"), Channel::Command, &message);
+            }
+            for field in STATE_FIELDS {
+                let mut cell = stage.cell();
+                let message = with_value(&cell.controller.next_state(), field, value);
+                cell.survives(&format!("{stage:?}, St {field}={value}"), Channel::State, &message);
+            }
+        }
+    }
+}
+
+/// The message that once used the count up: the abort is on the wire, with a number that may follow.
+#[test]
+fn the_last_epoch_in_one_message_is_not_believed() {
+    for message in [Channel::Command, Channel::State] {
+        let mut cell = Stage::Busy.cell();
+        let now = Time::at_ms(cell.now_ms);
+        match message {
+            Channel::Command => {
+                let ack = with_value(&cell.controller.ack(), "Ep", i64::from(i32::MAX));
+                cell.session.push_command_bytes(ack.as_bytes(), now);
+            }
+            Channel::State => {
+                let state = with_value(&cell.controller.next_state(), "Ep", i64::from(i32::MAX));
+                cell.session.push_state_bytes(state.as_bytes(), now);
+            }
+        }
+        let (found, known) = (Epoch(LAST_NUMBER), Epoch(7));
+        let why = LinkLoss::EpochJump { channel: message, found, known, step: EPOCH_STEP };
+        let left: Vec<_> = std::iter::from_fn(|| cell.session.poll_transmit(now)).collect();
+        let [(Channel::State, abort)] = &left[..] else { panic!("{left:?}") };
+        assert!(String::from_utf8_lossy(abort).contains("Op=\"11\" N1=\"8\""));
+        assert_eq!(cell.session.poll_report(), Some(Report::LinkLost { why }));
+        assert!(!cell.session.is_connected());
+    }
+}
+
+/// A controller whose count is damaged is refused in words, each time, and commanded never.
+#[test]
+fn a_controller_at_the_end_of_its_count_is_refused() {
+    let mut cell = Cell::new();
+    cell.controller.epoch = LAST_NUMBER;
+    for _ in 0..3 {
+        cell.controller.answered = 0;
+        cell.session.connected(Time::at_ms(cell.now_ms));
+        cell.pass(100);
+        let why = LinkLoss::EpochTooHigh { found: Epoch(LAST_NUMBER), most: 2_000_000_000 };
+        assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why }));
+        assert!(cell.session.open_epoch().is_err());
+    }
+    // Repaired, it is taken again.
+    (cell.controller.epoch, cell.controller.answered) = (0, 0);
+    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.pass(100);
+    assert_eq!(cell.session.open_epoch(), Ok(Epoch(1)));
+}
+
+#[test]
+fn an_abort_that_is_not_answered_ends_the_connection() {
+    let mut cell = Stage::Busy.cell();
+    cell.controller.deaf_to_requests = true;
+    cell.session.abort().expect("connected");
+    cell.pass(390);
+    assert!(cell.session.is_connected());
+    cell.pass(30);
+    let Some(Report::LinkLost { why: LinkLoss::AbortNotAnswered { waited_ms } }) = cell.events().last() else {
+        panic!("{:?}", cell.events())
+    };
+    assert!((400..=420).contains(waited_ms), "{waited_ms}");
+    assert!(!cell.session.is_connected());
+}
+
+#[test]
+fn an_abort_that_is_not_obeyed_ends_the_connection() {
+    let mut cell = Stage::Busy.cell();
+    cell.controller.disobedient = true;
+    cell.session.abort().expect("connected");
+    cell.pass(50);
+    assert_eq!(cell.events().last(), Some(&&Report::LinkLost { why: LinkLoss::AbortNotObeyed }));
+    assert!(!cell.session.is_connected());
+}
+
+/// Told to abort before the controller has said its first word: it is asked at once, and the answer is told.
+#[test]
+fn an_abort_waits_for_no_greeting() {
+    let mut cell = Stage::Greeting.cell();
+    cell.session.abort().expect("connected");
+    cell.pass(50);
+    assert!(cell.controller.stopped);
+    assert!(
+        matches!(cell.events()[..], [Report::Connected { .. }, Report::Standstill { .. }]),
+        "{:?}",
+        cell.events()
+    );
+    // Nothing was known of its count: the abort's number raised it by nothing.
+    assert_eq!(cell.session.open_epoch(), Ok(Epoch(7)));
+}
+
+/// The count of a cell whose controller was started from its files again: climbed to, since no number comes twice. A
+/// store from a backup, which knows less than the controller, goes on from the controller's.
+#[test]
+fn epochs_go_on_above_what_either_side_knows() {
+    let mut cell = Stage::Idle.cell();
+    let above = 3 * EPOCH_STEP + 5;
+    let opened = cell.session.open_epoch_above(Epoch(above));
+    assert_eq!(opened, Ok(Epoch(above + 1)));
+    cell.pass(100);
+    assert_eq!((cell.controller.epoch, cell.session.epoch()), (above + 1, Some(Epoch(above + 1))));
+
+    let mut cell = Stage::Idle.cell();
+    assert_eq!(cell.session.open_epoch_above(Epoch(2)), Ok(Epoch(7)));
+
+    let mut cell = Stage::Idle.cell();
+    for above in [LAST_NUMBER, 20 * EPOCH_STEP] {
+        let refused = cell.session.open_epoch_above(Epoch(above));
+        assert!(matches!(refused, Err(QueueError::EpochTooFar { .. })), "{refused:?}");
+    }
+    cell.pass(100);
+    assert!(cell.session.is_connected() && cell.session.open_epoch().is_ok(), "nothing is lost by it");
+}
+
+/// Water or tool on, nothing queued: silence counts, and so does a program that no longer looks.
+#[test]
+fn silence_counts_while_an_output_does_harm() {
+    let harmful = |cell: &mut Cell| {
+        cell.session.limits.harmful_outputs = 0b10;
+        let state = with_value(&cell.controller.next_state(), "Out", 0b10);
+        cell.session.push_state_bytes(state.as_bytes(), Time::at_ms(cell.now_ms));
+    };
+    let mut cell = Stage::Open.cell();
+    harmful(&mut cell);
+    cell.controller.silent = true;
+    cell.pass(420);
+    assert!(cell.reports.iter().any(|report| matches!(report, Report::WatchdogExpired { .. })));
+    let mut cell = Stage::Open.cell();
+    cell.session.interrupt(StopCause::Unattended);
+    assert!(cell.session.epoch().is_some(), "nothing is at stake");
+    harmful(&mut cell);
+    cell.session.interrupt(StopCause::Unattended);
+    cell.pass(50);
+    assert!(cell.session.epoch().is_none() && cell.controller.stopped);
+}
+
+/// A robot that stopped an epoch with nothing queued takes no command of it any more: it is not ours any more either.
+#[test]
+fn an_epoch_that_the_controller_stopped_is_over() {
+    let mut cell = Stage::Open.cell();
+    cell.controller.stop();
+    cell.pass(200);
+    assert!(cell.reports.contains(&Report::Interrupted { cause: StopCause::ByProgram }));
+    assert_eq!(cell.session.queue(speed(0.1)), Err(QueueError::NoEpoch));
+    assert!(cell.session.open_epoch().is_ok());
+}
