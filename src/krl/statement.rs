@@ -220,6 +220,7 @@ fn simple(reader: &mut Reader<'_>, line: usize, first: &str) -> Result<Action, S
         "RETURN" => Ok(Action::Return(if reader.peek().is_some() { Some(reader.expression()?) } else { None })),
         "EXIT" => Ok(Action::Exit),
         "HALT" => Ok(Action::Halt),
+        "ON_ERROR_PROCEED" => Ok(Action::Call(Call { name: first.to_owned(), arguments: Vec::new() })),
         "CONTINUE" => Ok(Action::Continue),
         "RESUME" => Ok(Action::Resume),
         "BRAKE" => Ok(Action::Brake { fast: reader.takes_word("F") }),

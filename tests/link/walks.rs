@@ -74,6 +74,18 @@ impl Walk {
         self.recover()
     }
 
+    /// The drives go off and on while the foreign program runs; then the cell's is selected again.
+    fn work_with_another_program(&mut self) {
+        let Some(home_at_ms) = self.home_at_ms else { return };
+        if self.cell.now_ms >= home_at_ms {
+            self.home_at_ms = None;
+            self.cell.controller.deselect();
+            self.cell.controller.select();
+        } else if self.cell.now_ms >= home_at_ms - 1_000 && self.cell.controller.can_start() {
+            self.cell.controller.inject(Fault::Drives { for_ms: Some(2_000) });
+        }
+    }
+
     fn pass_time(&mut self, ms: u64) -> Result<(), String> {
         let end_ms = self.cell.now_ms + ms;
         while self.cell.now_ms < end_ms {
@@ -86,11 +98,7 @@ impl Walk {
             if let Some(violation) = self.oracles.violation.take() {
                 return Err(violation);
             }
-            if self.home_at_ms.is_some_and(|at_ms| self.cell.now_ms >= at_ms) {
-                self.home_at_ms = None;
-                self.cell.controller.deselect();
-                self.cell.controller.select();
-            }
+            self.work_with_another_program();
         }
         Ok(())
     }
@@ -219,9 +227,8 @@ impl Walk {
             22 => Fault::Reboot { for_ms },
             // Someone works with another program, with the drives going off and on.
             23 => {
-                self.home_at_ms = Some(until_ms + 1_000);
-                self.cell.controller.select_foreign_program();
-                Fault::Drives { for_ms }
+                self.home_at_ms = Some(until_ms + 3_000);
+                return self.cell.controller.select_foreign_program();
             }
             // A client that is gone before the programs have looked.
             24 => {

@@ -102,6 +102,8 @@ pub(super) struct Running {
     /// Why the safety controller or a person stopped the arm last.
     pub(super) pressed: Option<(u64, super::log::StopCause)>,
     reset_since_ms: Option<u64>,
+    /// When the foreign program that a person selects begins.
+    foreign_at_ms: Option<u64>,
 }
 
 /// Shared variables that are looked at from outside.
@@ -153,6 +155,7 @@ impl Running {
             was_open: false,
             pressed: None,
             reset_since_ms: None,
+            foreign_at_ms: None,
             programs,
         }
     }

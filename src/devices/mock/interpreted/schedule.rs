@@ -28,6 +28,12 @@ struct Turn {
     done: bool,
 }
 
+const IDLE: Turn = Turn { left: 0, done: true };
+
+fn submit_turn(runs: bool, statements: u32) -> Turn {
+    Turn { left: statements, done: !runs }
+}
+
 impl Controller {
     /// One tick of the programs and of the arm.
     pub(in super::super) fn tick_interpreted(&mut self) {
@@ -86,11 +92,12 @@ impl Running {
             _ => SUBMIT_STATEMENTS,
         };
         let robot = match self.mood {
-            Mood::StarvesRobot => self.draw.random_range(1..6),
+            Mood::StarvesRobot if self.draw.random_bool(0.5) => return [submit_turn(submit_runs, submit), IDLE],
+            Mood::StarvesRobot => self.draw.random_range(10..ROBOT_STATEMENTS),
             _ => ROBOT_STATEMENTS,
         };
         let robot_runs = self.values.state == RobotState::Active && !self.robot.is_idle();
-        [Turn { left: submit, done: !submit_runs }, Turn { left: robot, done: !robot_runs }]
+        [submit_turn(submit_runs, submit), Turn { left: robot, done: !robot_runs }]
     }
 
     fn burst(&mut self) -> u32 {

@@ -2,11 +2,24 @@
 
 use super::super::model::Controller;
 use super::Running;
+use crate::krl::Cell;
 
 impl Controller {
     /// What stopped an interpreter that nobody wanted to stop: file, line, reason.
     pub fn program_faults(&self) -> &[String] {
         self.running.as_ref().map_or(&[], |running| &running.faults)
+    }
+
+    /// The first cell of a variable of the data lists, for tests.
+    pub fn shared(&self, name: &str) -> Option<Cell> {
+        let running = self.running.as_ref()?;
+        let cell = running.programs.program.cell(name)?;
+        running.memory.cells.get(cell as usize).copied()
+    }
+
+    /// File and line where each interpreter is, the robot's first.
+    pub fn program_places(&self) -> Option<[String; 2]> {
+        self.running.as_ref().map(|running| [running.robot.place(), running.submit.place()])
     }
 
     /// How often each statement of the programs was executed; empty for the hand-written model.
@@ -48,7 +61,7 @@ impl Running {
     /// The next state's number is left out.
     pub(in super::super) fn skip_state(&mut self) {
         let cell = self.cells.sequence.and_then(|cell| self.memory.cells.get_mut(cell as usize));
-        if let Some(crate::krl::Cell::Int(number)) = cell {
+        if let Some(Cell::Int(number)) = cell {
             *number = number.wrapping_add(1) & i32::MAX;
         }
     }

@@ -24,17 +24,27 @@ pub enum RobotState {
 /// So long after a reset the cell's PLC starts the program again.
 const RESTART_MS: u64 = 300;
 
+/// So long a person takes to select another program.
+const SELECT_MS: u64 = 1_000;
+
 impl Controller {
-    /// Another program than the cell's is selected, and it is at work.
+    /// The cell's program is deselected, and soon another one is selected and at work.
     pub fn select_foreign_program(&mut self) {
         self.with_running(|controller, running| {
             running.robot.clear();
             controller.stop_arm_for_good();
             running.sequences.clear();
-            running.values.state = RobotState::Active;
+            running.values.state = RobotState::Free;
+            running.values.stop_message = false;
+            running.foreign_at_ms = Some(controller.now_ms + SELECT_MS);
             controller.safety.foreign = true;
             controller.safety.started = false;
         });
+    }
+
+    /// Whether drives, guard, mode and key would let a program run.
+    pub fn can_start(&self) -> bool {
+        self.safety.may_start()
     }
 
     /// How often a program that is not the cell's was reset.
@@ -149,6 +159,12 @@ impl Running {
         let safety = &controller.safety;
         let may_run = safety.may_start();
         let values = &mut self.values;
+        if self.foreign_at_ms.is_some_and(|at_ms| controller.now_ms >= at_ms) {
+            self.foreign_at_ms = None;
+            if safety.foreign && values.state == RobotState::Free {
+                values.state = RobotState::Active;
+            }
+        }
         if values.state == RobotState::Active && !may_run {
             values.state = RobotState::Stopped;
         }

@@ -232,8 +232,10 @@ pub(super) fn write(
             frame.parts[at] = part;
             if at == 5 {
                 let whole = frame.parts;
-                let spoilt = controller.troubles.spoil_frame(is_base, whole);
-                frame.now = spoilt.or(frame.now);
+                // A frame that is set again as it is takes no fault: the client sets it once, and hears it back.
+                if frame.now != Some(whole) {
+                    frame.now = controller.troubles.spoil_frame(is_base, whole).or(frame.now);
+                }
             }
         }
         ("$VEL", Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MOST[0])?,
