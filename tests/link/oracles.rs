@@ -21,7 +21,7 @@ const DWELL_MS: u64 = 200;
 const WINDOW_MS: f64 = 1_000.0;
 
 /// What the programs may take longer than the model, which stops in one act: cycles of a scheduler that starves them.
-const PROGRAMS_MS: u64 = 150;
+const PROGRAMS_MS: u64 = 250;
 /// Without its link the arm goes on so long at most, where the programs are executed.
 const UNLINKED_MS: u64 = 400 + BRAKE_MS;
 

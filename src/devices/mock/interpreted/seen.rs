@@ -39,7 +39,13 @@ impl Running {
     }
 
     pub(in super::super) fn is_stopped(&self) -> bool {
-        self.memory.bool(self.cells.stopped)
+        self.memory.bool(self.cells.stopped) || self.robot_has_ended()
+    }
+
+    /// The robot program has ended the present epoch.
+    pub(super) fn robot_has_ended(&self) -> bool {
+        let epoch = self.epoch();
+        [self.cells.run_epoch, self.cells.dead_epoch].into_iter().all(|cell| self.memory.int(cell) == epoch)
     }
 
     /// The last command received, and the last executed.

@@ -23,6 +23,8 @@ pub enum RobotState {
 
 /// So long after a reset the cell's PLC starts the program again.
 const RESTART_MS: u64 = 300;
+/// So long after a stop that nobody resets.
+const GO_ON_MS: u64 = 1_500;
 
 /// So long a person takes to select another program.
 const SELECT_MS: u64 = 1_000;
@@ -90,8 +92,12 @@ impl Controller {
                     running.values.tool.now = None;
                     running.values.state = RobotState::Active;
                 }
-                RobotState::Stopped if !running.values.stop_message => running.values.state = RobotState::Active,
-                _ => {}
+                RobotState::Stopped => {
+                    // Whoever starts it acknowledges the message first.
+                    running.values.stop_message = false;
+                    running.values.state = RobotState::Active;
+                }
+                RobotState::Free | RobotState::Active => {}
             }
             running.values.changed = true;
             controller.safety.started = running.values.state == RobotState::Active && !controller.safety.foreign;
@@ -180,7 +186,7 @@ impl Running {
             values.state = RobotState::Ended;
         }
         let automatic = matches!(controller.safety.mode, Mode::Aut | Mode::Ext);
-        let waits = matches!(values.state, RobotState::Reset | RobotState::Ended);
+        let waits = matches!(values.state, RobotState::Reset | RobotState::Ended | RobotState::Stopped);
         let since_ms = self.reset_since_ms.filter(|_| waits && automatic && may_run);
         self.reset_since_ms = (waits && automatic && may_run).then_some(since_ms.unwrap_or(controller.now_ms));
         controller.safety.started = self.values.state == RobotState::Active && !controller.safety.foreign;
@@ -189,12 +195,14 @@ impl Running {
 
     /// Whether the PLC starts the program now.
     pub(super) fn plc_starts(&self, now_ms: u64) -> bool {
-        self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + RESTART_MS)
+        let wait_ms = if self.values.state == RobotState::Stopped { GO_ON_MS } else { RESTART_MS };
+        self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
     }
 
     /// Notes that the programs have ended an epoch.
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
-        let is_open = self.memory.bool(self.cells.open);
+        // The robot program ends an epoch by itself where the submit interpreter is dead.
+        let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if self.was_open && !is_open {
             let halted = self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true);
             let pressed = self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + 1_000);
