@@ -12,7 +12,7 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
 use crate::daemon::{
-    Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
+    self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from,
 };
 use crate::geometry::KukaPose;
@@ -142,7 +142,7 @@ pub fn one(
     let ended = run_cycle_from((state, Begin::Boot), &job, ports);
     // What a cycle came to before it failed is worth most.
     let recorded = taping.finish();
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
     Ok(Ran {
         ended,
@@ -168,7 +168,7 @@ impl Ran {
         let mut outcome = Outcome::of(&judgement);
         outcome.say(format!("cycle {cycle}: {}", ended.state.at.word()));
         if let Some((request, refusal)) = self.refused {
-            outcome.say(format!("refused: {request:?}, {refusal:?}"));
+            outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
         let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
         outcome

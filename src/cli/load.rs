@@ -90,10 +90,10 @@ impl CellFiles {
         let mut store = self.store_for_writing()?;
         let recovered = store.recover().map_err(Fault::stage)?;
         if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-            return Err(Fault::MotionOpen);
+            return Err(Fault::MotionOpen { cell: self.file.clone() });
         }
         if matches!(recovered.at, At::Aborted { .. }) {
-            return Err(Fault::NotCleared);
+            return Err(Fault::NotCleared { cell: self.file.clone() });
         }
         Ok(store)
     }
@@ -193,18 +193,12 @@ pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera
     files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
 }
 
-/// Reads a picture and holds it against the camera's calibration.
+/// Reads a picture of a clip and holds it against the camera's calibration.
 ///
 /// # Errors
 /// Where the file is no picture, or its size is not the calibrated one.
 pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
-    picture_of(file, &disk::read(file)?, camera)
-}
-
-fn picture_of(file: &Path, bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
-    let picture = files::read_color(bytes).map_err(|error| Fault::file(file, error))?;
-    files::check_picture_size(&picture, camera).map_err(|error| Fault::file(file, error))?;
-    Ok(picture)
+    files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
 }
 
 /// Reads where the panel is; without a file it stands at its nominal place.
@@ -251,7 +245,7 @@ pub fn corner_shots(
     }
     let read = |(file, flange): (&PathBuf, &PathBuf)| {
         let bytes = disk::read(file)?;
-        let picture = picture_of(file, &bytes, camera)?;
+        let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file(file, error))?;
         let pose = files::read_flange(&disk::read(flange)?).map_err(|error| Fault::file(flange, error))?;
         Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange: pose })
     };
@@ -303,7 +297,9 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
             MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
-        let picture = files::read_color(&shot.picture).map_err(Fault::stage)?;
+        let picture = files::read_measured(&shot.picture, &camera);
+        let picture =
+            picture.map_err(|error| Fault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
         let gray = picture.to_gray();
         let seen_at = |scale_from: Point<Panel>| -> Result<TaughtCorner, Fault> {
             let expected = panel_from_camera.inverse() * scale_from;

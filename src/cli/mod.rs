@@ -7,12 +7,14 @@ pub mod args;
 mod assignment;
 mod calibrate;
 mod check;
+mod clear;
 mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
 mod doctor;
 mod fault;
+mod follow;
 mod health;
 mod inspect;
 mod labels;
@@ -22,6 +24,7 @@ mod locate;
 mod log;
 mod mock_robot;
 mod outcome;
+mod part;
 mod person;
 mod pictures;
 mod plan;
@@ -66,6 +69,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
         Command::Run(args) => run::run(args, common),
+        Command::Clear => clear::run(common),
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| eprintln!("{line}")),
         Command::Teach(args) => teach::run(args, common),

@@ -288,12 +288,18 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
             sim::Phase::Spray => Phase::Spray,
             sim::Phase::Wet => Phase::Wet,
         };
-        ClipEntry { file: format!("{:05}.jpg", index + 1), time_s, phase }
+        // All that follows is held against the dry pictures: those keep every pixel.
+        let kind = if phase == Phase::Dry { "png" } else { "jpg" };
+        ClipEntry { file: format!("{:05}.{kind}", index + 1), time_s, phase }
     };
     let entries: Vec<ClipEntry> = times_s.iter().enumerate().map(entry).collect();
     entries.par_iter().try_for_each(|entry| {
-        let jpeg = files::write_color_jpeg(&film.picture(entry.time_s)).map_err(Fault::stage)?;
-        disk::write(&folder.join(&entry.file), jpeg)
+        let picture = film.picture(entry.time_s);
+        let bytes = match entry.phase {
+            Phase::Dry => files::write_color_png(&picture),
+            Phase::Spray | Phase::Wet => files::write_color_jpeg(&picture),
+        };
+        disk::write(&folder.join(&entry.file), bytes.map_err(Fault::stage)?)
     })?;
     let clip = Clip::new(entries).map_err(Fault::stage)?;
     disk::write(&folder.join("clip.csv"), clip.to_csv())

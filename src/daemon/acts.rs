@@ -105,7 +105,10 @@ impl Running<'_> {
         };
         self.keep(notes)?;
         match (found?, artifacts) {
-            (Found::Filming(filming), _) => self.wait(id, act, Waits::Film(filming)),
+            (Found::Filming(filming), _) => {
+                self.ports.requests.filmed(filming.seen_s);
+                self.wait(id, act, Waits::Film(filming));
+            }
             (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
             (Found::Answer(answer), artifacts) => {
                 match (act, artifacts) {

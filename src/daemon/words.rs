@@ -1,5 +1,6 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
+use super::desk::Asked;
 use crate::cycle::{At, Cause, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
@@ -15,6 +16,17 @@ pub fn request_word(request: Request) -> &'static str {
         Request::Stop => "stop",
         Request::Abort => "abort",
         Request::Clear => "clear",
+    }
+}
+
+/// What somebody asks, as it is told in the log.
+pub(super) fn asked(asked: &Asked) -> String {
+    match asked {
+        Asked::State => "state".to_owned(),
+        Asked::For(Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
+        Asked::For(request) => request_word(*request).to_owned(),
+        Asked::NewDisc => "new-disc".to_owned(),
+        Asked::Begin(order) => format!("start of panel {}", order.task.recipe.panel()),
     }
 }
 
@@ -67,7 +79,7 @@ fn possible(state: &State) -> Vec<&'static str> {
 }
 
 /// Why a request is refused in this state.
-pub(super) fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
+pub fn refusal(request: Request, refusal: Refusal, state: &State) -> Reason {
     let word = request_word(request);
     let possible = || match possible(state) {
         words if words.is_empty() => "nothing is possible before that has changed".to_owned(),

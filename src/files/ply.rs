@@ -6,14 +6,14 @@
 
 mod header;
 
-use super::cloud_error::CloudFileError;
+use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use header::{Header, NAMES, Number, Place, Places};
 
 /// Reads an organised cloud; `camera` says its size where the file does not.
 ///
 /// # Errors
-/// Where the bytes are not an organised PLY file with colours, whole to its last point.
+/// Where the bytes are not an organised PLY file with colours, whole to its last point, or its size is not the camera's.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = Header::parse(bytes)?;
     let (width, height) = header.size()?.unwrap_or((camera.width_px as u64, camera.height_px as u64));
@@ -25,6 +25,7 @@ pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<C
     }
     let places = header.places()?;
     let points = header.checked_points()?;
+    check_cloud_size((width, height), camera)?;
     let (points_mm, colors) = match header.is_text {
         true => read_text(bytes, &header, points, &places)?,
         false => read_binary(bytes, &header, points, &places)?,

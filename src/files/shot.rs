@@ -10,23 +10,7 @@ use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 /// Where the bytes are not an organised cloud with colours, or its size is not the camera's.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
-    let cloud = if is_ply { read_ply(bytes, camera)? } else { read_pcd(bytes)? };
-    check_cloud_size(&cloud, camera)?;
-    Ok(cloud)
-}
-
-/// Refuses a cloud that is not from the calibrated camera.
-///
-/// # Errors
-/// Where width or height differ from the calibration's.
-pub fn check_cloud_size(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
-    let (width, height) = (cloud.width(), cloud.height());
-    match (width, height) == (camera.width_px, camera.height_px) {
-        true => Ok(()),
-        false => {
-            Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
-        }
-    }
+    if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }
 }
 
 #[cfg(test)]

@@ -269,6 +269,7 @@ impl Cell {
             }),
             record: &mut Taped::new(&mut record, taping.clone()),
             requests: &mut Taped::new(asks, taping.clone()),
+            supervisor: crate::supervision::Supervisor::default(),
         };
         let site = Site::new(&self.files().0).expect("complete");
         serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
