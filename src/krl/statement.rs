@@ -110,8 +110,7 @@ impl Parser {
             self.problem(line, &first, "behind SWITCH the next line must be CASE".to_owned());
             self.block(&ENDS);
         }
-        loop {
-            let Some((line, first)) = self.first_word() else { break };
+        while let Some((line, first)) = self.first_word() {
             match first.as_str() {
                 "CASE" => {
                     let tokens = self.take_line();

@@ -61,6 +61,7 @@ pub fn walk(seed: u64, programs: &Programs, meaning: Meaning) -> (Cell, Result<(
     (cell, found)
 }
 
+/// More walks: `KRL_WALKS=5000`. What one looks like at its end: `KRL_SEED=148`. In fewer meanings: `KRL_MASK=0`.
 #[test]
 fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let programs = load(&texts("config/kuka"));
@@ -126,7 +127,7 @@ fn undo(undone: &Undone) -> Programs {
     load(&texts)
 }
 
-const UNDONE: [Undone; 7] = [
+const UNDONE: [Undone; 6] = [
     Undone {
         name: "another program is reset",
         file: "cell_submit.src",
@@ -141,7 +142,7 @@ const UNDONE: [Undone; 7] = [
         ships: "    IF CELL_BEHIND AND (NOT $FLAG[CELL_F_HALT]) THEN\n      CELL_RETRACT=TRUE\n    ENDIF\n",
         before: "",
         meaning: |_| {},
-        seeds: 300..301,
+        seeds: 314..315,
     },
     Undone {
         name: "RESUME with $ADVANCE at 3",
@@ -175,14 +176,6 @@ const UNDONE: [Undone; 7] = [
         before: "",
         meaning: |meaning| meaning.late_triggers = true,
         seeds: 198..199,
-    },
-    Undone {
-        name: "a lone blended motion waits for ever",
-        file: "cell_motion.src",
-        ships: "        IF $TIMER[CELL_T_STILL]>=CELL_LONE_MS THEN\n          WAIT SEC 0\n          CELL_CATCH_UP( )\n        ENDIF\n",
-        before: "        ; no way out\n",
-        meaning: |meaning| meaning.lone_approximation_waits = true,
-        seeds: 300..301,
     },
 ];
 
