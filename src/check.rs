@@ -16,6 +16,8 @@ use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
 use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
+use crate::requirements::{Purpose, Unmet, unmet};
+use crate::words::{fixed, list};
 use std::collections::BTreeMap;
 
 pub use text::{NotText, decode};
@@ -29,7 +31,7 @@ pub struct FileReport {
     pub problems: Vec<Problem>,
     /// What is allowed and a trap, in the order of the lines.
     pub warnings: Vec<Problem>,
-    /// What was understood, a sentence each; empty where a file of ours is wrong.
+    /// What was understood, a sentence each; empty where a file of ours cannot be understood.
     pub says: Vec<String>,
 }
 
@@ -41,11 +43,7 @@ struct Kind {
 }
 
 const KINDS: [Kind; 7] = [
-    Kind {
-        name: "cell",
-        keys: &CELL_KEYS,
-        check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)),
-    },
+    Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
         name: "recipe",
         keys: &RECIPE_KEYS,
@@ -67,13 +65,14 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
 }
 
 /// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. KRL is held against the lowest version of KSS that the installation page names.
-pub fn check_files(files: &[(&str, &str)]) -> Vec<FileReport> {
-    check_files_for(files, LOWEST_KSS)
+/// its text. A cell must say all that the purpose needs, where one is given. KRL is held against the lowest version of
+/// KSS that the installation page names.
+pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
+    check_files_for(files, purpose, LOWEST_KSS)
 }
 
 /// [`check_files`] for controllers with this version of KSS and higher ones.
-pub fn check_files_for(files: &[(&str, &str)], kss: Kss) -> Vec<FileReport> {
+pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Kss) -> Vec<FileReport> {
     let mut channels = Vec::new();
     let mut programs = Vec::new();
     let mut reports = Vec::new();
@@ -84,7 +83,7 @@ pub fn check_files_for(files: &[(&str, &str)], kss: Kss) -> Vec<FileReport> {
             continue;
         }
         if !is_eki(name, text) {
-            reports.push(check_ours(name, text));
+            reports.push(check_ours(name, text, purpose));
             continue;
         }
         let checked = eki::check(name, text);
@@ -103,26 +102,45 @@ pub fn check_files_for(files: &[(&str, &str)], kss: Kss) -> Vec<FileReport> {
     reports
 }
 
-/// Checks the text of any configuration file; `name` is the file's name in messages.
+/// Checks the text of any configuration file by itself, for no purpose; `name` is the file's name in messages.
 pub fn check_file(name: &str, text: &str) -> FileReport {
-    check_files(&[(name, text)]).swap_remove(0)
+    check_files(&[(name, text)], None).swap_remove(0)
 }
 
 fn is_eki(name: &str, text: &str) -> bool {
     name.to_lowercase().ends_with(".xml") || text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
 }
 
-fn check_ours(name: &str, text: &str) -> FileReport {
+fn check_ours(name: &str, text: &str, purpose: Option<Purpose>) -> FileReport {
     let Some(kind) = kind_of(&config::top_keys(text)) else {
         let begins = KINDS.map(|kind| format!("{} ({})", kind.name, kind.keys.join(", ")));
         return unclear(format!("not clear what this file is; its top would tell: {}", begins.join("; ")));
     };
     match (kind.check)(name, text) {
-        Ok(says) => FileReport { kind: Some(kind.name), problems: vec![], warnings: vec![], says },
+        Ok(says) => {
+            let problems = purpose.map_or(vec![], |purpose| unmet_of(kind.name, (name, text), purpose));
+            FileReport { kind: Some(kind.name), problems, warnings: vec![], says }
+        }
         Err(problems) => {
             FileReport { kind: Some(kind.name), problems: problems.list, warnings: vec![], says: vec![] }
         }
     }
+}
+
+/// The kind that is checked for a purpose.
+const CELL: &str = "cell";
+
+/// What a cell's file does not say and this purpose needs, each at its line.
+fn unmet_of(kind: &str, (name, text): (&str, &str), purpose: Purpose) -> Vec<Problem> {
+    let cell = Some(kind).filter(|kind| *kind == CELL).and_then(|_| Cell::check(name, text).ok());
+    let problem = |Unmet { key, message }: Unmet| {
+        let message = format!("{message} ({} need it)", purpose.commands());
+        Problem { line: config::line_of_key(text, &key), key, message }
+    };
+    let mut problems: Vec<Problem> =
+        cell.map_or(vec![], |cell| unmet(&cell, purpose)).into_iter().map(problem).collect();
+    problems.sort_by_key(|problem| problem.line);
+    problems
 }
 
 fn unclear(message: String) -> FileReport {
@@ -201,9 +219,9 @@ fn say_cell(cell: &Cell) -> Vec<String> {
     let calibrations = calibrations.iter().filter(|(_, file)| file.is_some()).map(|(name, _)| *name).collect();
     let box_of_waypoints = match cell.limits().workspace() {
         Some(space) => format!(
-            "the tool stays in {:?} … {:?} mm",
-            space.min.mm.coords.as_slice(),
-            space.max.mm.coords.as_slice()
+            "the tool stays in {} … {} mm",
+            list(space.min.mm.coords.as_slice()),
+            list(space.max.mm.coords.as_slice())
         ),
         None => "no box for the tool is stated".to_owned(),
     };
@@ -268,14 +286,15 @@ fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let (origin, axis) = (rigid.origin().mm, (rigid * Vector::<M::From>::new(nalgebra::Vector3::z())).mm);
     let residual = mounted.rms_mm.map_or("unknown".to_owned(), |rms_mm| format!("{rms_mm:.3} mm rms"));
     let mut says = vec![
-        format!("{from} at ({:.1}, {:.1}, {:.1}) mm in {to}", origin.x, origin.y, origin.z),
-        format!("its Z axis points along ({:.2}, {:.2}, {:.2}) there", axis.x, axis.y, axis.z),
+        format!("{from} at ({}, {}, {}) mm in {to}", fixed(origin.x, 1), fixed(origin.y, 1), fixed(origin.z, 1)),
+        format!("its Z axis points along ({}, {}, {}) there", fixed(axis.x, 2), fixed(axis.y, 2), fixed(axis.z, 2)),
         format!("residual: {residual}"),
     ];
     if M::HAS_AXIS {
         let measured = if mounted.axis_measured == Some(true) { "measured" } else { "not measured" };
         says.push(format!("the tool's axis was {measured}"));
     }
+    says.extend(mounted.board.map(|board| format!("the board: {board}")));
     says
 }
 
@@ -363,7 +382,7 @@ mod tests {
                 "off after the end of an epoch: none",
                 "feedbacks: none",
                 "calibration files named: none",
-                "limits: the tool stays in [0.0, 0.0, 0.0] … [1.0, 2.0, 3.0] mm",
+                "limits: the tool stays in [0, 0, 0] … [1, 2, 3] mm",
                 "store in c/store",
             ]
         );

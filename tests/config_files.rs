@@ -1,6 +1,7 @@
 //! The configuration files that ship.
 
-use panelprep::check::{check_file, check_files};
+use panelprep::check::check_files;
+use panelprep::requirements::Purpose;
 use std::fs;
 use std::path::Path;
 use std::process::Command;
@@ -15,7 +16,8 @@ fn the_files_that_ship_are_right() {
             let path = entry.expect("an entry").path();
             if path.extension().is_some_and(|extension| extension == "toml") {
                 let text = fs::read_to_string(&path).expect("the file is there");
-                let report = check_file(&path.to_string_lossy(), &text);
+                let name = path.to_string_lossy();
+                let report = check_files(&[(&name, &text)], Some(Purpose::Cycle)).swap_remove(0);
                 assert_eq!(report.problems, vec![], "{}", path.display());
                 assert!(!report.says.is_empty());
                 kinds.push(report.kind);
@@ -31,7 +33,7 @@ fn the_files_that_ship_are_right() {
 fn the_channel_files_that_ship_are_right() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
     let texts = ["CELLCMD.xml", "CELLSTAT.xml"].map(|name| fs::read_to_string(folder.join(name)).expect("it"));
-    for report in check_files(&[("CELLCMD.xml", &texts[0]), ("CELLSTAT.xml", &texts[1])]) {
+    for report in check_files(&[("CELLCMD.xml", &texts[0]), ("CELLSTAT.xml", &texts[1])], None) {
         assert_eq!((report.kind, report.problems, report.warnings), (Some("EthernetKRL"), vec![], vec![]));
     }
 }

@@ -85,6 +85,24 @@ fn a_cell_without_trouble_has_none_and_each_planted_one_is_named() {
     );
     fs::write(&file, &text).expect("written");
 
+    // What a cycle would refuse, by the same words.
+    planted(
+        folder,
+        ("cell/cell.toml", "a1_deg = -120.0", "a1_deg = -320.0"),
+        ["cell file", "poses.park.a1_deg: found -320, allowed is -170 to 170", "cycle"],
+    );
+    // The taught scan is no longer the one that was taught.
+    let taught = Store::open(&folder.join("cell/store")).expect("a store").taught("simulated-panel", None);
+    let hash = panelprep::files::content_hash(&taught.expect("taught").teaching.scan);
+    let scan = folder.join("cell/store/blobs").join(hash);
+    let bytes = fs::read(&scan).expect("there");
+    let mut spoilt = bytes.clone();
+    *spoilt.last_mut().expect("bytes") ^= 1;
+    fs::write(&scan, spoilt).expect("written");
+    one_wrong(folder, DOCTOR, ["taught panel simulated-panel", "", "teach it again"]);
+    fs::write(&scan, bytes).expect("written");
+    assert_eq!(wrong(folder, DOCTOR), Vec::<[String; 3]>::new());
+
     // The store and the clock.
     let store = folder.join("cell/store");
     let database = fs::File::options().append(true).open(store.join("panelprep.sqlite")).expect("the database");

@@ -32,7 +32,8 @@ fn a_thread_that_fails_ends_the_service() {
             }
             let running = service(folder);
             if running.state() == "aborted" {
-                running.done("clear");
+                // The robot's link may still be on its way.
+                running.wait("a clear is taken", |running| running.ctl("clear").0 == 0);
                 running.reach("stopped");
             }
             running.reset();

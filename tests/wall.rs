@@ -24,8 +24,13 @@ impl Drop for Mock {
 
 impl Mock {
     pub fn start(folder: &Path, ports: [u16; 2]) -> Self {
+        Self::start_with(folder, "mock-robot --config . --cell cell/cell.toml", ports)
+    }
+
+    /// By this command, which must listen on these ports.
+    pub fn start_with(folder: &Path, command: &str, ports: [u16; 2]) -> Self {
         let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-            .args("mock-robot --config . --cell cell/cell.toml".split_whitespace())
+            .args(command.split_whitespace())
             .current_dir(folder)
             .stderr(Stdio::piped())
             .spawn()
@@ -39,7 +44,7 @@ impl Mock {
     }
 
     /// How many lines have this word.
-    fn told(&self, word: &str) -> usize {
+    pub fn told(&self, word: &str) -> usize {
         self.told.lock().expect("whole").iter().filter(|line| line.contains(word)).count()
     }
 }

@@ -1,6 +1,7 @@
 //! Why data cannot become a calibration: what was found, what is needed, what to do.
 
 use crate::imaging::ImagingError;
+use crate::words::apart;
 
 /// Why there is no calibration.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -27,6 +28,21 @@ pub enum CalibError {
         /// Inner corners in a row.
         columns: usize,
         /// Rows of inner corners.
+        rows: usize,
+    },
+    /// A picture shows another board.
+    #[error(
+        "{picture}: found a {}x{} board, asked for {columns}x{rows} (inner corners along its sides); correct --board, or take \
+         a picture of the right board", found[0], found[1]
+    )]
+    OtherBoard {
+        /// The picture.
+        picture: String,
+        /// Inner corners along the sides of the board in the picture, the longer side first.
+        found: [usize; 2],
+        /// Inner corners in a row of the board that was asked for.
+        columns: usize,
+        /// Its rows of inner corners.
         rows: usize,
     },
     /// Pictures of several sizes.
@@ -58,8 +74,9 @@ pub enum CalibError {
     Points(String),
     /// Robot poses that turn too little.
     #[error(
-        "the poses turn the board too little: {about_second_axis_deg:.1}° about the second axis, {needed_deg:.0}° are \
-         needed; a camera mount cannot be told from such data: tilt the flange about two axes, by 20° and more"
+        "the poses turn the board too little: {}° about the second axis, {}° are needed; a camera mount cannot be told from \
+         such data: tilt the flange about two axes, by 20° and more", apart(*about_second_axis_deg, *needed_deg, 1)[0],
+        apart(*about_second_axis_deg, *needed_deg, 1)[1]
     )]
     TooLittleRotation {
         /// Spread of the turns about the second of their axes, degrees.

@@ -7,6 +7,7 @@ use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
 use crate::geometry::{Point, Rigid};
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, fixed, percent_apart};
 
 /// Beyond the first a person must look, beyond the second it is rejected.
 type Bounds = (f64, f64);
@@ -40,7 +41,10 @@ struct Reasons {
 impl Reasons {
     /// A NaN is beyond every bound.
     fn bound(&mut self, code: &'static str, value: f64, (review, reject): Bounds, words: &str) {
-        let message = |allowed: f64| format!("{words}: {value:.3}, allowed is {allowed}");
+        let message = |allowed: f64| {
+            let [value, allowed] = apart(value, allowed, 3);
+            format!("{words}: {value}, allowed is {allowed}")
+        };
         if value.is_nan() || value > reject {
             self.reject.push(Reason::new(code, message(reject)));
         } else if value > review {
@@ -65,9 +69,10 @@ impl Reasons {
         let mm = rough.distance_at_mm(*found, Point::at(0.0, 0.0, 0.0));
         let deg = (rough.inverse() * *found).turn().0;
         if mm > ROUGH_MM || deg > ROUGH_DEG {
+            let ([mm, allowed_mm], [deg, allowed_deg]) = (apart(mm, ROUGH_MM, 0), apart(deg, ROUGH_DEG, 0));
             let message = format!(
-                "the camera comes out {mm:.0} mm and {deg:.0}° from its rough place in the cell's file, allowed are \
-                 {ROUGH_MM:.0} mm and {ROUGH_DEG:.0}°; {question}"
+                "the camera comes out {mm} mm and {deg}° from its rough place in the cell's file, allowed are {allowed_mm} mm \
+                 and {allowed_deg}°; {question}"
             );
             self.reject.push(Reason::new("rough_mount", message));
         }
@@ -86,34 +91,31 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
     reasons
         .doubt("few_pictures", used < FEW_VIEWS, || format!("{used} pictures were used; take {FEW_VIEWS} or more"));
     reasons.doubt("coverage", found.coverage < COVERAGE, || {
+        let [covered, needed] = percent_apart(found.coverage, COVERAGE, 0);
         format!(
-            "corners cover {:.0} % of the picture, {:.0} % are wanted; bring the board into the corners too",
-            found.coverage * 100.0,
-            COVERAGE * 100.0
+            "corners cover {covered} % of the picture, {needed} % are wanted; bring the board into the corners too"
         )
     });
     let [low, high] = found.tilt_deg;
     reasons.doubt("tilt", high < LEAST_TILT_DEG, || {
+        let [high, needed] = apart(high, LEAST_TILT_DEG, 0);
         format!(
-            "the board was tilted by {low:.0}° to {high:.0}°; tilt it by {LEAST_TILT_DEG:.0}° and more both ways, or focal \
-             length and distance cannot be told apart"
+            "the board was tilted by {}° to {high}°; tilt it by {needed}° and more both ways, or focal length and distance \
+             cannot be told apart",
+            fixed(low, 0)
         )
     });
     let focal = (found.deviations[0] / found.camera.fx_px).max(found.deviations[1] / found.camera.fy_px);
     reasons.doubt("focal_length", focal.is_nan() || focal > FOCAL_SHARE, || {
-        format!(
-            "the focal length is known to {:.2} % only, {:.1} % is wanted; take more pictures, tilted",
-            focal * 100.0,
-            FOCAL_SHARE * 100.0
-        )
+        let [known, wanted] = percent_apart(focal, FOCAL_SHARE, 2);
+        format!("the focal length is known to {known} % only, {wanted} % is wanted; take more pictures, tilted")
     });
     let centre = (found.deviations[2] / found.camera.fx_px).max(found.deviations[3] / found.camera.fy_px);
     reasons.doubt("principal_point", centre.is_nan() || centre > CENTRE_SHARE, || {
+        let [known, wanted] = apart(centre * 1e3, CENTRE_SHARE * 1e3, 2);
         format!(
-            "the principal point is known to {:.2} mm at 1 m, {:.1} mm is wanted, and a mount calibrated with it is off \
-             by as much; take more pictures in which the board fills the picture, tilted both ways",
-            centre * 1e3,
-            CENTRE_SHARE * 1e3
+            "the principal point is known to {known} mm at 1 m, {wanted} mm is wanted, and a mount calibrated with it is off \
+             by as much; take more pictures in which the board fills the picture, tilted both ways"
         )
     });
     reasons.judgement()
@@ -142,7 +144,8 @@ pub fn hand_eye<A: Arrangement>(
     reasons.bound("rms_mm", found.rms_mm, HAND_EYE_RMS_MM, "picture and robot disagree by so many mm rms");
     let spread = found.second_axis_deg;
     reasons.doubt("rotation", spread < SPREAD_DEG, || {
-        format!("the poses turn by {spread:.1}° about the second axis; {SPREAD_DEG:.0}° and more are wanted")
+        let [spread, needed] = apart(spread, SPREAD_DEG, 1);
+        format!("the poses turn by {spread}° about the second axis; {needed}° and more are wanted")
     });
     let used = found.residuals.iter().filter(|residual| residual.used).count();
     reasons.doubt("few_poses", used < FEW_POSES, || format!("{used} poses were used; take {FEW_POSES} or more"));
@@ -151,13 +154,13 @@ pub fn hand_eye<A: Arrangement>(
         format!("without {name} the result moves by {left_out_mm:.3} mm, more than its uncertainty; look at that picture")
     });
     if let Some(second) = second {
-        let apart = apart_mm(found, second);
+        let away = apart_mm(found, second);
         let allowed = found.uncertainty_mm.hypot(second.uncertainty_mm);
-        reasons.doubt("second_result", apart > 2.0 * allowed, || {
+        reasons.doubt("second_result", away > 2.0 * allowed, || {
+            let [away, allowed] = apart(away, 2.0 * allowed, 3);
             format!(
-                "the 3D camera's own points give a mount {apart:.3} mm away at the panel, {:.3} mm are allowed; are these \
-                 the intrinsics of the camera that took the pictures?",
-                2.0 * allowed
+                "the 3D camera's own points give a mount {away} mm away at the panel, {allowed} mm are allowed; are these the \
+                 intrinsics of the camera that took the pictures?"
             )
         });
     }

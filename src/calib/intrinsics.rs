@@ -11,6 +11,7 @@ use super::foreign;
 use super::lens_covariance::lens_covariance;
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid};
+use crate::words::apart;
 use nalgebra::Vector3;
 
 /// A picture with its corners.
@@ -99,10 +100,10 @@ pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result
         let allowed = !keep_all && set_aside as f64 <= MAX_ASIDE * views.len() as f64;
         if let Some((worst, limit_px)) = outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) {
             let name = &used[worst].name;
+            let [off, limit] = apart(rms[worst], limit_px, 2);
             let reason = format!(
-                "its corners are {:.2} px off, the limit from the other pictures is {limit_px:.2} px; blurred, or the \
-                 board was bent or moved",
-                rms[worst]
+                "its corners are {off} px off, the limit from the other pictures is {limit} px; blurred, or the board was bent \
+                 or moved"
             );
             if let Some(index) = views.iter().position(|view| view.name == *name) {
                 aside[index] = Some((rms[worst], reason));

@@ -11,6 +11,7 @@ use super::error::CalibError;
 use super::pose::board_pose;
 use super::{Board, Seen};
 use crate::geometry::{Base, Board as BoardFrame, Flange, Frame, PinholeCamera, Point, Rigid, Vector};
+use crate::words::apart;
 use nalgebra::Isometry3;
 
 /// A corner of the board that was touched.
@@ -103,7 +104,8 @@ fn frame_through<F: Frame>(points: [Point<F>; 3], apart_mm: f64, what: &str) -> 
     let sides = [(0, 1), (1, 2), (0, 2)].map(|(a, b)| points[a].distance_mm(points[b]));
     let shortest = sides.iter().copied().fold(f64::INFINITY, f64::min);
     if shortest < apart_mm {
-        let message = format!("two {what} are {shortest:.1} mm apart; at least {apart_mm:.1} mm are needed");
+        let [shortest, needed] = apart(shortest, apart_mm, 1);
+        let message = format!("two {what} are {shortest} mm apart; at least {needed} mm are needed");
         return Err(CalibError::Points(message));
     }
     let flat = || {

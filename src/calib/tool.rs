@@ -8,6 +8,7 @@
 use super::error::CalibError;
 use super::quantile::radius_95;
 use crate::geometry::{Base, Flange, Point, Rigid, Tool, Vector};
+use crate::words::apart;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 /// A tool's point with its evidence.
@@ -77,8 +78,9 @@ pub fn tool_point(poses: &[Rigid<Base, Flange>]) -> Result<ToolPoint, CalibError
     let weakest = normal.symmetric_eigenvalues().min().max(0.0);
     let lever = (weakest / count as f64).sqrt();
     if lever < MIN_LEVER {
+        let [lever, needed] = apart(lever, MIN_LEVER, 3);
         return Err(CalibError::Tool(format!(
-            "the poses turn too little: the tip's weakest direction is determined to {lever:.3}, {MIN_LEVER} is needed; \
+            "the poses turn too little: the tip's weakest direction is determined to {lever}, {needed} is needed; \
              turn the flange by 30° and more about two axes, and is every angle in degrees?"
         )));
     }
@@ -124,8 +126,9 @@ fn behind(point: &ToolPoint, poses: &[Rigid<Base, Flange>]) -> Result<Vec<Vector
         let away = (point.tip - pose.inverse() * point.spot).mm;
         let found_mm = away.norm();
         if found_mm < MIN_BEHIND_MM {
+            let [found, needed] = apart(found_mm, MIN_BEHIND_MM, 1);
             return Err(CalibError::Tool(format!(
-                "the second point of the axis is {found_mm:.1} mm from the tip; at least {MIN_BEHIND_MM} mm are needed"
+                "the second point of the axis is {found} mm from the tip; at least {needed} mm are needed"
             )));
         }
         Ok(away / found_mm)

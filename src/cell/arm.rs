@@ -6,6 +6,7 @@
 
 use crate::config::{Choice, Section, settings};
 use crate::geometry::{Base, Point};
+use crate::words;
 
 /// A number for each axis, axis 1 first.
 pub type PerAxis = [f64; 6];
@@ -251,7 +252,7 @@ fn custom(section: &Section<'_, '_>, table: &ArmTable) -> Option<(ArmGeometry, A
     let [offsets_deg, signs, min_deg, max_deg, max_speed_deg_s] = lists;
     let (signs, max_speed_deg_s) = (signs?, max_speed_deg_s?);
     if signs.iter().any(|sign| sign.abs() != 1.0) {
-        section.problem("signs", format!("found {signs:?}, allowed is 1 or -1 for each axis"));
+        section.problem("signs", format!("found {}, allowed is 1 or -1 for each axis", words::list(&signs)));
         return None;
     }
     let geometry = ArmGeometry {
@@ -289,7 +290,10 @@ fn take_keep_out(section: &Section<'_, '_>) -> Option<KeepOut> {
     section.done();
     let (name, low, high) = (name?, low?, high?);
     if (0..3).any(|axis| low[axis] >= high[axis]) {
-        section.problem("max_mm", format!("{high:?} must exceed min_mm {low:?} in every axis"));
+        section.problem(
+            "max_mm",
+            format!("{} must exceed min_mm {} in every axis", words::list(&high), words::list(&low)),
+        );
         return None;
     }
     let point = |[x_mm, y_mm, z_mm]: [f64; 3]| Point::at(x_mm, y_mm, z_mm);

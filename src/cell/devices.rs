@@ -1,6 +1,7 @@
 //! `[scanner]`, `[flange_camera]`, `[robot]`: what is connected.
 
 use crate::config::{Choice, Section};
+use core::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 /// Where a camera's shots come from; `Device` is what a real one must be told. The default is simulated.
@@ -95,6 +96,27 @@ impl Robot {
     pub fn state_port(&self) -> u16 {
         self.state_port
     }
+
+    /// Whether its address can only be this machine's own.
+    pub fn is_on_this_machine(&self) -> bool {
+        self.host == "localhost" || self.host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
+    }
+}
+
+/// An address, or a host's name as RFC 1123 has it; underscores as some networks have them.
+fn is_host(host: &str) -> bool {
+    let is_label = |label: &str| {
+        (1..=63).contains(&label.len())
+            && label.chars().all(|c| c.is_ascii_alphanumeric() || c == '-' || c == '_')
+            && !label.starts_with('-')
+            && !label.ends_with('-')
+    };
+    // What ends in a number is meant as an address.
+    let is_number = |label: &str| label.chars().all(|c| c.is_ascii_digit());
+    let is_name = || {
+        host.len() <= 253 && host.split('.').all(is_label) && !host.split('.').next_back().is_some_and(is_number)
+    };
+    host.parse::<IpAddr>().is_ok() || is_name()
 }
 
 /// The ports that the controller's firewall opens (`eki.md` 1.3).
@@ -121,6 +143,14 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
         (RobotKind::Mock, Some(host)) if !["localhost", THIS_MACHINE].contains(&host.as_str()) => {
             section
                 .problem("host", format!("found \"{host}\"; kind = \"mock\" runs on this machine, {THIS_MACHINE}"));
+            return None;
+        }
+        (_, Some(host)) if !is_host(&host) => {
+            let message = format!(
+                "found \"{host}\", allowed is an address such as 172.31.1.147, or a host's name of letters, digits, - and \
+                 points"
+            );
+            section.problem("host", message);
             return None;
         }
         (_, host) => host.unwrap_or(THIS_MACHINE.to_owned()),

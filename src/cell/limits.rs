@@ -2,6 +2,7 @@
 
 use crate::config::{Section, settings};
 use crate::geometry::{Base, Point};
+use crate::words::list;
 
 settings! {
     /// `[limits]`. The upper ends are the program's own: a cell may be stricter, never laxer.
@@ -82,7 +83,10 @@ pub(super) fn take_limits(section: &Section<'_, '_>) -> Option<Limits> {
     }
     match (limits.box_min_mm, limits.box_max_mm) {
         (Some(low), Some(high)) if (0..3).any(|axis| low[axis] >= high[axis]) => {
-            wrong.push(("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis")));
+            wrong.push((
+                "box_max_mm",
+                format!("{} must exceed box_min_mm {} in every axis", list(&high), list(&low)),
+            ));
         }
         (Some(_), None) => wrong.push(("box_max_mm", "is missing; box_min_mm is given".to_owned())),
         (None, Some(_)) => wrong.push(("box_min_mm", "is missing; box_max_mm is given".to_owned())),

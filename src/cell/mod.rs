@@ -5,6 +5,7 @@
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
 mod arm;
+mod board_size;
 mod calibration;
 mod date;
 mod devices;
@@ -18,6 +19,7 @@ mod zivid;
 mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
+pub use board_size::BoardSize;
 pub use calibration::{
     FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
     ToolMount,
@@ -51,6 +53,18 @@ pub struct CalibrationFiles {
 }
 
 impl CalibrationFiles {
+    /// Those that are named, each with its key.
+    pub fn named(&self) -> Vec<(&'static str, &Path)> {
+        let all = [
+            ("scanner", &self.scanner),
+            ("flange_camera", &self.flange_camera),
+            ("base_from_camera", &self.base_from_camera),
+            ("flange_from_camera", &self.flange_from_camera),
+            ("flange_from_tool", &self.flange_from_tool),
+        ];
+        all.into_iter().filter_map(|(key, file)| Some((key, file.as_deref()?))).collect()
+    }
+
     fn take(folder: &Path, section: &Section<'_, '_>) -> Option<Self> {
         let file =
             |key| section.take::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));

@@ -15,7 +15,7 @@ pub(super) fn take_poses(section: &Section<'_, '_>) -> Option<BTreeMap<String, J
 }
 
 fn take_joints(section: &Section<'_, '_>) -> Option<Joints> {
-    // Generous: which angles an arm reaches is the gate's to judge.
+    // Generous: which angles this arm reaches, `requirements` and the gate say.
     let axis = |key| section.take::<f64>(key, -360.0..=360.0, None);
     let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] =
         ["a1_deg", "a2_deg", "a3_deg", "a4_deg", "a5_deg", "a6_deg"].map(axis);

@@ -128,6 +128,11 @@ fn each_mistake_is_named() {
         ),
         ("[robot]\nkind = 'eki'", "1: robot.host: is missing; kind = \"eki\" needs the controller's address"),
         (
+            "[robot]\nkind = 'eki'\nhost = 'host.foo bar'",
+            "3: robot.host: found \"host.foo bar\", allowed is an address such as 172.31.1.147, or a host's name of letters, digits, \
+             - and points",
+        ),
+        (
             "[robot]\nhost = '172.31.1.147'",
             "2: robot.host: found \"172.31.1.147\"; kind = \"mock\" runs on this machine, 127.0.0.1",
         ),
@@ -375,5 +380,28 @@ proptest! {
         prop_assert_eq!(MountedPose::check("f", &tool.to_toml()), Ok(tool.clone()), "{}", tool.to_toml());
         let camera = MountedPose::<ScannerMount>::of(pose);
         prop_assert_eq!(MountedPose::check("f", &camera.to_toml()), Ok(camera));
+    }
+}
+
+#[test]
+fn a_host_is_an_address_or_a_name() {
+    let of = |host: &str| Cell::check("f", &format!("[robot]\nkind = 'eki'\nhost = '{host}'"));
+    for host in ["172.31.1.147", "::1", "localhost", "krc-4.cell.example", "krc4_left", "a1.b2c"] {
+        let cell = of(host).unwrap_or_else(|problems| panic!("{host}: {problems}"));
+        let here = ["::1", "localhost"].contains(&host);
+        assert_eq!(cell.robot().is_on_this_machine(), here, "{host}");
+    }
+    for host in [
+        "host.foo bar",
+        "172.31.1.999",
+        "172.31.1",
+        "-krc",
+        "krc-",
+        "krc..cell",
+        "http://krc",
+        "krc:54600",
+        "krc/1",
+    ] {
+        assert!(of(host).is_err(), "{host}");
     }
 }

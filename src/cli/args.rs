@@ -37,8 +37,11 @@ pub enum Command {
     #[command(after_help = "Example:\n  panelprep demo --seed 3 --out target/demo")]
     Demo(Demo),
     /// Write a simulated cell as files: calibrations, recipe, scans, pictures, a clip, and the truth in its own folder.
-    #[command(after_help = "Example, with the pictures for `panelprep calibrate`:\n  \
-        panelprep render --seed 1 --boards --out target/cell")]
+    #[command(
+        after_help = "Examples, with the pictures for `panelprep calibrate`, and the same panel at another place:\n  \
+        panelprep render --seed 1 --boards --out target/cell\n  \
+        panelprep render --seed 1 --place 2 --out target/cell2"
+    )]
     Render(Render),
     /// Run one cycle on the cell: locate, refine, wet, inspect, abrade what failed, until it passes or may not.
     #[command(
@@ -60,9 +63,11 @@ pub enum Command {
         To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
-    /// A stand-alone mock controller on the ports of the EthernetKRL files, by the wall clock.
+    /// A stand-alone mock controller on the cell's ports, by the wall clock.
     #[command(after_help = format!(
-        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\n--fault SPEC:\n{}", FaultSpec::HELP
+        "Example:\n  panelprep mock-robot --config config/kuka --fault e-stop/5s@30s\n\
+        A rehearsal: in a cell with simulated cameras set [robot] kind = \"eki\" and host = \"127.0.0.1\", start this with --cell, \
+        and run `panelprep cycle` with the same cell.\n\n--fault SPEC:\n{}", FaultSpec::HELP
     ))]
     MockRobot(MockRobot),
     /// Serve the cell until told to stop: the service that `panelprep ctl` talks to.
@@ -101,6 +106,10 @@ pub enum Command {
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
+    /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
+        panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
+    Look(Look),
     /// Find where the panel stands now, from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
         panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
@@ -119,8 +128,8 @@ pub enum Command {
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
         --located target/cell/located.json")]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
-    /// weights and thresholds fit (thesis 4.2, 4.3).
+    /// From a clip, labelled or clean: how well channels and grids tell wet from dry, how even the light is, which breaks are
+    /// surely found, and what fits the recipe's method (thesis 4.2, 4.3).
     #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --truth target/cell/truth")]
@@ -209,6 +218,10 @@ pub struct Render {
     /// What stands in the cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at: the same panel with the same grease, displaced otherwise by each number;
+    /// what it is taught by is the same for all of them.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
     /// Also pictures of boards, poses and touched points, for `panelprep calibrate`.
     #[arg(long)]
     pub boards: bool,
@@ -256,6 +269,9 @@ pub struct Simulation {
     /// What stands in the simulated cell.
     #[arg(long, value_enum, default_value_t)]
     pub scene: SceneName,
+    /// Which of the seed's places the panel stands at.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub place: u32,
 }
 
 /// Options of `robot`.
@@ -368,7 +384,7 @@ pub enum OnOff {
 /// Options of `mock-robot`.
 #[derive(Debug, Clone, Args)]
 pub struct MockRobot {
-    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with.
+    /// Folder with CELLCMD.xml and CELLSTAT.xml; without it the ones this program was built with, on the cell's ports.
     #[arg(long, value_name = "DIR")]
     pub config: Option<PathBuf>,
     /// What goes wrong, and when: see below.
@@ -472,6 +488,21 @@ pub struct Check {
     /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
     #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
     pub kss: crate::krl::Kss,
+    /// What a cell's file must be complete for.
+    #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
+    pub purpose: PurposeName,
+}
+
+/// What a cell's file must be complete for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub enum PurposeName {
+    /// Commands on files alone: what is there must be right, nothing must be there.
+    Files,
+    /// One function of the robot at a time.
+    Robot,
+    /// `cycle`, `air-run` and `run`.
+    #[default]
+    Cycle,
 }
 
 /// Options of `teach`.
@@ -489,9 +520,20 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt.
+    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+}
+
+/// Options of `look`.
+#[derive(Debug, Clone, Args)]
+pub struct Look {
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// Folder for the picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: PathBuf,
 }
 
 /// Options of `locate`.
@@ -543,7 +585,8 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
@@ -564,7 +607,8 @@ pub struct Tune {
     /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end.

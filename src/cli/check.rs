@@ -1,11 +1,13 @@
 //! `panelprep check`: are these configuration files right, and what do they say?
 
-use super::args::Check;
-use super::disk;
+use super::args::{Check, PurposeName};
 use super::fault::Fault;
 use super::outcome::Outcome;
+use super::{disk, load};
+use crate::cell::Cell;
 use crate::check::{FileReport, check_files_for, decode};
-use crate::config::Problem;
+use crate::config::{Problem, line_of_key};
+use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
@@ -22,13 +24,14 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let texts: Vec<(String, Result<String, String>)> = args.files.iter().map(|file| named_text(file)).collect();
     let named: Vec<(&str, &str)> =
         texts.iter().filter_map(|(name, text)| Some((name.as_str(), text.as_deref().ok()?))).collect();
-    let mut found = check_files_for(&named, args.kss).into_iter();
+    let mut found = check_files_for(&named, purpose(args.purpose), args.kss).into_iter();
     for (name, text) in &texts {
         let report = match text {
             Ok(_) => found.next(),
             Err(message) => Some(unreadable(message)),
         };
-        let Some(report) = report else { continue };
+        let Some(mut report) = report else { continue };
+        report.warnings.extend(calibrations_that_are_not_there(name, report.kind));
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
         lines.push(format!("{name}: {}", if ok { "ok" } else { "not right" }));
@@ -65,6 +68,26 @@ fn named_text(file: &Path) -> (String, Result<String, String>) {
 fn unreadable(message: &str) -> FileReport {
     let problem = Problem { line: 1, key: String::new(), message: message.to_owned() };
     FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
+}
+
+fn purpose(name: PurposeName) -> Option<Purpose> {
+    match name {
+        PurposeName::Files => None,
+        PurposeName::Robot => Some(Purpose::Robot),
+        PurposeName::Cycle => Some(Purpose::Cycle),
+    }
+}
+
+/// A cell's file may be right before its calibrations are made; nothing that needs one can be done before.
+fn calibrations_that_are_not_there(name: &str, kind: Option<&str>) -> Vec<Problem> {
+    let text = disk::read_text(Path::new(name)).unwrap_or_default();
+    let cell = (kind == Some("cell")).then(|| Cell::check(name, &text).ok()).flatten();
+    let away = |(key, file): (&str, &Path)| {
+        let key = format!("calibration.{key}");
+        let message = format!("{} is not there; {}", file.display(), load::CALIBRATION_ADVICE);
+        (!file.exists()).then(|| Problem { line: line_of_key(&text, &key), key, message })
+    };
+    cell.iter().flat_map(|cell| cell.calibration().named()).filter_map(away).collect()
 }
 
 fn warning(warning: &Problem) -> String {

@@ -52,12 +52,13 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
         supervisor,
     };
     let ended = daemon::serve(site, service, journal).map_err(Fault::of_loop)?;
-    Ok(outcome(ended.at, clears.refused))
+    Ok(outcome(&ended, clears.refused))
 }
 
-fn outcome(at: At, refused: Option<Reason>) -> Outcome {
+fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
+    let at = ended.at;
     let is_clear = at == At::Stopped;
-    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::why(at)).collect() };
+    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::why(ended)).collect() };
     let verdict = if is_clear { Verdict::Accept } else { Verdict::Aborted };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());

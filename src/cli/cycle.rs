@@ -16,6 +16,7 @@ use crate::daemon::{
     run_cycle_from,
 };
 use crate::geometry::KukaPose;
+use crate::requirements::Purpose;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -75,6 +76,7 @@ fn once(
     request: fn(&Assignment) -> Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    files.require(Purpose::Cycle)?;
     let assignment = Assignment::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
@@ -121,8 +123,8 @@ pub fn one(
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
-    if let Some(simulated) = &live.simulated {
-        simulated.world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+    if let Some(world) = &live.world {
+        world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
     let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };

@@ -42,10 +42,10 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     teach::run(&teaching, &common)?;
     let files = CellFiles::read(&common)?;
     let assignment = Assignment::read(&files, &teaching.recipe)?;
-    let simulation = Simulation { seed: args.seed, scene: args.scene };
+    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0 };
     progress("verifying both cameras and the tool on their boards");
     for camera in [CameraName::Scanner, CameraName::FlangeCamera] {
-        verify::run(&rendered.verification(camera), &common)?;
+        verify::run(&rendered.verification(camera), &common, &|_| {})?;
     }
     verify::touch(&rendered.touch(), &common)?;
     let health = health::judge(&files)?;

@@ -1,12 +1,26 @@
 //! What stops a command, in words, and the one place where errors of all modules meet.
 
 use crate::daemon::DaemonError;
+use crate::requirements::{Purpose, Unmet};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
 /// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2, where nothing else is said.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
+    /// Controller's files and cell's file that mean other ports.
+    #[error(
+        "{}: CELLCMD.xml and CELLSTAT.xml listen on ports {files}, the cell's file says {cells}; make both the same: PORT in the \
+         files, command_port and state_port in [robot]", folder.display()
+    )]
+    OtherPorts {
+        /// The folder of the controller's files.
+        folder: PathBuf,
+        /// Their ports.
+        files: String,
+        /// The cell's ports.
+        cells: String,
+    },
     /// A file is not what it must be.
     #[error("{}: {cause}", file.display())]
     File {
@@ -25,6 +39,28 @@ pub enum Fault {
         cell: PathBuf,
         /// The key.
         key: &'static str,
+    },
+    /// The cell's file names a calibration that is not there.
+    #[error(
+        "{}: [calibration] {key} names {}, which is not there; {}", cell.display(), file.display(), super::load::CALIBRATION_ADVICE
+    )]
+    CalibrationAway {
+        /// The cell's file.
+        cell: PathBuf,
+        /// The key.
+        key: &'static str,
+        /// The calibration's file.
+        file: PathBuf,
+    },
+    /// The cell's file does not say what the command needs.
+    #[error("{}", each(cell, *purpose, unmet))]
+    Unmet {
+        /// The cell's file.
+        cell: PathBuf,
+        /// What is to be done.
+        purpose: Purpose,
+        /// What it does not say.
+        unmet: Vec<Unmet>,
     },
     /// The tool has a point and no axis.
     #[error(
@@ -55,14 +91,8 @@ pub enum Fault {
         cell: PathBuf,
     },
     /// A simulated camera without a simulated world.
-    #[error(
-        "[{table}] kind = \"simulated\" looks at the world of the mock robot, but [robot] kind is \"eki\"; make both \
-         simulated, or name the real camera or a recording"
-    )]
-    SimulatedWithoutMock {
-        /// The camera's table.
-        table: &'static str,
-    },
+    #[error("a camera is simulated and there is no simulated world that it could look at")]
+    NoWorld,
     /// A flange camera that this program cannot open.
     #[error(
         "[flange_camera] kind = \"gige\": this program was built without the cargo feature gige; use one that was built with \
@@ -122,6 +152,15 @@ pub enum Fault {
         /// Flange poses named.
         flanges: usize,
     },
+    /// Corner pictures that show no corner: all of them.
+    #[error("{}", .0.join("; "))]
+    Corners(Vec<String>),
+    /// No corner picture for a cell that runs cycles.
+    #[error(
+        "a cycle of this cell looks at taught corners before each contact, and no corner picture was given: name one or, better, \
+         two with --corner FILE --flange POSE.json each (a cell without [calibration] flange_camera needs none)"
+    )]
+    NoCorner,
     /// More corner pictures than corners were taught.
     #[error("{found} corner pictures, but {taught} corners were taught of this panel; teach them with --corner")]
     CornersNotTaught {
@@ -201,6 +240,14 @@ pub enum Fault {
     /// A stage refused its input, in its own words.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),
+}
+
+/// A line for each thing that is missing.
+fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
+    let line = |Unmet { key, message }: &Unmet| {
+        format!("{}: {key}: {message} ({} need it)", cell.display(), purpose.commands())
+    };
+    unmet.iter().map(line).collect::<Vec<_>>().join("\n")
 }
 
 impl Fault {

@@ -6,6 +6,7 @@ use super::fault::Fault;
 use super::labels::{self, Labels};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
+use super::output;
 use super::pictures;
 use super::validate;
 use crate::files::{self, Clip, ClipEntry};
@@ -47,6 +48,8 @@ pub struct Placed {
     pub base_from_camera: Rigid<Base, Camera>,
     /// Where the panel stands.
     pub base_from_panel: Rigid<Base, Panel>,
+    /// Did nobody say where, so that it is taken to stand in its nominal place?
+    pub is_assumed: bool,
 }
 
 impl Placed {
@@ -59,6 +62,7 @@ impl Placed {
             camera: files.scanner()?.value,
             base_from_camera: files.base_from_camera()?.value,
             base_from_panel: load::located(located)?,
+            is_assumed: located.is_none(),
         })
     }
 }
@@ -127,6 +131,9 @@ pub fn stage(
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
         .map_err(Fault::stage)?;
+    if placed.is_assumed {
+        watch.assume_place();
+    }
     let (mut wet_ms, mut opened) = (Vec::with_capacity(shots.len()), false);
     for group in shots.chunks(DECODED_AT_ONCE) {
         let decoded: Vec<Result<ColorPicture, Fault>> =
@@ -141,7 +148,7 @@ pub fn stage(
             if !opened && !step.newly_failed.is_empty() {
                 opened = true;
                 let grids: Vec<String> = step.newly_failed.iter().map(ToString::to_string).collect();
-                eprintln!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", "));
+                output::tell_line(&format!("{since_wet_s:6.1} s  the film broke on {}", grids.join(", ")));
             }
         }
     }
@@ -274,6 +281,7 @@ impl Inspected {
         outcome.put("usable_frames", json!(quality.usable));
         outcome.put("never_wet_percent", json!(observation.never_wet_percent));
         outcome.put("detection_limit_mm2", json!(limit_mm2));
+        outcome.put("outline_off_px", json!(quality.off_px));
         outcome.put("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
         outcome.put("moved_px", json!(quality.moved_px));
         outcome.put("sharpness", json!(quality.sharpness));

@@ -1,7 +1,8 @@
 //! The configured cell, alive: its robot and its cameras, each by its `kind`.
 //!
 //! A mock robot runs inside this program, in lock step, and the simulated world is around it; a controller over
-//! EthernetKRL runs by the wall clock. Simulated cameras look at that world, so they go with the mock robot only.
+//! EthernetKRL runs by the wall clock. Simulated cameras look at that world. In a rehearsal the mock controller is another
+//! process of this machine, `panelprep mock-robot`, and the world around it is here and follows what the controller tells.
 
 use super::args::Simulation;
 use super::fault::Fault;
@@ -11,14 +12,14 @@ use super::zivid;
 use crate::cell::{self, Cell, RobotKind};
 use crate::daemon::{Calibrations, Cameras, LinkedRobot};
 use crate::devices::cameras::{
-    BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
+    Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated,
 };
 #[cfg(feature = "gige")]
 use crate::devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
 use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
 use crate::devices::robot::{Address, BlockingLink, link_limits};
-use crate::devices::world::SimulatedWorld;
+use crate::devices::world::{Follower, SimulatedWorld};
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
 use crate::sim;
 use serde_json::{Value, json};
@@ -33,8 +34,10 @@ pub struct Live {
     pub robot: LinkedRobot,
     /// The cameras.
     pub eyes: Eyes,
-    /// What is around a mock robot.
+    /// The mock robot in this program.
     pub simulated: Option<Simulated>,
+    /// The simulated world, where a camera looks at one.
+    pub world: Option<SimulatedWorld>,
     /// How pictures of the flange camera came, where it is to be told.
     pub flange_link: Option<FlangeLink>,
 }
@@ -69,12 +72,26 @@ impl Live {
     /// Where kinds do not go together, this program has no such camera, a recording cannot be opened, or a thread or
     /// port cannot be had.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
-        let simulated = match cell.robot().kind() {
-            RobotKind::Mock => Some(Simulated::start(cell, simulated_cell(calibrations, simulation)?)?),
-            RobotKind::Eki => None,
-        };
-        let eyes = eyes(cell, calibrations, simulated.as_ref())?;
-        Ok(Live { robot: linked(cell, simulated.as_ref())?, eyes, simulated, flange_link: None })
+        let world = || simulated_cell(calibrations, simulation);
+        if cell.robot().kind() == RobotKind::Mock {
+            let simulated = Simulated::start(cell, world()?)?;
+            let arm = Arm::Mock(simulated.server.handle());
+            let eyes = eyes(cell, calibrations, Some((&simulated.world, &arm)))?;
+            let (robot, world) = (linked(cell, Some(&simulated))?, Some(simulated.world.clone()));
+            return Ok(Live { robot, eyes, simulated: Some(simulated), world, flange_link: None });
+        }
+        let robot = linked(cell, None)?;
+        let looks = matches!(cell.scanner(), cell::Camera::Simulated)
+            || matches!(cell.flange_camera(), cell::Camera::Simulated);
+        if !looks {
+            let eyes = eyes(cell, calibrations, None)?;
+            return Ok(Live { robot, eyes, simulated: None, world: None, flange_link: None });
+        }
+        let world = SimulatedWorld::new(world()?, cell).map_err(Fault::stage)?;
+        let follower = Follower::new(world.clone(), cell);
+        let arm = Arm::Followed(follower.clone());
+        let eyes = eyes(cell, calibrations, Some((&world, &arm)))?;
+        Ok(Live { robot: robot.followed(follower), eyes, simulated: None, world: Some(world), flange_link: None })
     }
 
     /// The same, with a colour sensor's filters before the simulated flange camera, and GigE Vision over the loopback
@@ -176,7 +193,8 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
 fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result<sim::Cell, Fault> {
     let found = &calibrations.scanner;
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
-    let simulated_cell = sim::Cell::new(simulation.seed, simulation.scene.into(), reduction);
+    let simulated_cell =
+        sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).placed(simulation.place);
     let delivers = simulated_cell.scanner();
     if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
         return Ok(simulated_cell);
@@ -206,21 +224,25 @@ impl Simulated {
     }
 
     fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
-        simulated(&self.world, &self.server.handle())
+        simulated(&self.world, &Arm::Mock(self.server.handle()))
     }
 }
 
-fn eyes(cell: &Cell, calibrations: &Calibrations, simulated: Option<&Simulated>) -> Result<Eyes, Fault> {
-    let no_world = |table| Fault::SimulatedWithoutMock { table };
+fn eyes(
+    cell: &Cell,
+    calibrations: &Calibrations,
+    looks_at: Option<(&SimulatedWorld, &Arm)>,
+) -> Result<Eyes, Fault> {
+    let simulated = || looks_at.map(|(world, arm)| simulated(world, arm)).ok_or(Fault::NoWorld);
     let scanner: Box<dyn Scanner> = match cell.scanner() {
-        cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("scanner"))?.cameras().0),
+        cell::Camera::Simulated => Box::new(simulated()?.0),
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedScanner::open(folder, calibrations.scanner).map_err(Fault::stage)?)
         }
         cell::Camera::Device(camera) => Box::new(zivid::scanner(cell, camera, &calibrations.scanner)?),
     };
     let flange: Box<dyn FlangeCamera> = match cell.flange_camera() {
-        cell::Camera::Simulated => Box::new(simulated.ok_or(no_world("flange_camera"))?.cameras().1),
+        cell::Camera::Simulated => Box::new(simulated()?.1),
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }

@@ -14,8 +14,13 @@ use crate::geometry::{
 use crate::locate::corner;
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
 use crate::recipe::Recipe;
+use crate::requirements::{Purpose, unmet};
 use crate::store::{Store, Teaching, calibration_hash};
 use std::path::{Path, PathBuf};
+
+/// How a calibration file comes to be.
+pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
+                                      `panelprep render`, of a real one by `panelprep calibrate`";
 
 /// A file's name in messages.
 fn name(file: &Path) -> String {
@@ -108,8 +113,29 @@ impl CellFiles {
         last_touch(&self.store().ok()?, tool_text)
     }
 
+    /// Refuses where the cell's file does not say what this needs, or a calibration that it names is not there.
+    ///
+    /// # Errors
+    /// All that is missing, each with its key.
+    pub fn require(&self, purpose: Purpose) -> Result<(), Fault> {
+        let unmet = unmet(&self.cell, purpose);
+        if !unmet.is_empty() {
+            return Err(Fault::Unmet { cell: self.file.clone(), purpose, unmet });
+        }
+        let named = self.cell.calibration().named();
+        let away = named.into_iter().find(|(_, file)| purpose == Purpose::Cycle && !file.exists());
+        away.map_or(Ok(()), |(key, file)| Err(self.away(key, file)))
+    }
+
+    fn away(&self, key: &'static str, file: &Path) -> Fault {
+        Fault::CalibrationAway { cell: self.file.clone(), key, file: file.to_owned() }
+    }
+
     fn text(&self, key: &'static str, file: Option<&PathBuf>) -> Result<(String, String), Fault> {
         let file = file.ok_or_else(|| Fault::NotCalibrated { cell: self.file.clone(), key })?;
+        if !file.exists() {
+            return Err(self.away(key, file));
+        }
         Ok((name(file), disk::read_text(file)?))
     }
 
@@ -170,10 +196,10 @@ impl CellFiles {
     }
 }
 
-/// The last touch check of this tool's calibration in a store; none where it was not touched.
+/// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
 pub fn last_touch(store: &Store, tool_text: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
+    (last.struck.is_none() && last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
 }
 
 /// Reads and checks a recipe.
@@ -277,20 +303,26 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
             version: kept.version,
         });
     }
-    derive(&kept.teaching, &taught_recipe, kept.version)
+    derive(&kept.teaching, &taught_recipe, kept.version, &|index| format!("taught corner {}", index + 1))
 }
 
-/// Derives panel and corners from what a teaching holds.
+/// Derives panel and corners from what a teaching holds; `name` is a corner picture's in messages.
 ///
 /// # Errors
-/// Where the scan shows no panel under the region, or a picture no corner.
-pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<Taught, Fault> {
+/// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
+pub fn derive(
+    teaching: &Teaching,
+    recipe: &Recipe,
+    version: String,
+    name: &dyn Fn(usize) -> String,
+) -> Result<Taught, Fault> {
     let kept = "the taught calibration";
     let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
+    let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
         let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
         let flange_from_camera =
@@ -309,8 +341,13 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
         };
         // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
         // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
-        let rough = seen_at(panel.centre())?;
-        corners.push(seen_at(rough.point)?);
+        match seen_at(panel.centre()).and_then(|rough| seen_at(rough.point)) {
+            Ok(corner) => corners.push(corner),
+            Err(fault) => problems.push(format!("{}: {fault}", name(index))),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Fault::Corners(problems));
     }
     Ok(Taught { panel, corners, version })
 }

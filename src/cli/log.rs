@@ -12,6 +12,8 @@ pub fn start(usual: LevelFilter) {
     let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
     let out = || OneLine(std::io::stderr());
     let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
+    // It would be told by `eprintln!`, which panics where nobody reads.
+    let log = log.log_internal_errors(false);
     // Set once for each process; a second one changes nothing.
     let _ = match std::env::var_os("JOURNAL_STREAM") {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish()),

@@ -5,10 +5,13 @@ use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
+use crate::cell::{Cell, RobotKind};
 use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
+use crate::requirements::Purpose;
 use crate::sim;
+use crate::words::fixed;
 use std::time::Duration;
 
 /// How often what happened is told.
@@ -21,6 +24,7 @@ const ROUND: Duration = Duration::from_millis(100);
 /// Where a file is not what it must be, or a port is taken.
 pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    files.require(Purpose::Robot)?;
     let channel = |name: &str, shipped: &str| match &args.config {
         None => ChannelFile::parse(shipped).map_err(Fault::stage),
         Some(folder) => {
@@ -29,7 +33,7 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
         }
     };
     let (commands, states) = (channel("CELLCMD.xml", CELLCMD)?, channel("CELLSTAT.xml", CELLSTAT)?);
-    let ports = Ports { host: args.host, command: commands.port(), state: states.port() };
+    let ports = ports(args, &files.cell, [commands.port(), states.port()])?;
     // Only its water, light and tool matter here: no camera looks at it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
     let faults = args.fault.clone().unwrap_or_default();
@@ -45,6 +49,25 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     loop {
         server.handle().with(|controller| told.news(controller)).iter().for_each(|line| tell(line));
         std::thread::sleep(ROUND);
+    }
+}
+
+/// The cell's ports; with EthernetKRL files of one's own those of the files, which must be the ones that the cell's robot is
+/// looked for at.
+fn ports(args: &MockRobot, cell: &Cell, files: [u16; 2]) -> Result<Ports, Fault> {
+    let robot = cell.robot();
+    let cells = [robot.command_port(), robot.state_port()];
+    match &args.config {
+        Some(folder) if robot.kind() == RobotKind::Eki && files != cells => {
+            let (files, cells) = (files.map(|port| port.to_string()), cells.map(|port| port.to_string()));
+            Err(Fault::OtherPorts {
+                folder: folder.clone(),
+                files: files.join(" and "),
+                cells: cells.join(" and "),
+            })
+        }
+        Some(_) => Ok(Ports { host: args.host, command: files[0], state: files[1] }),
+        None => Ok(Ports { host: args.host, command: cells[0], state: cells[1] }),
     }
 }
 
@@ -69,13 +92,18 @@ impl Told {
         for done in &controller.executed()[self.executed..] {
             let joints = done.joints;
             let axes = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
-            let axes = axes.map(|angle| format!("{angle:.2}")).join(" ");
+            let axes = axes.map(|angle| fixed(angle, 2).to_string()).join(" ");
             let contact = if done.contact { ", in contact" } else { "" };
             lines.push(format!("{}  command {} executed, axes {axes}{contact}", at(done.time_ms), done.id));
         }
         for stop in &controller.stops()[self.stops..] {
             let detail = if stop.detail.is_empty() { String::new() } else { format!(": {}", stop.detail) };
-            lines.push(format!("{}  epoch {} stopped, {:?}{detail}", at(stop.time_ms), stop.epoch, stop.cause));
+            lines.push(format!(
+                "{}  epoch {} stopped: {}{detail}",
+                at(stop.time_ms),
+                stop.epoch,
+                stop.cause.words()
+            ));
         }
         (self.executed, self.stops) = (controller.executed().len(), controller.stops().len());
         let on: Vec<u16> = controller.outputs().iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();

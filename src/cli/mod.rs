@@ -22,8 +22,10 @@ mod live;
 mod load;
 mod locate;
 mod log;
+mod look;
 mod mock_robot;
 mod outcome;
+mod output;
 mod part;
 mod person;
 mod pictures;
@@ -53,26 +55,27 @@ use tracing::level_filters::LevelFilter;
 pub fn run(arguments: &Arguments) -> ExitCode {
     // Commands that tell their progress log only what is wrong.
     let usual = match &arguments.command {
-        Command::Demo(_) | Command::Cycle(_) | Command::Replay(_) => LevelFilter::WARN,
+        Command::Demo(_) | Command::Cycle(_) | Command::AirRun(_) | Command::Replay(_) => LevelFilter::WARN,
         _ => LevelFilter::INFO,
     };
     log::start(usual);
     let common = &arguments.common;
     let outcome = match &arguments.command {
-        Command::Demo(args) => demo::run(args, &|line| eprintln!("{line}")),
+        Command::Demo(args) => demo::run(args, &|line| output::tell_line(line)),
         Command::Render(args) => render::run(args),
         Command::ZividWorker(args) => return zivid::worker(args),
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args, common),
-        Command::Cycle(args) => cycle::run(args, common, &|line| eprintln!("{line}")),
-        Command::AirRun(args) => cycle::air_run(args, common, &|line| eprintln!("{line}")),
+        Command::Cycle(args) => cycle::run(args, common, &|line| output::tell_line(line)),
+        Command::AirRun(args) => cycle::air_run(args, common, &|line| output::tell_line(line)),
         Command::Robot(args) => robot::run(args, common),
-        Command::MockRobot(args) => mock_robot::run(args, common, &|line| eprintln!("{line}")),
+        Command::MockRobot(args) => mock_robot::run(args, common, &|line| output::tell_line(line)),
         Command::Run(args) => run::run(args, common),
         Command::Clear => clear::run(common),
         Command::Ctl(args) => ctl::run(args, common),
-        Command::Calibrate(args) => calibrate::run(args, common, &|line| eprintln!("{line}")),
+        Command::Calibrate(args) => calibrate::run(args, common, &|line| output::tell_line(line)),
         Command::Teach(args) => teach::run(args, common),
+        Command::Look(args) => look::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),

@@ -2,6 +2,7 @@
 
 use super::disk;
 use super::fault::Fault;
+use super::output::{print_line, tell_line};
 use crate::verdict::Judgement;
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -49,24 +50,29 @@ impl Outcome {
 
     /// Prints it and gives the exit code.
     pub fn print(&self, as_json: bool) -> ExitCode {
-        if as_json {
-            println!("{}", Value::Object(self.json.clone()));
-        } else {
-            for line in &self.words {
-                println!("{line}");
-            }
+        let text = if as_json { Value::Object(self.json.clone()).to_string() } else { self.words.join("\n") };
+        printed(&text, self.exit)
+    }
+}
+
+/// Prints the result; a result that cannot be written is a disk that refuses.
+fn printed(text: &str, exit: u8) -> ExitCode {
+    match print_line(text) {
+        Ok(()) => ExitCode::from(exit),
+        Err(error) => {
+            tell_line(&format!("panelprep: the result cannot be written to standard output: {error}"));
+            ExitCode::from(2)
         }
-        ExitCode::from(self.exit)
     }
 }
 
 /// Prints what stopped a command: words on standard error, with `--json` an object too.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
-    eprintln!("panelprep: {fault}");
+    tell_line(&format!("panelprep: {fault}"));
     let (exit, code) = fault.code();
     if as_json {
         let reason = json!([{"code": code, "message": fault.to_string()}]);
-        println!("{}", json!({"verdict": null, "reasons": reason}));
+        return printed(&json!({"verdict": null, "reasons": reason}).to_string(), exit);
     }
     ExitCode::from(exit)
 }

@@ -205,12 +205,12 @@ struct Parts<'a> {
 
 impl Parts<'_> {
     fn bytes(&self, name: &str) -> Result<&[u8], Fault> {
-        let missing = || Fault::file(self.file, format!("the recording has no attachment {name:?}"));
+        let missing = || Fault::file(self.file, format!("the recording has no attachment \"{name}\""));
         self.checked.files.get(name).map(Vec::as_slice).ok_or_else(missing)
     }
 
     fn text(&self, name: &str) -> Result<&str, Fault> {
-        let named = |error| Fault::file(self.file, format!("attachment {name:?}: {error}"));
+        let named = |error| Fault::file(self.file, format!("attachment \"{name}\": {error}"));
         std::str::from_utf8(self.bytes(name)?).map_err(named)
     }
 
@@ -224,7 +224,7 @@ impl Parts<'_> {
 
     fn taught(&self, recipe: &Recipe) -> Result<Taught, Fault> {
         let named = |name: &str, error: &dyn std::error::Error| {
-            Fault::file(self.file, format!("attachment {name:?}: {error}"))
+            Fault::file(self.file, format!("attachment \"{name}\": {error}"))
         };
         let mut corners = Vec::new();
         for [picture, pose] in (0..).map(corner).take_while(|[picture, _]| self.checked.files.contains_key(picture))
@@ -244,6 +244,7 @@ impl Parts<'_> {
             flange_from_camera_text: text(4)?,
         };
         let taught_recipe = Recipe::check(TAUGHT[0], &teaching.recipe_text)?;
-        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned())
+        let name = |index: usize| format!("recorded corner {}", index + 1);
+        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned(), &name)
     }
 }

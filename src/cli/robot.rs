@@ -6,12 +6,14 @@ use super::fault::Fault;
 use super::live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cell::{Cell, InputsOutputs};
+use crate::cell::{Cell, InputsOutputs, RobotKind};
 use crate::daemon::{Line, Single, SingleError, speeds};
 use crate::eki::{Command, SetTcp, Signal, State, TcpKind};
 use crate::files;
 use crate::geometry::{Joints, KukaPose};
+use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::fixed;
 use serde_json::{Map, Value, json};
 use std::path::Path;
 use std::time::Duration;
@@ -22,9 +24,11 @@ use std::time::Duration;
 /// Where a file or a number is not what it must be, another program holds the store, or no device can be started.
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    files.require(Purpose::Robot)?;
     let order = Order::read(&args.function, &files)?;
-    // Whoever holds the store may be moving the robot. To look is free.
-    let _store = if order == Order::State { None } else { Some(files.settled_store()?) };
+    // Whoever holds the store may be moving the robot. To look is free, and a mock robot is this program's own.
+    let is_shared = order != Order::State && files.cell.robot().kind() == RobotKind::Eki;
+    let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
     let mut single = match Single::connect(&mut robot) {
         Ok(single) => single,
@@ -188,6 +192,7 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
         if on.is_empty() { "none".to_owned() } else { on.join(", ") }
     };
     let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = state.joints;
+    let [a1, a2, a3, a4, a5, a6] = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg].map(|angle| fixed(angle, 3));
     vec![
         format!(
             "mode {}, drives on: {}, emergency stop: {}, guard closed: {}, motion possible: {}, moves: {}",
@@ -198,9 +203,7 @@ fn words(state: &State, io: &InputsOutputs) -> Vec<String> {
             yes(state.motion_possible),
             yes(state.moving)
         ),
-        format!(
-            "axes A1 {a1_deg:.3}° A2 {a2_deg:.3}° A3 {a3_deg:.3}° A4 {a4_deg:.3}° A5 {a5_deg:.3}° A6 {a6_deg:.3}°"
-        ),
+        format!("axes A1 {a1}° A2 {a2}° A3 {a3}° A4 {a4}° A5 {a5}° A6 {a6}°"),
         format!("tip in the active base {}", state.base_from_tcp),
         format!("base {} ({})", state.active_base, frame(state.base_set)),
         format!("tool {} ({})", state.flange_from_tool, frame(state.tool_set)),

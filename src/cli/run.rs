@@ -11,12 +11,13 @@ use super::person::Person;
 use super::recording;
 use super::report::{self, Kept};
 use super::zivid;
-use crate::cycle::At;
+use crate::cycle::{At, State};
 use crate::daemon::{
     self, Beside, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording, Robot as _,
     Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::requirements::Purpose;
 use crate::supervision::Supervisor;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -37,6 +38,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let (tell, letters) = daemon::letters();
     signals(tell.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
+    files.require(Purpose::Cycle)?;
     let site = Site::new(&files.cell).map_err(Fault::stage)?;
     let calibrated = Calibrated::read(&files, common)?;
     let mut store = files.store_for_writing()?;
@@ -48,7 +50,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     );
     let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
-    let world = live.simulated.as_ref().map(|simulated| simulated.world.clone());
+    let world = live.world.clone();
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     taping.watched_by(&supervisor);
     let path = files.socket();
@@ -85,7 +87,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     // A panic in there was reported where it happened.
     let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());
-    Ok(outcome(ended.at))
+    Ok(outcome(&ended))
 }
 
 /// Signals come to the desk, however many there are.
@@ -141,7 +143,8 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
     ];
     for (which, lens, file) in lenses {
         let size_px = [lens.value.width_px, lens.value.height_px];
-        all.push((which, format!("{:?} {size_px:?}", calibrated_serial(file.as_deref())?)));
+        let serial = calibrated_serial(file.as_deref())?.unwrap_or_default();
+        all.push((which, format!("{serial} {}×{}", size_px[0], size_px[1])));
     }
     Ok(all)
 }
@@ -193,9 +196,10 @@ fn unreadable(fault: &Fault) -> Reason {
     Reason::new("calibration", fault.to_string())
 }
 
-fn outcome(at: At) -> Outcome {
+fn outcome(state: &State) -> Outcome {
+    let at = state.at;
     let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
-    let reasons = daemon::why(at).into_iter().collect();
+    let reasons = daemon::why(state);
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = format!("ended in state {}", at.word());

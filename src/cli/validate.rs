@@ -8,6 +8,7 @@ use super::inspect::{Inspected, Placed, stage};
 use super::labels::Labels;
 use super::load::Taught;
 use super::outcome::Outcome;
+use super::output;
 use crate::geometry::Mask;
 use crate::inspect::{Confusion, Demands, Score, pieces_of, score_within};
 use crate::recipe::Recipe;
@@ -56,7 +57,7 @@ pub fn run(
     let clips = clips(folder)?;
     let mut rows = Vec::with_capacity(clips.len());
     for clip in &clips {
-        eprintln!("{}", clip.display());
+        output::tell_line(&clip.display().to_string());
         let truth = clip.join("truth");
         let inspected = stage(taught, clip, placed, recipe, demands, Some(&truth))?;
         rows.push(row(clip, &inspected, &Labels::read(&truth)?)?);

@@ -6,6 +6,7 @@
 
 mod document;
 mod nearest;
+mod place;
 mod problem;
 mod section;
 mod settings;
@@ -17,6 +18,7 @@ mod tests;
 
 pub use document::{check, top_keys};
 pub use nearest::nearest;
+pub use place::line_of_key;
 pub use problem::{Problem, Problems};
 pub use section::Section;
 pub use value::{Choice, Setting};

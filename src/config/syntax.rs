@@ -11,7 +11,27 @@ pub(super) fn line_of(text: &str, offset: usize) -> usize {
 pub(super) fn problem_of(text: &str, error: &toml::de::Error) -> Problem {
     let offset = error.span().map_or(0, |span| span.start);
     let line = line_of(text, offset);
-    Problem { line, key: key_at(text, line).unwrap_or_default(), message: format!("not TOML: {}", error.message()) }
+    let message = match text.lines().nth(line - 1).and_then(decimal_comma) {
+        Some((found, meant)) => format!("found {found}; a number has a decimal point: write {meant}"),
+        None => format!("not TOML: {}", error.message()),
+    };
+    Problem { line, key: key_at(text, line).unwrap_or_default(), message }
+}
+
+/// A value of this line that is a number with a comma in it, `6,5`, and the same with a point.
+fn decimal_comma(line: &str) -> Option<(String, String)> {
+    let values = line.split('=').skip(1);
+    values
+        .filter_map(|value| {
+            let value = value.trim_start();
+            let number: String = value.chars().take_while(|c| c.is_ascii_digit() || "+-,_.".contains(*c)).collect();
+            let (whole, fraction) = number.trim_end_matches(',').split_once(',')?;
+            let is_whole =
+                whole.trim_start_matches(['+', '-']).chars().all(|c| c.is_ascii_digit()) && !whole.is_empty();
+            let is_fraction = !fraction.is_empty() && fraction.chars().all(|c| c.is_ascii_digit());
+            (is_whole && is_fraction).then(|| (format!("{whole},{fraction}"), format!("{whole}.{fraction}")))
+        })
+        .next()
 }
 
 /// The key that a line begins with, under the last table header above it. The tree cannot tell: what is broken

@@ -113,7 +113,11 @@ fn each_mistake_is_named_with_line_key_and_what_is_allowed() {
             "max_shift_mm = 6 mm",
             "6: locate.max_shift_mm: not TOML: string values must be quoted, expected literal string",
         ),
-        ("max_shift_mm = 6,5", "6: locate.max_shift_mm: not TOML: unexpected key or value, expected newline, `#`"),
+        ("max_shift_mm = 6,5", "6: locate.max_shift_mm: found 6,5; a number has a decimal point: write 6.5"),
+        (
+            "max_shift_mm = -0,25 # mm",
+            "6: locate.max_shift_mm: found -0,25; a number has a decimal point: write -0.25",
+        ),
         ("outline = true\noutline = true", "7: locate.outline: not TOML: duplicate key"),
         ("[region]", "6: region: not TOML: duplicate key"),
     ];

@@ -90,8 +90,13 @@ impl<T: Setting, const N: usize> Setting for [T; N] {
     type Limits = T::Limits;
 
     fn parse(value: &DeValue<'_>, limits: &Self::Limits) -> Result<Self, String> {
+        let items = value.as_array().map(|list| list.len());
         let list = value.as_array().filter(|list| list.len() == N);
-        let list = list.ok_or_else(|| format!("found {}, allowed is a list of {N}", found(value)))?;
+        let list = list.ok_or_else(|| {
+            // Twice as many: each number was cut in two.
+            let comma = if N > 1 && items == Some(2 * N) { "; a number has a decimal point, no comma" } else { "" };
+            format!("found {}, allowed is a list of {N}{comma}", found(value))
+        })?;
         let item = |(index, item): (usize, &toml::Spanned<DeValue<'_>>)| {
             T::parse(item.get_ref(), limits).map_err(|message| format!("item {}: {message}", index + 1))
         };

@@ -61,8 +61,8 @@ pub enum Act {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool off, brake, discard, retract if in contact. `Stands` once the robot stands and the tool
-    /// is proven off.
+    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Stands` once the robot stands, and tool
+    /// and water are proven off.
     EndEpoch {
         /// The epoch that ends.
         epoch: u32,
@@ -175,6 +175,19 @@ pub enum Outcome {
     Aborted,
     /// Unknown until the robot was asked; a person cleared it.
     Cleared,
+}
+
+impl Outcome {
+    /// The word on the page.
+    pub fn word(self) -> &'static str {
+        match self {
+            Outcome::Done => "done",
+            Outcome::Held => "held",
+            Outcome::Stopped => "stopped",
+            Outcome::Aborted => "aborted",
+            Outcome::Cleared => "cleared",
+        }
+    }
 }
 
 /// Why a request is refused.

@@ -26,7 +26,7 @@ pub(super) enum Waits {
     Standing,
     /// The epoch that was asked for.
     Epoch,
-    /// The end of the epoch, and the tool proven off; waypoints executed, once it is told.
+    /// The end of the epoch, tool and water proven off; waypoints executed, once it is told.
     EpochEnd { done: Option<u32> },
     /// Base and tool, executed and echoed.
     Frames(CommandId),
@@ -229,7 +229,9 @@ impl Running<'_> {
         let stands = !state.moving;
         match waits {
             Waits::Standing if stands => self.answer(id, Answer::Stands { done: 0 }),
-            Waits::EpochEnd { done: Some(done) } if stands && self.site.wiring.tool_is_off(state) => {
+            Waits::EpochEnd { done: Some(done) }
+                if stands && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) =>
+            {
                 self.answer(id, Answer::Stands { done });
             }
             Waits::Frames(last) if state.done >= last && state.base_set && state.tool_set => {

@@ -197,7 +197,7 @@ impl Desk {
 
     /// Why the cell is in this state, and what was last found wrong.
     fn reasons(&self, state: &State) -> Vec<Reason> {
-        words::why(state.at).into_iter().chain(self.noted.iter().cloned()).collect()
+        words::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
     }
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {

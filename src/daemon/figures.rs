@@ -168,7 +168,7 @@ impl Kept {
                 StripPicture { picture, broken, label: format!("{shown_s:.1} s") }
             })
             .collect();
-        let caption = "The film in time, seconds after the panel was wholly wet: broken film tinted orange";
+        let caption = "The film in time, seconds after the panel was wholly wet: broken film tinted yellow";
         figure(("film", caption), film_strip(&pictures), whole)
     }
 }

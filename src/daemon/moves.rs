@@ -9,9 +9,10 @@ use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
 use crate::path::reach::{self, Things};
-use crate::path::{Kinematics, judge_joints};
+use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::Kind;
 use crate::verdict::Reason;
+use crate::words::apart;
 use std::sync::Arc;
 
 /// How far the arm may stand from where it was sent, mm and degrees.
@@ -182,7 +183,7 @@ impl Running<'_> {
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
-                let axis = self.abrasion.latest().and_then(routes::taught_axis);
+                let axis = self.abrasion.latest().and_then(taught_axis);
                 Some(routes::air(standing, place?, (pad, to), axis))
             }
         }
@@ -253,9 +254,10 @@ impl Running<'_> {
             }
         };
         let message = || {
+            let [mm, allowed_mm] = apart(off_mm, DEVIATION_MM, 3);
+            let [deg, allowed_deg] = apart(off_deg, DEVIATION_DEG, 3);
             format!(
-                "the arm stands {off_mm:.3} mm and {off_deg:.3}° from where it was sent, allowed are {DEVIATION_MM} mm \
-                 and {DEVIATION_DEG}°"
+                "the arm stands {mm} mm and {deg}° from where it was sent, allowed are {allowed_mm} mm and {allowed_deg}°"
             )
         };
         let far = !(off_mm <= DEVIATION_MM && off_deg <= DEVIATION_DEG);

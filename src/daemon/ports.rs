@@ -4,7 +4,8 @@ use super::Task;
 use super::replay::ToRecord;
 use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
-use crate::eki::{Command, CommandId, Epoch, MoveLin, Pace, QueueError, Report, Time};
+use crate::devices::world::Follower;
+use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
@@ -270,18 +271,24 @@ pub struct Order {
 }
 
 /// A robot at the end of a link.
-#[derive(Debug)]
 pub struct LinkedRobot {
     link: BlockingLink,
     pace: Pace,
     started: Instant,
     virtual_now: Time,
+    follower: Option<Follower>,
 }
 
 impl LinkedRobot {
     /// The robot behind this link, which runs at this pace.
     pub fn new(link: BlockingLink, pace: Pace) -> Self {
-        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default() }
+        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default(), follower: None }
+    }
+
+    /// The same with a simulated world around it, which follows what the controller tells. A controller that is no mock is
+    /// reported as lost: nothing that is simulated may decide how a real arm moves.
+    pub fn followed(self, follower: Follower) -> Self {
+        LinkedRobot { follower: Some(follower), ..self }
     }
 
     /// The link's thread, for who supervises it.
@@ -315,6 +322,15 @@ impl Robot for LinkedRobot {
         let report = self.link.next(PATIENCE);
         if let Some(Report::State(state) | Report::Connected { state }) = &report {
             self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+            if let Some(follower) = &self.follower {
+                if !Follower::may_follow(state) {
+                    let problem =
+                        "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
+                    let (channel, problem) = (Channel::State, problem.to_owned());
+                    return Some(Report::LinkLost { why: LinkLoss::System { channel, problem } });
+                }
+                follower.hear(state);
+            }
         }
         report
     }

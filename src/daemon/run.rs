@@ -239,7 +239,13 @@ impl<'p> Running<'p> {
         self.state = state;
         // What is no longer due is abandoned.
         self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id));
+        let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
         effects.into_iter().try_for_each(|effect| self.perform(effect))?;
+        if ends && event == Event::Asked(cycle::Request::Stop) {
+            let stopped = words::stopped();
+            tracing::info!("{}", stopped.message);
+            self.ports.requests.noted(&[stopped]);
+        }
         if self.state.at.rests() && !self.state.job.running && !matches!(self.seat, Seat::Lent(_)) {
             self.ports.record.between_cycles();
         }

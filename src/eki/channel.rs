@@ -63,6 +63,19 @@ pub enum Kind {
     Frame,
 }
 
+impl Kind {
+    /// The word in the file.
+    pub fn word(self) -> &'static str {
+        match self {
+            Kind::Int => "INT",
+            Kind::Real => "REAL",
+            Kind::Bool => "BOOL",
+            Kind::Text => "STRING",
+            Kind::Frame => "FRAME",
+        }
+    }
+}
+
 /// The memories of a channel, one for each tag with a type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Memory {

@@ -7,6 +7,7 @@ use super::state::State;
 use super::wire::{CommandId, Epoch};
 use super::word::{Word, word};
 use crate::geometry::KukaPose;
+use crate::words::apart;
 use serde::{Deserialize, Serialize};
 use std::time::Duration;
 
@@ -148,8 +149,8 @@ pub enum EchoMismatch {
     },
     /// Another frame is active.
     #[error(
-        "the {frame} set by command {id} is {sent}, the controller has {found}: {distance_mm:.4} mm and \
-         {turn_deg:.5}° apart, allowed is 0.001 of each"
+        "the {frame} set by command {id} is {sent}, the controller has {found}: {} mm and {}° apart, allowed is 0.001 of each",
+        apart(*distance_mm, 0.001, 4)[0], apart(*turn_deg, 0.001, 5)[0]
     )]
     Differs {
         /// Base or tool.

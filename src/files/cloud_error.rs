@@ -107,6 +107,12 @@ pub enum CloudFileError {
         /// What is wrong with them.
         problem: String,
     },
+    /// A list of points that does not say how wide its picture is.
+    #[error(
+        "the file does not say how wide and high its picture is, and no calibration says it: write the lines 'comment width W' \
+         and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
+    )]
+    NoSize,
     /// The cloud is not from the calibrated camera.
     #[error("the cloud is {width}×{height}, the camera's calibration says {width_px}×{height_px}")]
     Size {

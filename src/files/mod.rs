@@ -23,4 +23,4 @@ pub use picture::{
 };
 pub use ply::{read_ply, write_ply};
 pub use pose::{PoseError, read_flange, read_located, read_located_mm, write_pose};
-pub use shot::read_cloud;
+pub use shot::{read_any_cloud, read_cloud};

@@ -28,10 +28,24 @@ const MAX_LZF_RATIO: usize = 88;
 /// # Errors
 /// Where the bytes are not an organised PCD file with colours, whole to its last point, or its size is not the camera's.
 pub fn read_pcd(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, Some(camera))
+}
+
+/// Reads an organised cloud of any camera, by the size that it states.
+///
+/// # Errors
+/// As [`read_pcd`], whatever its size.
+pub(super) fn read_any_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, None)
+}
+
+fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = header(bytes)?;
     let meta = PcdMeta::from_reader(header).map_err(|error| header_error(header, &error))?;
     let (points, point_bytes) = checked_size(&meta)?;
-    check_cloud_size((meta.width, meta.height), camera)?;
+    if let Some(camera) = camera {
+        check_cloud_size((meta.width, meta.height), camera)?;
+    }
     check_fields(&meta.field_defs)?;
     let data_start = header.len();
     match meta.data {
@@ -143,8 +157,20 @@ fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     }
 }
 
+/// TYPE as a header has it.
+fn type_letter(kind: ValueKind) -> char {
+    match kind {
+        ValueKind::F32 | ValueKind::F64 => 'F',
+        ValueKind::U8 | ValueKind::U16 | ValueKind::U32 | ValueKind::U64 => 'U',
+        ValueKind::I8 | ValueKind::I16 | ValueKind::I32 | ValueKind::I64 => 'I',
+    }
+}
+
 fn check_fields(fields: &Schema) -> Result<(), CloudFileError> {
-    let described = |field: &FieldDef| format!("{} {:?} COUNT {}", field.name, field.kind, field.count);
+    let described = |field: &FieldDef| {
+        let (kind, bytes) = (type_letter(field.kind), field.kind.byte_size());
+        format!("{} TYPE {kind}, SIZE {bytes}, COUNT {}", field.name, field.count)
+    };
     for name in ["x", "y", "z"] {
         let field = fields.iter().find(|field| field.name == name);
         if !field.is_some_and(|field| field.kind == ValueKind::F32 && field.count == 1) {

@@ -207,7 +207,7 @@ impl Kind {
             Ok(format @ ImageFormat::Png) => return Ok(Kind { format, name: "PNG" }),
             Ok(format @ ImageFormat::Jpeg) => return Ok(Kind { format, name: "JPEG" }),
             Ok(format @ ImageFormat::Tiff) => return Ok(Kind { format, name: "TIFF" }),
-            Ok(other) => format!("it looks like {other:?}"),
+            Ok(other) => format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
             Err(_) => first_bytes(bytes),
         };
         Err(PictureError::Format { found })
@@ -234,14 +234,21 @@ fn decode(kind: Kind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<Dy
     check_size(decoder.dimensions(), camera)?;
     let channels = decoder.color_type();
     if channels.bytes_per_pixel() > channels.channel_count() {
-        return Err(PictureError::Pixels { found: format!("{channels:?}") });
+        let (count, bits) =
+            (channels.channel_count(), channels.bits_per_pixel() / u16::from(channels.channel_count()));
+        return Err(PictureError::Pixels { found: format!("{count} channels of {bits} bits") });
     }
     let picture = DynamicImage::from_decoder(decoder).map_err(|error| damaged(error.to_string()))?;
     let opaque = match &picture {
         DynamicImage::ImageLuma8(_) | DynamicImage::ImageRgb8(_) => true,
         DynamicImage::ImageLumaA8(pixels) => pixels.pixels().all(|pixel| pixel.0[1] == 255),
         DynamicImage::ImageRgba8(pixels) => pixels.pixels().all(|pixel| pixel.0[3] == 255),
-        other => return Err(PictureError::Pixels { found: format!("{:?}", other.color()) }),
+        other => {
+            let color = other.color();
+            let (channels, bits) =
+                (color.channel_count(), color.bits_per_pixel() / u16::from(color.channel_count()));
+            return Err(PictureError::Pixels { found: format!("{channels} channels of {bits} bits") });
+        }
     };
     match opaque {
         true => Ok(picture),

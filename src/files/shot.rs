@@ -1,7 +1,8 @@
 //! A 3D shot from a file of either form.
 
 use super::cloud_error::CloudFileError;
-use super::{read_pcd, read_ply};
+use super::pcd::{read_any_pcd, read_pcd};
+use super::ply::{read_any_ply, read_ply};
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 
 /// Reads a PCD or PLY file, told apart by its first line, of the camera with this calibration.
@@ -11,6 +12,18 @@ use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
     if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }
+}
+
+/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
+///
+/// # Errors
+/// Where the bytes are not an organised cloud with colours, or nobody says how wide it is.
+pub fn read_any_cloud(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
+    if is_ply { read_any_ply(bytes, size_px) } else { read_any_pcd(bytes) }
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 use super::frames::Frame;
 use super::rigid::Rigid;
 use super::units::Degrees;
+use crate::words::fixed;
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -73,11 +74,9 @@ fn angles_deg(rotation: &Rotation3<f64>) -> [f64; 3] {
 
 impl std::fmt::Display for KukaPose {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(
-            f,
-            "X {:.3} Y {:.3} Z {:.3} mm, A {:.4} B {:.4} C {:.4}°",
-            self.x_mm, self.y_mm, self.z_mm, self.a_deg, self.b_deg, self.c_deg
-        )
+        let [x, y, z] = [self.x_mm, self.y_mm, self.z_mm].map(|mm| fixed(mm, 3));
+        let [a, b, c] = [self.a_deg, self.b_deg, self.c_deg].map(|deg| fixed(deg, 4));
+        write!(f, "X {x} Y {y} Z {z} mm, A {a} B {b} C {c}°")
     }
 }
 

@@ -24,7 +24,7 @@ impl Degrees {
 
 impl std::fmt::Display for Degrees {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{:.3}°", self.0)
+        write!(f, "{}°", crate::words::fixed(self.0, 3))
     }
 }
 

@@ -1,17 +1,20 @@
 //! The gate: what was seen of the film becomes pass, fail or invalid.
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
-//! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
+//! them, pictures that cannot be judged by, a panel that stands elsewhere, pixels too coarse for the break that must not be
+//! missed, too little ever wet, or a grid out of sight. That outranks fail, since a
 //! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
 //! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
 //! do not pass. A break always stays in the reasons.
 
 use super::model::FILM_ASSUMED;
+use super::place::{elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
 use crate::recipe::{self, Recipe};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::apart;
 
 /// Fewer pictures than this share of what the recipe asks for are too few.
 const MIN_FRAME_SHARE: f64 = 0.8;
@@ -117,6 +120,8 @@ pub struct Observation {
     pub dry_levels: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
+    /// Did nobody say where the panel stands?
+    pub is_place_assumed: bool,
     /// Which pictures could be judged by.
     pub quality: Quality,
 }
@@ -170,9 +175,9 @@ fn invalid(
         reasons.push(Reason::new("no_dry_picture", message));
     }
     if observed_s < demands.min_observed_s() {
+        let [observed, window] = apart(observed_s, window_s, 1);
         let message = format!(
-            "the film was watched for {observed_s:.1} s; the recipe's observation_s asks for {window_s:.1} s: \
-             repeat the test"
+            "the film was watched for {observed} s; the recipe's observation_s asks for {window} s: repeat the test"
         );
         reasons.push(Reason::new("too_short", message));
     }
@@ -183,18 +188,20 @@ fn invalid(
     }
     let allowed_gap_s = demands.max_gap_s();
     if longest_gap_s > allowed_gap_s {
-        let message = format!(
-            "two wet pictures lie {longest_gap_s:.2} s apart; allowed are {allowed_gap_s:.2} s: repeat the test"
-        );
+        let [gap, allowed] = apart(longest_gap_s, allowed_gap_s, 2);
+        let message = format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test");
         reasons.push(Reason::new("gap", message));
     }
+    let place = (observation.is_place_assumed, observation.has_dry);
+    reasons.extend(elsewhere(observation.quality.off_px, place));
+    reasons.extend(too_coarse(observation.detection_limit_mm2, demands.min_break_mm2));
     reasons.extend(unclear(observation, demands, settings));
     let allowed_percent = settings.max_never_wet_percent();
     if observation.has_dry && observation.never_wet_percent > allowed_percent {
+        let [found, allowed] = apart(observation.never_wet_percent, allowed_percent, 1);
         let message = format!(
-            "{:.1} % of the region was wet in no picture; allowed are {allowed_percent:.0} %: was the water on, does the \
-             spray reach all of the panel? Repeat the test",
-            observation.never_wet_percent
+            "{found} % of the region was wet in no picture; allowed are {allowed} %: was the water on, does the spray reach all \
+             of the panel? Repeat the test"
         );
         reasons.push(Reason::new("never_wet", message));
     }
@@ -225,16 +232,18 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
     let mut reasons = Vec::new();
     let change = observation.change_levels();
     if observation.has_dry && change < MIN_CHANGE_LEVELS {
+        let [change, needed] = apart(change, MIN_CHANGE_LEVELS, 1);
         let message = format!(
-            "the film changes the panel by {change:.1} grey levels; needed are {MIN_CHANGE_LEVELS:.0}: give more light or \
-             a longer exposure, then repeat the test"
+            "the film changes the panel by {change} grey levels; needed are {needed}: give more light or a longer exposure, then \
+             repeat the test"
         );
         reasons.push(Reason::new("dark", message));
     }
     if let Some(sharpness) = quality.first_sharpness.filter(|sharpness| *sharpness < MIN_FIRST_SHARPNESS) {
+        let [sharpness, needed] = apart(sharpness, MIN_FIRST_SHARPNESS, 2);
         let message = format!(
-            "the panel's edge has {sharpness:.2} of its contrast from one pixel to the next in the first picture; needed \
-             are {MIN_FIRST_SHARPNESS:.2}: focus the camera and repeat the test"
+            "the panel's edge has {sharpness} of its contrast from one pixel to the next in the first picture; needed are \
+             {needed}: focus the camera and repeat the test"
         );
         reasons.push(Reason::new("focus", message));
     }
@@ -248,9 +257,10 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
             if found.1.pictures > most.1.pictures { found } else { most }
         });
     let what = shown(flaw, flawed.worst, observation, settings);
+    let [unseen, allowed] = apart(unseen_s, allowed_s, 1);
     let message = format!(
-        "{} of {frames} wet pictures cannot be judged by, {unseen_s:.1} s of them without one that can (allowed {allowed_s:.1} \
-         s); in {} of them {what}: repeat the test",
+        "{} of {frames} wet pictures cannot be judged by, {unseen} s of them without one that can (allowed {allowed} s); in {} \
+         of them {what}: repeat the test",
         frames - quality.usable,
         flawed.pictures
     );
@@ -261,30 +271,35 @@ fn unclear(observation: &Observation, demands: &Demands, settings: &recipe::Insp
 /// What is wrong with pictures of this flaw: the worst that was measured, and what is allowed.
 fn shown(flaw: Flaw, worst: f64, observation: &Observation, settings: &recipe::Inspect) -> String {
     let [darker_percent, brighter_percent] = observation.light_limits_percent(settings);
+    let (limit, decimals) = match flaw {
+        Flaw::Darker => (darker_percent, 1),
+        Flaw::Brighter => (brighter_percent, 1),
+        Flaw::Untold => (100.0 * MIN_TOLD, 0),
+        Flaw::Bright => (settings.max_bright_percent(), 1),
+        Flaw::Moved => (settings.max_moved_px(), 1),
+        Flaw::Focus => (MIN_SHARPNESS, 2),
+        Flaw::Frozen => (0.0, 0),
+    };
+    let [worst, limit] = apart(worst, limit, decimals);
     match flaw {
-        Flaw::Darker => format!(
-            "the light is up to {worst:.1} % less than the dry picture's (allowed {darker_percent:.1} %); keep the lamp steady"
-        ),
+        Flaw::Darker => {
+            format!(
+                "the light is up to {worst} % less than the dry picture's (allowed {limit} %); keep the lamp steady"
+            )
+        }
         Flaw::Brighter => format!(
-            "the light is up to {worst:.1} % more than the dry picture's (allowed {brighter_percent:.1} %, beyond which it \
-             could be a film that broke all over); keep the lamp steady and other light away"
+            "the light is up to {worst} % more than the dry picture's (allowed {limit} %, beyond which it could be a film that \
+             broke all over); keep the lamp steady and other light away"
         ),
         Flaw::Untold => format!(
-            "as little as {worst:.0} % of the region is as bright as wet and dry places are in one light (needed {:.0} %); keep \
-             other light and shadows away",
-            100.0 * MIN_TOLD
+            "as little as {worst} % of the region is as bright as wet and dry places are in one light (needed {limit} %); keep \
+             other light and shadows away"
         ),
-        Flaw::Bright => format!(
-            "glints or overexposure hide up to {worst:.1} % of the region (allowed {:.1} %)",
-            settings.max_bright_percent()
-        ),
-        Flaw::Moved => format!(
-            "the panel lies up to {worst:.1} px from where the first picture has it (allowed {:.1} px)",
-            settings.max_moved_px()
-        ),
-        Flaw::Focus => format!(
-            "the panel's edge has as little as {worst:.2} of its first sharpness (needed {MIN_SHARPNESS:.2})"
-        ),
+        Flaw::Bright => format!("glints or overexposure hide up to {worst} % of the region (allowed {limit} %)"),
+        Flaw::Moved => {
+            format!("the panel lies up to {worst} px from where the first picture has it (allowed {limit} px)")
+        }
+        Flaw::Focus => format!("the panel's edge has as little as {worst} of its first sharpness (needed {limit})"),
         Flaw::Frozen => "they are bit for bit the picture before; the camera stands still".to_owned(),
     }
 }
@@ -334,6 +349,7 @@ mod tests {
             film_left: Some(0.6),
             dry_levels: 70.0,
             detection_limit_mm2: 3.0,
+            is_place_assumed: false,
             quality: Quality::default(),
         };
         observation.quality.usable = 10;
@@ -358,6 +374,11 @@ mod tests {
             observation.quality.first_sharpness = Some(sharpness);
             observation
         };
+        let off = |is_place_assumed: bool, off_px: Option<f64>| {
+            let mut observation = Observation { is_place_assumed, ..good() };
+            observation.quality.off_px = off_px;
+            observation
+        };
         let pairs = [
             (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
             (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
@@ -370,6 +391,15 @@ mod tests {
                 "never_wet",
             ),
             (first(0.2), first(0.19), "focus"),
+            (
+                Observation { detection_limit_mm2: 5.0, ..good() },
+                Observation { detection_limit_mm2: 5.1, ..good() },
+                "detection_limit",
+            ),
+            (good(), Observation { detection_limit_mm2: f64::NAN, ..good() }, "detection_limit"),
+            (off(false, Some(1.5)), off(false, Some(1.6)), "elsewhere"),
+            (off(true, Some(1.5)), off(true, None), "elsewhere"),
+            (off(false, None), off(true, Some(8.0)), "elsewhere"),
             (usable(8, 5.0), usable(7, 5.0), "light"),
             (usable(8, 5.0), usable(8, 5.1), "light"),
         ];

@@ -16,6 +16,7 @@ pub use edge::EdgeLine;
 use crate::geometry::{FlangeCamera, GrayPicture, Mask, PinholeCamera, Pixel, Point, polygon};
 use crate::imaging::{ImagingError, bilateral_filter, min_area_box, outer_contours};
 use crate::recipe::{self, CornerName};
+use crate::words::apart;
 
 /// A contour that encloses less than this share of the picture is not the panel.
 const MIN_PICTURE_SHARE: f64 = 0.02;
@@ -37,8 +38,8 @@ pub enum CornerError {
     },
     /// What is as bright as the panel is small.
     #[error(
-        "the largest thing as bright as the panel covers {found_percent:.1} % of the picture, needed are \
-         {needed_percent:.1} %; is the panel in view, is panel_gray_max right?"
+        "the largest thing as bright as the panel covers {} % of the picture, needed are {} %; is the panel in view, is \
+         panel_gray_max right?", apart(*found_percent, *needed_percent, 1)[0], apart(*found_percent, *needed_percent, 1)[1]
     )]
     ContourTooSmall {
         /// Its share of the picture, percent.
@@ -68,7 +69,10 @@ pub enum CornerError {
         needed: usize,
     },
     /// The two edges run nearly the same way.
-    #[error("the two edges meet at {angle_deg:.1}°, needed are {min_deg:.0}°; is that a corner of the panel?")]
+    #[error(
+        "the two edges meet at {}°, needed are {}°; is that a corner of the panel?", apart(*angle_deg, *min_deg, 1)[0],
+        apart(*angle_deg, *min_deg, 1)[1]
+    )]
     EdgesParallel {
         /// The angle, degrees.
         angle_deg: f64,

@@ -1,5 +1,7 @@
 //! Why a panel was not found at all. A panel that was found and is not to be trusted is `gate`'s matter.
 
+use crate::words::apart;
+
 /// Why a scan gives no pose. Every variant but the last means that no panel of the taught kind is there.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LocateError {
@@ -13,8 +15,9 @@ pub enum LocateError {
     },
     /// There are things in the box, none of the panel's size.
     #[error(
-        "none of {pieces} things in the search box has the panel's size: the most alike has {area_mm2:.0} mm², the panel \
-         has {taught_area_mm2:.0} mm²; is the right panel in the fixture, and nothing before it?"
+        "none of {pieces} things in the search box has the panel's size: the most alike has {} mm², the panel has {} \
+         mm²; is the right panel in the fixture, and nothing before it?", apart(*area_mm2, *taught_area_mm2, 0)[0],
+        apart(*area_mm2, *taught_area_mm2, 0)[1]
     )]
     NoPieceFits {
         /// Things looked at.

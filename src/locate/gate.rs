@@ -10,6 +10,7 @@ use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, fixed, percent_apart};
 
 /// An overlap this much below the limit is a person's matter: perhaps something covers the panel. Below it is no panel.
 const REVIEW_OVERLAP: f64 = 0.1;
@@ -101,32 +102,30 @@ fn panel(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
     let is = exceeds(fit.last_step_mm, MAX_LAST_STEP_MM);
     against.reject(is, "not_converged", || {
         let (steps, step_mm) = (fit.iterations, fit.last_step_mm);
-        format!("after {steps} steps the fit still moved by {step_mm:.4} mm, allowed are {MAX_LAST_STEP_MM} mm; scan again")
+        let [step, allowed] = apart(step_mm, MAX_LAST_STEP_MM, 4);
+        format!("after {steps} steps the fit still moved by {step} mm, allowed are {allowed} mm; scan again")
     });
     against.reject(exceeds(fit.rms_mm, limits.max_rms_mm()), "poor_fit", || {
+        let [rms, allowed] = apart(fit.rms_mm, limits.max_rms_mm(), 3);
         format!(
-            "the scan differs from the taught panel by {:.3} mm rms, allowed are {:.3} mm; is it the right panel, \
-             dry and clean?",
-            fit.rms_mm,
-            limits.max_rms_mm()
+            "the scan differs from the taught panel by {rms} mm rms, allowed are {allowed} mm; is it the right panel, \
+             dry and clean?"
         )
     });
     against.reject(exceeds(fit.seen_through, MAX_SEEN_THROUGH), "seen_through", || {
+        let [through, allowed] = percent_apart(fit.seen_through, MAX_SEEN_THROUGH, 1);
         format!(
-            "{:.1} % of the taught surface is seen through, allowed are {:.1} %: it is not there; is it the right panel, \
-             this side before the camera?",
-            100.0 * fit.seen_through,
-            100.0 * MAX_SEEN_THROUGH
+            "{through} % of the taught surface is seen through, allowed are {allowed} %: it is not there; is it the right \
+             panel, this side before the camera?"
         )
     });
     let wrong = exceeds(fit.outline_absent, MAX_OUTLINE_ABSENT) || exceeds(fit.outline_rms_px, MAX_OUTLINE_RMS_PX);
     against.reject(wrong, "outline_differs", || {
+        let [absent, allowed] = percent_apart(fit.outline_absent, MAX_OUTLINE_ABSENT, 0);
+        let [off, allowed_off] = apart(fit.outline_rms_px, MAX_OUTLINE_RMS_PX, 2);
         format!(
-            "{:.0} % of the outline in view is not where the taught one has it, allowed are {:.0} %; the rest lies {:.2} px \
-             off, allowed are {MAX_OUTLINE_RMS_PX} px; is it the right panel, and does nothing touch its edge?",
-            100.0 * fit.outline_absent,
-            100.0 * MAX_OUTLINE_ABSENT,
-            fit.outline_rms_px
+            "{absent} % of the outline in view is not where the taught one has it, allowed are {allowed} %; the rest lies \
+             {off} px off, allowed are {allowed_off} px; is it the right panel, and does nothing touch its edge?"
         )
     });
     overlap(fit, limits, against);
@@ -135,24 +134,21 @@ fn panel(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
 /// Is the scan good: dry, sharp, not overexposed?
 fn picture(fit: &Fit, against: &mut Against) {
     against.review(fit.measured.is_nan() || fit.measured < MIN_MEASURED, "points_missing", || {
-        format!(
-            "only {:.0} % of the panel in view gave a point, needed are {:.0} %; is it wet, or does it mirror a lamp?",
-            100.0 * fit.measured,
-            100.0 * MIN_MEASURED
-        )
+        let [gave, needed] = percent_apart(fit.measured, MIN_MEASURED, 0);
+        format!("only {gave} % of the panel in view gave a point, needed are {needed} %; is it wet, or does it mirror a lamp?")
     });
     let blur_px = fit.blur_px().unwrap_or(0.0);
     against.review(exceeds(blur_px, MAX_BLUR_PX), "blurred", || {
+        let [wider, allowed] = apart(blur_px, MAX_BLUR_PX, 1);
         format!(
-            "the outline's edge is {blur_px:.1} px wider than at teaching, allowed are {MAX_BLUR_PX:.1} px; did the panel \
-             move during the scan, is the lens clean and in focus?"
+            "the outline's edge is {wider} px wider than at teaching, allowed are {allowed} px; did the panel move during the \
+             scan, is the lens clean and in focus?"
         )
     });
     against.review(exceeds(fit.saturated, MAX_SATURATED), "overexposed", || {
+        let [found, allowed] = percent_apart(fit.saturated, MAX_SATURATED, 0);
         format!(
-            "{:.0} % of the panel is overexposed, allowed are {:.0} %; lower the exposure, shade the lamp",
-            100.0 * fit.saturated,
-            100.0 * MAX_SATURATED
+            "{found} % of the panel is overexposed, allowed are {allowed} %; lower the exposure, shade the lamp"
         )
     });
 }
@@ -163,18 +159,19 @@ fn camera(fit: &Fit, against: &mut Against) {
     let other = camera.same.is_nan() || camera.same < MIN_FIXTURE_SAME;
     let moved = !other && fit.camera_moved_mm().is_some_and(|mm| exceeds(mm, MAX_CAMERA_MOVED_MM));
     against.reject(other, "camera_moved", || {
+        let [same, needed] = percent_apart(camera.same, MIN_FIXTURE_SAME, 0);
         format!(
-            "only {:.0} % of the fixture stands where it stood at teaching, needed are {:.0} %; was the camera or the \
-             fixture moved? Calibrate and teach again",
-            100.0 * camera.same,
-            100.0 * MIN_FIXTURE_SAME
+            "only {same} % of the fixture stands where it stood at teaching, needed are {needed} %; was the camera or the \
+             fixture moved? Calibrate and teach again"
         )
     });
     against.reject(moved, "camera_moved", || {
+        let [least, allowed] = apart(camera.moved_mm - camera.uncertainty_mm, MAX_CAMERA_MOVED_MM, 2);
         format!(
-            "by the fixture the camera has moved since teaching, which puts the panel {:.2} ± {:.2} mm off, allowed are \
-             {MAX_CAMERA_MOVED_MM} mm; calibrate it again",
-            camera.moved_mm, camera.uncertainty_mm
+            "by the fixture the camera has moved since teaching, which puts the panel {} ± {} mm off, that is at least {least} \
+             mm, allowed are {allowed} mm; calibrate it again",
+            fixed(camera.moved_mm, 2),
+            fixed(camera.uncertainty_mm, 2)
         )
     });
 }
@@ -186,8 +183,8 @@ fn watch(fit: &Fit, against: &mut Against) {
     let unwatched = !is_watched(uncertainty_mm) && is_watched(fit.camera_at_teaching_mm);
     against.review(unwatched, "camera_unwatched", || {
         let seen = uncertainty_mm.map_or("too little of the fixture is seen".to_owned(), |mm| {
-            let noticed_mm = noticed_mm(mm);
-            format!("by the fixture a camera is noticed where it moves the panel by {noticed_mm:.2} mm or more")
+            let [noticed, _] = apart(noticed_mm(mm), MAX_CAMERA_NOTICED_MM, 2);
+            format!("by the fixture a camera is noticed where it moves the panel by {noticed} mm or more")
         });
         format!(
             "whether the camera has moved cannot be told: {seen}, needed are {MAX_CAMERA_NOTICED_MM} mm, which it showed at \
@@ -199,50 +196,45 @@ fn watch(fit: &Fit, against: &mut Against) {
 /// Is it known well enough where it stands?
 fn knowledge(fit: &Fit, against: &mut Against) {
     against.review(exceeds(fit.uncertainty_mm, MAX_UNCERTAINTY_MM), "uncertain", || {
+        let [known, allowed] = apart(fit.uncertainty_mm, MAX_UNCERTAINTY_MM, 2);
         format!(
-            "the pose is known to {:.2} mm at the worst place (95 %), allowed are {MAX_UNCERTAINTY_MM} mm; it is weakest \
-             {}; uncover more of the panel, or correct it by two corners",
-            fit.uncertainty_mm,
+            "the pose is known to {known} mm at the worst place (95 %), allowed are {allowed} mm; it is weakest {}; uncover \
+             more of the panel, or correct it by two corners",
             fit.weakest.words()
         )
     });
     against.review(exceeds(fit.agreement_mm, MAX_DISAGREEMENT_MM), "starts_disagree", || {
-        format!(
-            "fits from independent starts end {:.3} mm apart, allowed are {MAX_DISAGREEMENT_MM} mm; scan again",
-            fit.agreement_mm
-        )
+        let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
+        format!("fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again")
     });
     let Some(rival) = &fit.rival else { return };
     against.review(rival.margin().is_nan() || rival.margin() < MIN_MARGIN, "ambiguous", || {
+        let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
         format!(
-            "a placement turned by {:.0}° explains the scan about as well: {:.0} mm of outline and surface speak for the first \
-             alone and {:.0} mm for the other, needed is {MIN_MARGIN} times as much; a person must say which",
-            rival.turned.0, rival.for_first_mm, rival.for_rival_mm
+            "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
+             and {} mm for the other, which counts as {margin} times as much, needed are {needed} times; a person must say which",
+            fixed(rival.turned.0, 0),
+            fixed(rival.for_first_mm, 0),
+            fixed(rival.for_rival_mm, 0)
         )
     });
 }
 
 fn motion(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
     against.reject(exceeds(fit.shift_mm, limits.max_shift_mm()), "shift_limit", || {
+        let [shift, allowed] = apart(fit.shift_mm, limits.max_shift_mm(), 1);
         format!(
-            "the panel's centre stands {:.1} mm from its nominal place, allowed are {:.1} mm; put it nearer",
-            fit.shift_mm,
-            limits.max_shift_mm()
+            "the panel's centre stands {shift} mm from its nominal place, allowed are {allowed} mm; put it nearer"
         )
     });
     against.reject(exceeds(fit.turn.0.abs(), limits.turn_limit_deg()), "turn_limit", || {
-        format!(
-            "the panel is turned by {:.2}° in its plane, allowed are {:.2}°; turn it back",
-            fit.turn.0,
-            limits.turn_limit_deg()
-        )
+        let [turn, allowed] = apart(fit.turn.0.abs(), limits.turn_limit_deg(), 2);
+        let sign = if fit.turn.0 < 0.0 { "-" } else { "" };
+        format!("the panel is turned by {sign}{turn}° in its plane, allowed are ±{allowed}°; turn it back")
     });
     against.reject(exceeds(fit.tilt.0, limits.max_tilt_deg()), "tilt_limit", || {
-        format!(
-            "the panel's normal is tilted by {:.2}°, allowed are {:.2}°; set it upright",
-            fit.tilt.0,
-            limits.max_tilt_deg()
-        )
+        let [tilt, allowed] = apart(fit.tilt.0, limits.max_tilt_deg(), 2);
+        format!("the panel's normal is tilted by {tilt}°, allowed are {allowed}°; set it upright")
     });
 }
 
@@ -252,19 +244,14 @@ fn overlap(fit: &Fit, limits: &recipe::Locate, against: &mut Against) {
     if fit.overlap() >= allowed && fit.outline_found >= outline_allowed {
         return;
     }
-    let reason = Reason::new(
-        "low_overlap",
-        format!(
-            "{:.0} % of the taught surface, {:.0} % of its outline and {:.0} % of the scanned one have a partner, allowed \
-             are {:.0}, {:.0} and {:.0} %; is it the right panel, and is nothing before it?",
-            100.0 * fit.taught_found,
-            100.0 * fit.outline_found,
-            100.0 * fit.scan_found,
-            100.0 * allowed,
-            100.0 * outline_allowed,
-            100.0 * allowed
-        ),
+    let [taught, taught_needed] = percent_apart(fit.taught_found, allowed, 0);
+    let [outline, outline_needed] = percent_apart(fit.outline_found, outline_allowed, 0);
+    let [scan, scan_needed] = percent_apart(fit.scan_found, allowed, 0);
+    let message = format!(
+        "{taught} % of the taught surface, {outline} % of its outline and {scan} % of the scanned one have a partner, needed \
+         are {taught_needed}, {outline_needed} and {scan_needed} %; is it the right panel, and is nothing before it?"
     );
+    let reason = Reason::new("low_overlap", message);
     let nearly = fit.overlap() >= allowed - REVIEW_OVERLAP && fit.outline_found >= outline_allowed - REVIEW_OVERLAP;
     if nearly { against.review.push(reason) } else { against.reject.push(reason) }
 }

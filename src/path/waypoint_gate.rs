@@ -8,6 +8,7 @@
 use crate::cell::{Limits, Workspace};
 use crate::geometry::{Base, Degrees, Joints, Rigid, Tool, Vector};
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, list, plain};
 
 /// What a path may do.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +74,8 @@ pub fn judge_joints(joints: &Joints) -> Judgement {
     let angles = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > LARGEST_AXIS_DEG);
     let reason = |axis: usize| {
-        let message = format!("axis {} is to go to {}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1, angles[axis]);
+        let angle = plain(angles[axis]);
+        let message = format!("axis {} is to go to {angle}°, allowed is ±{LARGEST_AXIS_DEG}°", axis + 1);
         Reason::new("axis_limit", message)
     };
     Judgement::of(wrong.map(reason).into_iter().collect(), vec![])
@@ -88,14 +90,20 @@ fn is_finite(pose: &Rigid<Base, Tool>) -> bool {
 
 fn outside(index: usize, pose: &Rigid<Base, Tool>, workspace: Workspace) -> Option<Reason> {
     let tip = pose.origin().mm;
+    // Each number beside the side of the box that is nearer to it.
+    let beside = |mm: f64, axis: usize| {
+        let (low, high) = (workspace.min.mm[axis], workspace.max.mm[axis]);
+        let [mm, _] = apart(mm, if (mm - low).abs() < (mm - high).abs() { low } else { high }, 1);
+        mm
+    };
     let message = || {
         format!(
-            "waypoint {index} is at ({:.1}, {:.1}, {:.1}) mm, outside of the cell's box of {:?} to {:?}",
-            tip.x,
-            tip.y,
-            tip.z,
-            workspace.min.mm.coords.as_slice(),
-            workspace.max.mm.coords.as_slice()
+            "waypoint {index} is at ({}, {}, {}) mm, outside of the cell's box of {} to {}",
+            beside(tip.x, 0),
+            beside(tip.y, 1),
+            beside(tip.z, 2),
+            list(workspace.min.mm.coords.as_slice()),
+            list(workspace.max.mm.coords.as_slice())
         )
     };
     (!workspace.holds(pose.origin())).then(|| Reason::new("outside_box", message()))
@@ -110,13 +118,13 @@ fn jump(
     let (step_mm, turn) = (from.origin().distance_mm(to.origin()), (from.inverse() * *to).turn());
     let mut reasons = Vec::new();
     if step_mm > limits.max_step_mm {
-        let message =
-            format!("{step_mm:.1} mm from {before} to waypoint {index}, allowed {:.1}", limits.max_step_mm);
+        let [step, allowed] = apart(step_mm, limits.max_step_mm, 1);
+        let message = format!("{step} mm from {before} to waypoint {index}, allowed {allowed}");
         reasons.push(Reason::new("large_step", message));
     }
     if turn > limits.max_turn {
-        let message =
-            format!("the tool turns by {turn} from {before} to waypoint {index}, allowed {}", limits.max_turn);
+        let [turn, allowed] = apart(turn.0, limits.max_turn.0, 3);
+        let message = format!("the tool turns by {turn}° from {before} to waypoint {index}, allowed {allowed}°");
         reasons.push(Reason::new("large_turn", message));
     }
     reasons
@@ -124,8 +132,10 @@ fn jump(
 
 fn tilted(index: usize, pose: &Rigid<Base, Tool>, taught: Vector<Base>, allowed: Degrees) -> Option<Reason> {
     let tilt = (*pose * Vector::<Tool>::new(nalgebra::Vector3::z())).angle_to(taught);
-    let message =
-        || format!("at waypoint {index} the tool leans {tilt} from its taught direction, allowed {allowed}");
+    let message = || {
+        let [tilt, allowed] = apart(tilt.0, allowed.0, 3);
+        format!("at waypoint {index} the tool leans {tilt}° from its taught direction, allowed {allowed}°")
+    };
     (tilt.0.is_nan() || tilt > allowed).then(|| Reason::new("tilt", message()))
 }
 

@@ -2,10 +2,11 @@
 
 use super::page::{Figure, Page, Row, Section};
 use crate::cell::Date;
-use crate::cycle::{Path, Request};
+use crate::cycle::{Outcome, Path, Request};
 use crate::geometry::KukaPose;
 use crate::record::{Budget, CycleRecord, Finding, Kind, Limit, Number, name};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::{apart, fixed, plain};
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -85,29 +86,42 @@ fn words(value: &Value) -> String {
 }
 
 fn row(number: &Number) -> Row {
-    let with_unit = |value: f64| format!("{} {}", shown(value), number.unit).trim_end().to_owned();
-    let value = match number.value {
+    let with_unit = |text: String| format!("{text} {}", number.unit).trim_end().to_owned();
+    let (sign, limit) = match number.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    let (mut value, mut allowed) = (number.value.map(shown), limit.map(shown));
+    let is_beyond = number.value.is_some_and(|value| !number.limit.allows(value));
+    if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, number.value, limit) {
+        let [found, limit] = apart(found, limit, decimals(limit));
+        (value, allowed) = (Some(found), Some(limit));
+    }
+    let value = match value {
         None => NOT_MEASURED.to_owned(),
-        Some(value) if number.limit.allows(value) => with_unit(value),
-        Some(value) => format!("{}, not allowed", with_unit(value)),
+        Some(value) if is_beyond => format!("{}, not allowed", with_unit(value)),
+        Some(value) => with_unit(value),
     };
-    let allowed = match number.limit {
-        Limit::Unlimited => String::new(),
-        Limit::AtMost(limit) => format!("≤ {}", with_unit(limit)),
-        Limit::AtLeast(limit) => format!("≥ {}", with_unit(limit)),
-        Limit::Below(limit) => format!("< {}", with_unit(limit)),
-    };
-    Row::new(&number.name, value, allowed)
+    Row::new(&number.name, value, allowed.map_or(String::new(), |limit| format!("{sign}{}", with_unit(limit))))
 }
 
 /// Four significant digits, or all before the point; the store has the rest.
 fn shown(value: f64) -> String {
     if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
-        return value.to_string();
+        return plain(value);
     }
-    let decimals = (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize;
-    let text = format!("{value:.decimals$}");
+    let text = fixed(value, decimals(value)).to_string();
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Digits after the point that make four significant ones.
+fn decimals(value: f64) -> usize {
+    if value == 0.0 || !value.is_finite() {
+        return 0;
+    }
+    (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
 }
 
 /// How often each grid was abraded, whole or in part.
@@ -180,7 +194,7 @@ fn motions(record: &CycleRecord) -> Section {
             0 => String::new(),
             plan => format!(", plan {plan:016x}"),
         };
-        let outcome = motion.outcome.map_or("open".to_owned(), |outcome| format!("{outcome:?}").to_lowercase());
+        let outcome = motion.outcome.map_or("open", Outcome::word);
         let done = format!("{outcome}, {} of {} waypoints", motion.done, motion.motion.waypoints);
         Row::new(&format!("{path}, epoch {}{plan}", motion.motion.epoch), done, "")
     });
@@ -353,6 +367,18 @@ mod tests {
             assert!(html.contains(&part), "no {part} in\n{html}");
         }
         assert!(!html.contains("http"), "nothing is fetched");
+    }
+
+    #[test]
+    fn a_number_that_is_not_allowed_differs_from_its_limit() {
+        let shown = |value: f64, limit: Limit| {
+            let row = row(&Number::new("n", "%", value).within(limit));
+            [row.value, row.allowed]
+        };
+        assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, not allowed", "≤ 8 %"]);
+        assert_eq!(shown(0.249_999, Limit::AtLeast(0.25)), ["0.249999 %, not allowed", "≥ 0.25 %"]);
+        assert_eq!(shown(8.2, Limit::AtMost(8.0)), ["8.2 %, not allowed", "≤ 8 %"]);
+        assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
     }
 
     #[test]

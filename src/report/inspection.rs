@@ -1,8 +1,9 @@
 //! The page of one water-break test, as a quality inspector signs it (ASTM F22).
 
 use super::page::{Figure, Page, Row, Section};
-use crate::inspect::{Demands, Inspection};
+use crate::inspect::{Demands, Inspection, MAX_OFF_PX};
 use crate::recipe::Recipe;
+use crate::words::{apart, fixed};
 
 /// What a person fills in by hand.
 const BLANK: &str = "……………………………………";
@@ -70,7 +71,11 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
     let observation = &inspection.observation;
     let (quality, settings) = (&observation.quality, recipe.inspect());
     let [darker, brighter] = observation.light_limits_percent(settings);
-    let percent = |share: f64| format!("{:+.1} %", 100.0 * (share - 1.0));
+    let percent = |share: f64| match fixed(100.0 * (share - 1.0), 1).to_string() {
+        lost if lost.starts_with('-') => format!("{lost} %"),
+        gained => format!("+{gained} %"),
+    };
+    let [never_wet, most_never_wet] = apart(observation.never_wet_percent, settings.max_never_wet_percent(), 1);
     let unknown = || "not measured: the outline has no contrast".to_owned();
     let mut rows = vec![
         Row::new(
@@ -90,11 +95,7 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
             format!("≥ {}", demands.min_usable(observation.frames)),
         ),
         Row::new("dry picture", if observation.has_dry { "taken" } else { "missing" }, "taken"),
-        Row::new(
-            "wet in no picture",
-            format!("{:.1} % of the region", observation.never_wet_percent),
-            format!("≤ {:.0} %", settings.max_never_wet_percent()),
-        ),
+        Row::new("wet in no picture", format!("{never_wet} % of the region"), format!("≤ {most_never_wet} %")),
         Row::new(
             "panel moved in the picture",
             quality.moved_px.map_or_else(unknown, |px| format!("{px:.2} px")),
@@ -105,7 +106,16 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
             quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")),
             "",
         ),
-        Row::new("smallest break that is surely found", format!("{:.1} mm²", observation.detection_limit_mm2), ""),
+        Row::new(
+            "outline from where the panel was found, in the dry picture",
+            quality.off_px.map_or_else(unknown, |px| format!("{px:.2} px")),
+            format!("≤ {MAX_OFF_PX} px"),
+        ),
+        Row::new(
+            "smallest break that is surely found",
+            format!("{:.1} mm²", observation.detection_limit_mm2),
+            format!("≤ {:.1} mm²", demands.min_break_mm2),
+        ),
     ];
     if quality.usable > 0 {
         let value = format!("{} to {}", percent(quality.light[0]), percent(quality.light[1]));

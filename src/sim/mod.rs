@@ -125,7 +125,7 @@ impl Cell {
             present,
             spots,
             film: FilmSpec::USUAL,
-            base_from_panel: scene::displaced(seed),
+            base_from_panel: scene::displaced(seed, 0),
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
@@ -135,6 +135,11 @@ impl Cell {
     /// The same cell with films that are as hard to read as `spec` says.
     pub fn with_films(self, spec: FilmSpec) -> Self {
         Cell { film: spec, ..self }
+    }
+
+    /// The same panel at another place; 0 is where [`Cell::new`] puts it.
+    pub fn placed(self, place: u32) -> Self {
+        Cell { base_from_panel: scene::displaced(self.seed, place), ..self }
     }
 
     /// The 3D camera; its calibration finds these numbers.

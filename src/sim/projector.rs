@@ -194,7 +194,7 @@ pub(super) mod tests {
         let base_from_camera = scene::base_from_camera();
         for seed in 0..20 {
             let shape = Shape::taught(Seed(seed));
-            for place in [scene::nominal(), scene::displaced(Seed(seed))] {
+            for place in [scene::nominal(), scene::displaced(Seed(seed), 0)] {
                 let projector = Projector::new(&base_from_camera, Some((&shape, &place)), &[]);
                 let seen = |at: [f64; 2]| (base_from_camera.inverse() * (place * shape.point(at))).mm.coords;
                 for at in shape.outline().polyline(10.0) {

@@ -255,3 +255,25 @@ fn a_whole_film_is_dark_and_a_broken_one_is_not() {
     assert!((0.55..0.64).contains(&ratio(1)), "{}", ratio(1));
     assert!((ratio(2) - 1.0).abs() < 1e-3, "{}", ratio(2));
 }
+
+/// One panel at several places: shape, grease and teaching stay, only where it stands changes.
+#[test]
+fn another_place_is_the_same_panel() {
+    let at = |place: u32| Cell::new(3, Scene::Good, 8).placed(place);
+    let (first, second) = (at(0), at(2));
+    assert_eq!(first.scan().picture(), Cell::new(3, Scene::Good, 8).scan().picture());
+    assert_eq!(first.taught_scan().picture(), second.taught_scan().picture());
+    let (truth, other) = (first.truth(), second.truth());
+    let way = truth.base_from_panel.inverse() * other.base_from_panel;
+    assert!(way.turn().0 > 0.5, "{}", way.turn());
+    assert_eq!(truth.spots.len(), other.spots.len());
+    assert!(truth.spots.iter().zip(&other.spots).all(|(a, b)| a.centre.distance_mm(b.centre) < 1e-9));
+    let off_mm = |p| truth.distance_mm(p).abs();
+    assert!(other.surface_points().into_iter().map(off_mm).fold(0.0, f64::max) < 1e-6);
+    let [low, high] = SEARCH_BOX_MM;
+    for place in 0..50 {
+        let truth = at(place).truth();
+        let inside = |point: Point<Base>| (0..3).all(|axis| (low[axis]..high[axis]).contains(&point.mm[axis]));
+        assert!(truth.surface_points().iter().all(|&point| inside(truth.base_from_panel * point)), "{place}");
+    }
+}

@@ -84,7 +84,7 @@ impl Store {
                 params![self.text(motion)?, outcome, done],
             )
             .map_err(|error| self.failed("write a motion to", &error))?;
-        if closed == 1 { Ok(()) } else { Err(StoreError::MotionNotOpen { motion: format!("{motion:?}") }) }
+        if closed == 1 { Ok(()) } else { Err(StoreError::MotionNotOpen { motion: self.text(motion)? }) }
     }
 
     /// Whether a motion is open: a person must clear it before anything moves. As of the last [`Store::recover`].
@@ -121,7 +121,9 @@ impl Store {
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
             let Some((_, outcome, done)) = settled.closed.filter(|(closed, ..)| *closed == motion) else {
-                return Err(self.journal_problem(0, format!("it does not know of the open motion {motion:?}")));
+                return Err(
+                    self.journal_problem(0, format!("it does not know of the open motion {}", self.text(&motion)?))
+                );
             };
             self.close_intent(&motion, outcome, done)?;
             open = None;

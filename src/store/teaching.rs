@@ -191,6 +191,19 @@ impl Store {
         Ok(Taught { version: stored_version, taught_at_unix_s, teaching })
     }
 
+    /// The names of all panels that were taught, in the order of the alphabet.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn panels(&self) -> Result<Vec<String>, StoreError> {
+        self.names().map_err(|error| self.failed("read", &error))
+    }
+
+    fn names(&self) -> Result<Vec<String>, rusqlite::Error> {
+        let mut names = self.connection.prepare("SELECT DISTINCT name FROM taught_panels ORDER BY name")?;
+        names.query_map([], |row| row.get(0))?.collect()
+    }
+
     fn record(&self, name: &str, version: Option<&str>) -> Result<Option<(String, i64, Record)>, rusqlite::Error> {
         let mut panels = self.connection.prepare(
             "SELECT id, version, taught_at_unix_s, scan_hash, recipe_text, scanner_calibration_text,
@@ -214,8 +227,7 @@ impl Store {
 
     fn unknown(&self, name: &str, version: Option<&str>) -> StoreError {
         let lists = || -> Result<(Vec<String>, Vec<String>), rusqlite::Error> {
-            let mut names = self.connection.prepare("SELECT DISTINCT name FROM taught_panels ORDER BY name")?;
-            let names = names.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
+            let names = self.names()?;
             let mut versions =
                 self.connection.prepare("SELECT version FROM taught_panels WHERE name = ?1 ORDER BY id")?;
             let versions = versions.query_map([name], |row| row.get(0))?.collect::<Result<_, _>>()?;

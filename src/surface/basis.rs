@@ -7,6 +7,7 @@
 //!     N'_{i,p} = p ( N_{i,p−1}/(u_{i+p} − u_i) − N_{i+1,p−1}/(u_{i+p+1} − u_{i+1}) ).
 //! Source: Piegl & Tiller, The NURBS Book, 2nd ed., sections 2.2 and 2.3.
 
+use crate::words::list;
 use std::ops::RangeInclusive;
 
 /// Highest degree that is served.
@@ -26,8 +27,9 @@ pub enum KnotError {
     },
     /// Not open, not rising, or broken inside.
     #[error(
-        "{knots:?} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
-         degree + 1 times, no other knot more than degree times"
+        "{} is no open knot vector of degree {degree}: finite, never falling, both ends repeated \
+         degree + 1 times, no other knot more than degree times",
+        list(knots)
     )]
     NotOpen {
         /// Degree asked for.

@@ -21,6 +21,7 @@ use super::thesis;
 use crate::geometry::{Panel, Pixel, Point};
 use crate::panel::{Region, TaughtPanel};
 use crate::recipe::{self, FitMethod};
+use crate::words::{apart, fixed};
 use nalgebra::{Point2, Vector3};
 use rayon::prelude::*;
 
@@ -104,8 +105,8 @@ pub enum FitError {
     },
     /// A hole.
     #[error(
-        "the scan has a hole of {size_mm:.1} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {limit_mm}; scan \
-         again or move the region", at.u, at.v
+        "the scan has a hole of {} mm at ({:.0}, {:.0}) px, [surface] max_hole_mm allows {}; scan again or move the region",
+        apart(*size_mm, *limit_mm, 1)[0], at.u, at.v, apart(*size_mm, *limit_mm, 1)[1]
     )]
     Hole {
         /// The middle of the largest square without a point, in the taught picture.
@@ -126,8 +127,8 @@ pub enum FitError {
     },
     /// Too much is missing.
     #[error(
-        "{percent:.1} % of the region have no point that fits the surface, [surface] max_missing_percent allows \
-         {limit_percent}"
+        "{} % of the region have no point that fits the surface, [surface] max_missing_percent allows {}",
+        apart(*percent, *limit_percent, 1)[0], apart(*percent, *limit_percent, 1)[1]
     )]
     Missing {
         /// Share found, percent.
@@ -149,8 +150,9 @@ pub enum FitError {
     },
     /// The deviation is too large.
     #[error(
-        "the scan lies {rms_mm:.3} mm rms off the surface, [surface] max_rms_mm allows {limit_mm}; its noise is \
-         {noise_mm:.3} mm, and a smaller control_spacing_mm follows a rougher panel"
+        "the scan lies {} mm rms off the surface, [surface] max_rms_mm allows {}; its noise is {} mm, and a smaller \
+         control_spacing_mm follows a rougher panel", apart(*rms_mm, *limit_mm, 3)[0], apart(*rms_mm, *limit_mm, 3)[1],
+        fixed(*noise_mm, 3)
     )]
     PoorFit {
         /// Deviation, mm.

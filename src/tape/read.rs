@@ -186,13 +186,13 @@ impl Seen {
     }
 
     fn ours(&self) -> Result<(), TapeError> {
-        let problem = || format!("it does not begin with a metadata record named {METADATA:?}");
+        let problem = || format!("it does not begin with a metadata record named \"{METADATA}\"");
         if self.is_ours { Ok(()) } else { Err(TapeError::Foreign { problem: problem() }) }
     }
 
     fn start(&self) -> Result<&Start, TapeError> {
         self.ours()?;
-        let missing = || TapeError::Foreign { problem: format!("the attachment {START:?} is missing") };
+        let missing = || TapeError::Foreign { problem: format!("the attachment \"{START}\" is missing") };
         self.start.as_ref().ok_or_else(missing)
     }
 
@@ -248,7 +248,7 @@ impl Seen {
 }
 
 fn topic(name: &str) -> Result<Topic, TapeError> {
-    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("it has no topic {name:?}") })
+    Topic::named(name).ok_or_else(|| TapeError::Foreign { problem: format!("it has no topic \"{name}\"") })
 }
 
 fn seconds(ns: u64) -> f64 {
@@ -366,8 +366,12 @@ fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
         let picture = Arc::new(read_color(&image.data).map_err(|error| error.to_string())?);
         if topic == Topic::FlangePicture { Shot::Flange(picture) } else { Shot::Scanner(picture) }
     };
-    if shot.size_px() != size_px {
-        return Err(format!("a picture of {:?} px where {size_px:?} was said", shot.size_px()));
+    let found = shot.size_px();
+    if found != size_px {
+        return Err(format!(
+            "a picture of {}×{} px where {}×{} was said",
+            found[0], found[1], size_px[0], size_px[1]
+        ));
     }
     Ok(shot)
 }

@@ -197,7 +197,8 @@ impl Walk {
         let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
         let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
         let until_ms = self.cell.now_ms + lasts_ms;
-        let kinds = if self.cell.controller.robot_state().is_some() { 27 } else { 23 };
+        let is_program = self.cell.controller.robot_state().is_some();
+        let kinds = if is_program { 27 } else { 24 };
         let fault = match draw.random_range(0..kinds) {
             0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
             3 => return self.cell.client_stalls_until_ms = until_ms,
@@ -222,6 +223,12 @@ impl Walk {
             }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
+            23 if !is_program => {
+                // Somebody else's, or what damage has made of one: any operation, any number.
+                let operation = draw.random_range(9..13);
+                let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
+                return self.cell.foreign_request(operation, number);
+            }
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
             22 => Fault::Reboot { for_ms },
@@ -303,6 +310,8 @@ fn a_missing_rule_turns_a_walk_red() {
         ("link loss", of(Rule::LinkLoss)),
         ("discard", of(Rule::Discard)),
         ("retract", of(Rule::Retract)),
+        ("outputs that go off", of(Rule::OutputsOff)),
+        ("step of the epoch", of(Rule::EpochStep)),
         ("client's watchdog", client(patient)),
         ("client's window", client(greedy)),
     ];

@@ -38,7 +38,7 @@ fn expect(text: &str, problems: &[&str], warnings: &[&str]) -> FileReport {
 
 #[test]
 fn our_own_files_are_right_and_say_what_they_do() {
-    let reports = check_files(&[("config/kuka/CELLCMD.xml", COMMANDS), ("config/kuka/CELLSTAT.xml", STATE)]);
+    let reports = check_files(&[("config/kuka/CELLCMD.xml", COMMANDS), ("config/kuka/CELLSTAT.xml", STATE)], None);
     for report in &reports {
         assert_eq!((&report.problems, &report.warnings, report.kind), (&vec![], &vec![], Some("EthernetKRL")));
     }
@@ -312,8 +312,10 @@ fn other_kinds_of_channel_are_put_in_words() {
 fn files_of_one_controller_are_held_against_each_other() {
     let other = file(INTERNAL, RECEIVE, "");
     let away = other.replace("54600", "54605").replace("Set_Flag=\"1\"", "Set_Flag=\"11\"");
-    let reports =
-        check_files(&[("a/ONE.xml", &other), ("cell.toml", ""), ("b/TWO.xml", &away), ("CELLCMD.xml", COMMANDS)]);
+    let reports = check_files(
+        &[("a/ONE.xml", &other), ("cell.toml", ""), ("b/TWO.xml", &away), ("CELLCMD.xml", COMMANDS)],
+        None,
+    );
     assert_begins(
         &lines(&reports[0].problems),
         &[
@@ -332,6 +334,6 @@ fn files_of_one_controller_are_held_against_each_other() {
         &["13 CONFIGURATION/INTERNAL/PORT: is 54600, as in a/ONE.xml"],
         COMMANDS,
     );
-    let reports = check_files(&[("a/ONE.xml", &away), ("b/one.XML", COMMANDS)]);
+    let reports = check_files(&[("a/ONE.xml", &away), ("b/one.XML", COMMANDS)], None);
     assert_begins(&lines(&reports[1].problems), &["1 : a/ONE.xml is a channel ONE too"], COMMANDS);
 }

@@ -47,6 +47,21 @@ impl Sight {
         detect::detect(&self.name, &self.gray, board, half_window_px)
     }
 
+    /// The same, and tells first that it looks: a large picture without the board takes a second.
+    ///
+    /// # Errors
+    /// As [`Sight::detect`].
+    pub fn detect_telling(
+        &self,
+        board: &Board,
+        half_window_px: Option<usize>,
+        progress: &dyn Fn(&str),
+    ) -> Result<Detected, CalibError> {
+        let (columns, rows) = (board.columns(), board.rows());
+        progress(&format!("{}: looking for a board with {columns}×{rows} inner corners", self.name));
+        self.detect(board, half_window_px)
+    }
+
     /// The corners as the 3D camera measured them; `None` for a picture.
     pub fn measured(&self, camera: &PinholeCamera, detected: &Detected) -> Option<Seen<Camera>> {
         self.cloud.as_ref().map(|cloud| detect::measured(cloud, camera, &detected.corners))

@@ -10,25 +10,20 @@ use crate::cli::disk;
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, last_touch};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
+use crate::requirements::{Purpose, Unmet, unmet};
 use crate::store::{Store, StoreError, calibration_hash};
 use std::path::Path;
 
 /// The cell's file, which was read.
-pub(super) fn file(common: &Common, files: &CellFiles) -> Check {
+pub(super) fn file(common: &Common, files: &CellFiles) -> Vec<Check> {
     let name = common.cell.display().to_string();
-    match (files.cell.robot().kind(), files.cell.park(), files.cell.limits().workspace()) {
-        (RobotKind::Eki, None, _) => Check::wrong(
-            "cell file",
-            format!("{name} names no [poses] park"),
-            "every cycle begins there: teach it and write it down",
-        ),
-        (RobotKind::Eki, _, None) => Check::wrong(
-            "cell file",
-            format!("{name} states no box"),
-            "nothing moves in lines without [limits] box_min_mm and box_max_mm",
-        ),
-        _ => Check::right("cell file", name),
+    let unmet = unmet(&files.cell, Purpose::Cycle);
+    if unmet.is_empty() {
+        return vec![Check::right("cell file", name)];
     }
+    let advice = format!("change it in {name}; {} need it", Purpose::Cycle.commands());
+    let wrong = |Unmet { key, message }| Check::wrong("cell file", format!("{key}: {message}"), &*advice);
+    unmet.into_iter().map(wrong).collect()
 }
 
 /// The store: can it be read, and does it wait for a person?
@@ -55,6 +50,32 @@ pub(super) fn store(files: &CellFiles) -> (Check, Option<Store>) {
         Err(error) => Check::wrong("store", error.to_string(), "bring back the store's last copy"),
     };
     (check, Some(store))
+}
+
+/// Each taught panel: are its scan and its pictures still those that were taught, by their hashes?
+pub(super) fn taught(store: &Store) -> Vec<Check> {
+    let name = "taught panels";
+    let panels = match store.panels() {
+        Ok(panels) => panels,
+        Err(error) => return vec![Check::wrong(name, error.to_string(), "bring back the store's last copy")],
+    };
+    if panels.is_empty() {
+        return vec![Check::wrong(name, "none", "teach the panel: `panelprep teach`")];
+    }
+    let check = |panel: String| match store.taught(&panel, None) {
+        Ok(taught) => {
+            let corners = taught.teaching.corners.len();
+            let found =
+                format!("version {}, its scan and {corners} corner pictures as they were taught", taught.version);
+            Check::right(format!("taught panel {panel}"), found)
+        }
+        Err(error) => Check::wrong(
+            format!("taught panel {panel}"),
+            error.to_string(),
+            "a cycle would refuse it: teach it again, or bring back the store's last copy",
+        ),
+    };
+    panels.into_iter().map(check).collect()
 }
 
 /// Each calibration: is it there, and was it verified lately, as the store says?
@@ -155,7 +176,7 @@ fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
         Ok(text) => text,
         Err(error) => return Check::wrong(title, error.to_string(), copy),
     };
-    let report = check_files(&[(name, &text)]).swap_remove(0);
+    let report = check_files(&[(name, &text)], None).swap_remove(0);
     if let [problem, ..] = report.problems.as_slice() {
         return Check::wrong(title, format!("line {}: {}: {}", problem.line, problem.key, problem.message), copy);
     }

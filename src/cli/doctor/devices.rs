@@ -162,7 +162,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
                 ),
                 None => Check::right(
                     "robot",
-                    format!("{place}: speaks, mode {:?}, programs {}", state.mode, state.programs_checksum),
+                    format!("{place}: speaks, mode {}, programs {}", state.mode.name(), state.programs_checksum),
                 ),
             }
         }

@@ -61,11 +61,13 @@ pub fn run(args: &Doctor, common: &Common) -> Result<Outcome, Fault> {
 }
 
 fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
-    let mut checks = vec![cell::file(common, files), machine::disk(files.store_folder())];
+    let mut checks = cell::file(common, files);
+    checks.push(machine::disk(files.store_folder()));
     checks.extend(machine::recordings(files.store_folder()));
     let (check, store) = cell::store(files);
     checks.push(check);
     checks.extend(machine::clock_behind(files.store_folder()));
+    checks.extend(store.iter().flat_map(cell::taught));
     checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
     checks.extend(programs.checks);

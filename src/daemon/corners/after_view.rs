@@ -4,6 +4,7 @@ use crate::cycle::{Answer, Grade};
 use crate::locate::refine::{self, Refined};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use crate::words::apart;
 
 /// How far the first loop is after a view.
 #[derive(Debug, Clone, Copy)]
@@ -50,9 +51,10 @@ impl Loop {
 
 fn not_settled(step_mm: f64, limits: &recipe::Corner) -> Reason {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
+    let [step, settled] = apart(step_mm, settled_mm, 2);
     let message = format!(
-        "after {moves} moves, [corner] max_moves, a corner still stands {step_mm:.2} mm from where it was looked for, \
-         allowed are {settled_mm:.2} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
+        "after {moves} moves, [corner] max_moves, a corner still stands {step} mm from where it was looked for, allowed are \
+         {settled} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
     );
     Reason::new("not_settled", message)
 }

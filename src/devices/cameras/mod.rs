@@ -20,7 +20,7 @@ pub use error::{CameraError, FileError, Which};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
-pub use simulated::{SimulatedFlangeCamera, SimulatedScanner, simulated};
+pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated};
 
 use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
 

@@ -1,15 +1,44 @@
-//! The simulated world's cameras: each capture asks the mock controller when it is and where the arm stands, then
-//! has the world rendered as it is at that time.
+//! The simulated world's cameras: each capture asks the arm when it is and where it stands, then has the world rendered as
+//! it is at that time. The arm is a mock controller in this process, or one in another that is known by its messages.
 
 use super::{CameraError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
-use crate::devices::mock::MockHandle;
-use crate::devices::world::{Moment, SimulatedWorld};
+use crate::devices::mock::{MockHandle, Sample};
+use crate::devices::world::{Follower, Moment, SimulatedWorld};
+
+/// The arm that moves in a simulated world.
+#[derive(Clone)]
+pub enum Arm {
+    /// A mock controller in this process.
+    Mock(MockHandle),
+    /// A mock controller in another process, in a rehearsal.
+    Followed(Follower),
+}
+
+impl Arm {
+    fn moment(&self, which: Which) -> Result<Moment, CameraError> {
+        let reason = || "nothing was heard yet of the controller whose arm it looks at".to_owned();
+        match self {
+            Arm::Mock(robot) => Ok(robot.with(|controller| Moment::of(controller))),
+            Arm::Followed(robot) => robot.moment().ok_or_else(|| CameraError::NotThere { which, reason: reason() }),
+        }
+    }
+
+    /// Where the tool was, up to that moment.
+    fn trace(&self, until_ms: u64) -> Vec<Sample> {
+        match self {
+            Arm::Mock(robot) => robot.with(|controller| {
+                controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
+            }),
+            Arm::Followed(robot) => robot.trace(until_ms),
+        }
+    }
+}
 
 /// The scanner that looks at the simulated world.
 #[derive(Clone)]
 pub struct SimulatedScanner {
     world: SimulatedWorld,
-    robot: MockHandle,
+    arm: Arm,
     clip: Option<Clip>,
 }
 
@@ -31,31 +60,26 @@ impl Clip {
 #[derive(Clone)]
 pub struct SimulatedFlangeCamera {
     world: SimulatedWorld,
-    robot: MockHandle,
+    arm: Arm,
 }
 
-/// Both cameras of a world and the mock controller that moves in it.
-pub fn simulated(world: &SimulatedWorld, robot: &MockHandle) -> (SimulatedScanner, SimulatedFlangeCamera) {
+/// Both cameras of a world and the arm that moves in it.
+pub fn simulated(world: &SimulatedWorld, arm: &Arm) -> (SimulatedScanner, SimulatedFlangeCamera) {
     let (scanner, flange) = (world.clone(), world.clone());
     (
-        SimulatedScanner { world: scanner, robot: robot.clone(), clip: None },
-        SimulatedFlangeCamera { world: flange, robot: robot.clone() },
+        SimulatedScanner { world: scanner, arm: arm.clone(), clip: None },
+        SimulatedFlangeCamera { world: flange, arm: arm.clone() },
     )
 }
 
-// The controller is asked first and let go: it calls the world while it is held.
+// The arm is asked first and let go: a mock controller calls the world while it is held.
 
 impl SimulatedScanner {
-    fn picture(&self) -> Picture {
+    fn picture(&self) -> Result<Picture, CameraError> {
         if let Some(until_ms) = self.world.abrasion_is_due() {
-            let so_far = |controller: &mut crate::devices::mock::Controller| {
-                controller.trace().iter().filter(|sample| sample.time_ms <= until_ms).copied().collect::<Vec<_>>()
-            };
-            let trace = self.robot.with(so_far);
-            self.world.abrade(&trace);
+            self.world.abrade(&self.arm.trace(until_ms));
         }
-        let now = self.robot.with(|controller| Moment::of(controller));
-        self.world.picture(&now)
+        Ok(self.world.picture(&self.arm.moment(Which::Scanner)?))
     }
 
     fn clip(&mut self) -> Result<&mut Clip, CameraError> {
@@ -66,30 +90,29 @@ impl SimulatedScanner {
 impl Scanner for SimulatedScanner {
     fn capture_3d(&mut self) -> Result<Shot, CameraError> {
         self.clip = None;
-        let now = self.robot.with(|controller| Moment::of(controller));
-        self.world.scan(&now)
+        self.world.scan(&self.arm.moment(Which::Scanner)?)
     }
 
     fn capture_2d(&mut self) -> Result<Picture, CameraError> {
         self.clip = None;
-        Ok(self.picture())
+        self.picture()
     }
 
     fn begin_clip(&mut self, pictures_per_second: f64) -> Result<f64, CameraError> {
-        let began_ms = self.robot.with(|controller| controller.time_ms());
+        let began_ms = self.arm.moment(Which::Scanner)?.time_ms();
         self.clip = Some(Clip { began_ms, pictures_per_second, taken: 0 });
         Ok(began_ms as f64 / 1e3)
     }
 
-    /// Time stands while somebody waits for a picture, so nobody does: it is taken when it is due.
+    /// In lock step time stands while somebody waits for a picture, so nobody does: it is taken when it is due.
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
-        let now_ms = self.robot.with(|controller| controller.time_ms());
+        let now_ms = self.arm.moment(Which::Scanner)?.time_ms();
         let clip = self.clip()?;
         if !clip.is_due(now_ms) {
             return Ok(None);
         }
         clip.taken += 1;
-        Ok(Some(self.picture()))
+        self.picture().map(Some)
     }
 
     fn end_clip(&mut self) -> Result<u64, CameraError> {
@@ -106,8 +129,7 @@ impl Scanner for SimulatedScanner {
 
 impl FlangeCamera for SimulatedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        let now = self.robot.with(|controller| Moment::of(controller));
-        self.world.flange_picture(&now)
+        self.world.flange_picture(&self.arm.moment(Which::Flange)?)
     }
 
     /// The renderer is part of this program.

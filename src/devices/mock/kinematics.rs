@@ -14,6 +14,7 @@
 //! kroshu/kuka_robot_descriptions.
 
 use crate::geometry::{Base, Degrees, Flange, Joints, Rigid};
+use crate::words::plain;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// An arm's lengths and the limits of its axes.
@@ -49,7 +50,7 @@ pub enum Unreachable {
         allowed_mm: [f64; 2],
     },
     /// Every way to stand there needs an axis beyond its limits.
-    #[error("axis {axis} would stand at {angle_deg:.2}°; {} to {}° is allowed", allowed_deg[0], allowed_deg[1])]
+    #[error("axis {axis} would stand at {}°; {} to {}° is allowed", plain(*angle_deg), allowed_deg[0], allowed_deg[1])]
     AxisLimit {
         /// 1 to 6.
         axis: usize,

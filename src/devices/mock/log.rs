@@ -79,6 +79,26 @@ impl StopCause {
         use StopCause::{Deselected, Drives, EStop, Guard, Halted, Mode, Rebooted};
         matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
     }
+
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            StopCause::Abort => "the client ended it",
+            StopCause::Superseded => "a new epoch began before its end",
+            StopCause::Watchdog => "the client was silent while something was queued",
+            StopCause::LinkLost => "a channel lost its client while something was queued",
+            StopCause::Underrun => "the next point was missing in contact",
+            StopCause::Refused(_) => "a command was refused",
+            StopCause::Blocked => "the arm cannot go on along its path",
+            StopCause::EStop => "emergency stop",
+            StopCause::Guard => "the guard was opened",
+            StopCause::Drives => "the drives were switched off",
+            StopCause::Mode => "the mode switch was turned",
+            StopCause::Deselected => "the robot program was deselected, or none runs",
+            StopCause::SubmitDead => "the submit interpreter does not run",
+            StopCause::Rebooted => "the controller was started again",
+        }
+    }
 }
 
 /// A stop by the program.

@@ -55,6 +55,6 @@ pub use kinematics::{Arm, Unreachable};
 pub use log::{Executed, Sample, Stop, StopCause};
 pub use model::Controller;
 pub use server::{MockHandle, MockServer, Ports};
-pub use setup::{Clock, Mode, Rule, Setup};
+pub use setup::{CHECKSUM, Clock, Mode, Rule, Setup};
 pub use wire::{Channel, Refusal};
 pub use world::{Unwired, World};

@@ -254,7 +254,13 @@ fn take_client(handle: &MockHandle, channel: Channel, stream: TcpStream) -> Opti
     if !shared.controller.connect(channel) {
         return None; // it does not listen again yet
     }
-    let thread = std::thread::Builder::new().name(format!("mock {channel:?} channel"));
+    let thread = std::thread::Builder::new().name(
+        match channel {
+            Channel::Command => "mock command channel",
+            Channel::State => "mock state channel",
+        }
+        .to_owned(),
+    );
     let thread = thread.spawn(move || read(&reader, channel, reading)).ok();
     match thread {
         Some(_) => *shared.stream(channel) = Some(stream),

@@ -48,6 +48,9 @@ pub enum Rule {
     EpochStep,
 }
 
+/// The checksum of programs that a mock controller tells; no KRL program has it.
+pub const CHECKSUM: i32 = 1;
+
 /// A mock controller's configuration.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Setup {
@@ -100,7 +103,7 @@ impl Setup {
             states,
             clock: Clock::LockStep,
             boot: 1,
-            checksum: 1,
+            checksum: CHECKSUM,
             inputs: (1..=8).collect(),
             outputs: (1..=8).collect(),
             tool_output: Some(5),

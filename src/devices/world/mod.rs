@@ -5,14 +5,17 @@
 //! tenths is gone when the panel is wetted again. Time is the controller's. The truth is known here, for scores alone.
 //!
 //! - `signal`: what follows an output, and when · `water`: the film's time · `touch`: where the disc was
+//! - `follow`: the same around a controller in another process, by what its messages tell
 //!
 //! The process's light does not reach the flange camera's pictures, which have a lamp of their own, nor 3D shots.
 //! Not simulated: drops on a lens, a wet panel in 3D shots and in pictures of the flange camera, the arm in a picture.
 
+mod follow;
 mod signal;
 mod touch;
 mod water;
 
+pub use follow::Follower;
 pub use touch::{ContactErrors, Touched, contact_errors, step_over};
 
 use super::cameras::{CameraError, FlangePicture, Picture, Shot};
@@ -73,6 +76,11 @@ pub struct Moment {
 }
 
 impl Moment {
+    /// ms since the controller's start.
+    pub fn time_ms(&self) -> u64 {
+        self.time_ms
+    }
+
     /// The controller as it stands now.
     pub fn of(controller: &Controller) -> Self {
         Moment {

@@ -1,6 +1,7 @@
 //! What goes wrong with the camera, in the words of the fault model (`faults.md`, C1–C11): what happened, what the program
 //! does, what to do.
 
+use crate::words::apart;
 use std::time::Duration;
 
 /// A fault of the 3D camera. Each begins with its row of the fault model.
@@ -55,8 +56,8 @@ pub enum ZividFault {
     },
     /// The camera paused to cool.
     #[error(
-        "C3 the 3D camera is hot and paused for {paused_ms:.0} ms during {during}, allowed are {allowed_ms:.0}{}; let it cool, \
-         lower Brightness in its settings", lens(*lens_c)
+        "C3 the 3D camera is hot and paused for {} ms during {during}, allowed are {}{}; let it cool, lower Brightness in its \
+         settings", apart(*paused_ms, *allowed_ms, 0)[0], apart(*paused_ms, *allowed_ms, 0)[1], lens(*lens_c)
     )]
     Throttled {
         /// What was asked.
@@ -122,8 +123,8 @@ pub enum ZividFault {
     },
     /// No points.
     #[error(
-        "C6 no 3D data: {found_percent:.2} % of the shot's points are there, at least {needed_percent} % are needed; is the \
-         panel in the camera's range, its lens shut or wet, the exposure right?"
+        "C6 no 3D data: {} % of the shot's points are there, at least {needed_percent} % are needed; is the panel in the \
+         camera's range, its lens shut or wet, the exposure right?", apart(*found_percent, *needed_percent, 2)[0]
     )]
     NoPoints {
         /// Found.

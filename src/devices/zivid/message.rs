@@ -29,6 +29,16 @@ pub enum Use {
     Picture,
 }
 
+impl Use {
+    /// What settings for this are for, in words.
+    pub fn word(self) -> &'static str {
+        match self {
+            Use::Scan => "3D shots",
+            Use::Picture => "pictures",
+        }
+    }
+}
+
 /// SHA-256 of a settings file, hexadecimal.
 pub type SettingsHash = String;
 

@@ -91,7 +91,7 @@ pub enum WireError {
         computed: u32,
     },
     /// Something else was due.
-    #[error("found a frame of kind {found}, allowed is {allowed:?}")]
+    #[error("found a frame of kind {found}, allowed is {}", allowed.number())]
     Kind {
         /// Found.
         found: u16,

@@ -198,7 +198,8 @@ impl Worker {
         if known.usage == usage {
             return Ok(known.slot);
         }
-        let message = format!("settings {hash} are for a {:?}, asked was a {usage:?}", known.usage);
+        let message =
+            format!("the settings {hash} are for {}, and {} were asked for", known.usage.word(), usage.word());
         Err(Refusal { trouble: Trouble::OutOfOrder, message })
     }
 

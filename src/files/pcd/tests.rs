@@ -113,7 +113,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("F U", "F X"), "header line 4, 'TYPE F F F X': Invalid type character \"X\""),
         (good().replace("F F F", "D F F"), "Invalid type character \"D\""),
         (good().replace("SIZE 4", "SIZE 3"), "size 3 is not supported"),
-        (good().replace("SIZE 4", "SIZE 8"), "field x: found x F64 COUNT 1, allowed is TYPE F, SIZE 4"),
+        (good().replace("SIZE 4", "SIZE 8"), "field x: found x TYPE F, SIZE 8, COUNT 1, allowed is TYPE F, SIZE 4"),
         (good().replace("x y z", "x y w"), "field z: found none"),
         (good().replace("z rgb", "z intensity"), "field rgb: found none, allowed is one of rgb and rgba"),
         (good().replace("F F F U", "F F F I"), "field rgb: found rgb I32 COUNT 1"),

@@ -60,13 +60,13 @@ fn what_is_not_a_picture_says_what_it_is() {
     let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
     assert!(refusal(b"").contains("it is empty"));
     assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));
-    assert!(refusal(b"GIF89a,,,").contains("it looks like Gif; allowed are PNG, JPEG and TIFF"));
+    assert!(refusal(b"GIF89a,,,").contains("it looks like gif; allowed are PNG, JPEG and TIFF"));
 }
 
 #[test]
 fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
     let deep = as_file(DynamicImage::new_rgb16(3, 2), ImageFormat::Png);
-    assert!(read_color(&deep).expect_err("deep").to_string().contains("Rgb16; allowed are 8 bits"));
+    assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits"));
     let rgba = |alpha| {
         let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
         read_color(&as_file(pixels.into(), ImageFormat::Png))

@@ -5,6 +5,7 @@ use super::super::gate::exceeds;
 use super::{CornerReport, Refined};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
+use crate::words::{apart, fixed};
 
 /// After the correction the corners of one rigid panel stand where they are seen within this, mm.
 pub const MAX_LEFT_MM: f64 = 0.3;
@@ -13,16 +14,18 @@ pub const MAX_LEFT_MM: f64 = 0.3;
 pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
     let allowed_mm = limits.max_correction_mm();
     let too_far = beyond(refined, (CornerReport::asked_mm, allowed_mm), "correction_limit", |corner, asked_mm| {
+        let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
         format!(
-            "stands {asked_mm:.2} mm ({:.1} px) from where the 3D scan puts it, allowed are {allowed_mm:.2} mm; has the \
-             panel moved since the scan, is the flange pose the picture's?",
-            corner.error_px
+            "stands {asked} mm ({} px) from where the 3D scan puts it, allowed are {allowed} mm; has the panel moved since the \
+             scan, is the flange pose the picture's?",
+            fixed(corner.error_px, 1)
         )
     });
     let unlike = beyond(refined, (|corner| corner.left_mm, MAX_LEFT_MM), "corners_disagree", |_, left_mm| {
+        let [left, allowed] = apart(left_mm, MAX_LEFT_MM, 2);
         format!(
-            "still stands {left_mm:.2} mm from where it is seen with the best correction of all corners, allowed are \
-             {MAX_LEFT_MM} mm; is each picture of its own corner, are the flange poses theirs?"
+            "still stands {left} mm from where it is seen with the best correction of all corners, allowed are {allowed} mm; is \
+             each picture of its own corner, are the flange poses theirs?"
         )
     });
     // What is left is left of all of them together.
@@ -33,9 +36,10 @@ pub fn judge(refined: &Refined, limits: &recipe::Corner) -> Judgement {
 pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
     let allowed_mm = limits.verify_mm();
     let moved = beyond(seen, (CornerReport::asked_mm, allowed_mm), "moved", |_, off_mm| {
+        let [off, allowed] = apart(off_mm, allowed_mm, 2);
         format!(
-            "stands {off_mm:.2} mm from where the localization puts it, allowed are {allowed_mm:.2} mm, [corner] \
-             verify_mm; has the panel moved?"
+            "stands {off} mm from where the localization puts it, allowed are {allowed} mm, [corner] verify_mm; has the panel \
+             moved?"
         )
     });
     Judgement::of(moved, vec![])
@@ -50,9 +54,11 @@ pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Reason> {
     let claimed_mm = claims_mm.iter().map(|mm| mm * mm).sum::<f64>().sqrt().hypot(CORNER_CLAIM_MM);
     // Twice what 95 % stay below: one in ten thousand is beyond it by chance.
     let beyond = beyond(refined, (CornerReport::asked_mm, 2.0 * claimed_mm), "corner_disagrees", |_, asked_mm| {
+        let [asked, allowed] = apart(asked_mm, 2.0 * claimed_mm, 2);
         format!(
-            "stands {asked_mm:.2} mm from where the 3D scan puts it; scan, corner and calibrations together claim \
-             {claimed_mm:.2} mm (95 %): one of them is wrong, verify the calibrations"
+            "stands {asked} mm from where the 3D scan puts it; scan, corner and calibrations together claim {} mm (95 %), and \
+             allowed is twice as much, {allowed} mm: one of them is wrong, verify the calibrations",
+            fixed(claimed_mm, 2)
         )
     });
     beyond.into_iter().next()

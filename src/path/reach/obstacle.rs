@@ -1,5 +1,7 @@
 //! What an arm cannot do, in words: which axis or part, how far, what is allowed.
 
+use crate::words::{apart, plain};
+
 /// Which singular place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Singular {
@@ -24,7 +26,10 @@ pub enum Obstacle {
         beyond_mm: f64,
     },
     /// An axis beyond its limits less the margin.
-    #[error("axis {axis} would stand at {angle_deg:.1}°, allowed is {:.1} to {:.1}°", allowed_deg[0], allowed_deg[1])]
+    #[error(
+        "axis {axis} would stand at {}°, allowed is {} to {}°", beyond(*angle_deg, *allowed_deg), plain(allowed_deg[0]),
+        plain(allowed_deg[1])
+    )]
     AxisLimit {
         /// 1 to 6.
         axis: usize,
@@ -34,7 +39,7 @@ pub enum Obstacle {
         allowed_deg: [f64; 2],
     },
     /// Near a singular place.
-    #[error("{} ({found:.1}, needed {needed:.1})", singular_words(*which))]
+    #[error("{} ({}, needed {})", singular_words(*which), apart(*found, *needed, 1)[0], apart(*found, *needed, 1)[1])]
     Singular {
         /// Which.
         which: Singular,
@@ -52,7 +57,10 @@ pub enum Obstacle {
         turn_deg: f64,
     },
     /// An axis too fast.
-    #[error("axis {axis} would turn at {needed_deg_s:.0} °/s, allowed {allowed_deg_s:.0}; a lower feed_mm_s helps")]
+    #[error(
+        "axis {axis} would turn at {} °/s, allowed {}; a lower feed_mm_s helps", apart(*needed_deg_s, *allowed_deg_s, 0)[0],
+        apart(*needed_deg_s, *allowed_deg_s, 0)[1]
+    )]
     AxisSpeed {
         /// 1 to 6.
         axis: usize,
@@ -63,8 +71,8 @@ pub enum Obstacle {
     },
     /// An axis speeding up too fast.
     #[error(
-        "axis {axis} would change its speed by {needed_deg_s2:.0} °/s², allowed {allowed_deg_s2:.0}; a lower feed_mm_s \
-         helps"
+        "axis {axis} would change its speed by {} °/s², allowed {}; a lower feed_mm_s helps",
+        apart(*needed_deg_s2, *allowed_deg_s2, 0)[0], apart(*needed_deg_s2, *allowed_deg_s2, 0)[1]
     )]
     AxisAcceleration {
         /// 1 to 6.
@@ -75,7 +83,10 @@ pub enum Obstacle {
         allowed_deg_s2: f64,
     },
     /// A part of the arm in a box.
-    #[error("the {part} would be {distance_mm:.0} mm from \"{name}\", needed are {needed_mm:.0}")]
+    #[error(
+        "the {part} would be {} mm from \"{name}\", needed are {}", apart(*distance_mm, *needed_mm, 0)[0],
+        apart(*distance_mm, *needed_mm, 0)[1]
+    )]
     KeepOut {
         /// Which part.
         part: &'static str,
@@ -86,6 +97,12 @@ pub enum Obstacle {
         /// Distance needed, mm.
         needed_mm: f64,
     },
+}
+
+/// An angle beyond its limits, beside the one that it is beyond.
+fn beyond(angle_deg: f64, [low_deg, high_deg]: [f64; 2]) -> String {
+    let [angle, _] = apart(angle_deg, if angle_deg < low_deg { low_deg } else { high_deg }, 1);
+    angle
 }
 
 fn singular_words(which: Singular) -> &'static str {

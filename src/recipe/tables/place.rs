@@ -1,6 +1,7 @@
 //! Where the panel stands: `[locate]` and `[corner]`.
 
 use crate::config::{Choice, Section, Setting, settings};
+use crate::words::list;
 use toml::de::DeValue;
 
 settings! {
@@ -28,7 +29,8 @@ pub(in crate::recipe) fn take_locate(section: &Section<'_, '_>) -> Option<Locate
     let locate = Locate::take(section)?;
     let (low, high) = (locate.box_min_mm(), locate.box_max_mm());
     if (0..3).any(|axis| low[axis] >= high[axis]) {
-        section.problem("box_max_mm", format!("{high:?} must exceed box_min_mm {low:?} in every axis"));
+        section
+            .problem("box_max_mm", format!("{} must exceed box_min_mm {} in every axis", list(&high), list(&low)));
         return None;
     }
     Some(locate)

@@ -4,7 +4,9 @@ mod reach;
 
 use super::*;
 use crate::cell::Feedback;
-use crate::devices::cameras::{FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated};
+use crate::devices::cameras::{
+    Arm, FlangeCamera, Scanner, SimulatedFlangeCamera, SimulatedScanner, conform, simulated,
+};
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
 use crate::eki::{
@@ -45,7 +47,7 @@ impl Bench {
             state_port: server.state_address().port(),
         };
         let link = BlockingLink::start(address, LinkLimits::default(), Pace::LockStep).expect("starts");
-        let (scanner, flange) = simulated(&world, &server.handle());
+        let (scanner, flange) = simulated(&world, &Arm::Mock(server.handle()));
         let mut bench = Bench { cell, sim, world, scanner, flange, link, server };
         bench.until(|report| matches!(report, Report::Connected { .. }));
         bench.link.open_epoch().expect("connected");

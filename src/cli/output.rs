@@ -1,0 +1,21 @@
+//! The program's two streams. Who reads them may leave at any time (`| head -1`): that ends no command, and no exit code
+//! changes by it.
+
+use std::io::{self, ErrorKind, Write};
+
+/// Writes a line of the result to standard output.
+///
+/// # Errors
+/// Where it cannot be written for another reason than that nobody reads: a disk that is full.
+pub fn print_line(line: &str) -> io::Result<()> {
+    let mut stdout = io::stdout().lock();
+    match writeln!(stdout, "{line}").and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        written => written,
+    }
+}
+
+/// Tells a line of progress, or what is wrong, on standard error. Where that cannot be written there is nobody to tell.
+pub fn tell_line(line: &str) {
+    let _ = writeln!(io::stderr().lock(), "{line}");
+}

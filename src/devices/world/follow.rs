@@ -1,0 +1,158 @@
+//! The simulated world around a controller that runs elsewhere, as in a rehearsal: all that is known of it is what its
+//! state messages tell, about ten times a second.
+//!
+//! The arm stands where the last message says, until the next one; time goes on by the wall clock in between. Outputs act
+//! on the world when a message first shows them, up to 100 ms late. Contact is no part of a message: where the tool's
+//! output is on, the tip is taken to have gone in a straight line from one message's place to the next, and sands where
+//! it is as near to the true surface as a pad reaches. So corners of the path are cut by what the arm goes in 100 ms, a few
+//! millimetres under a disc of 20 mm and more. Where messages were late, nothing is taken for granted: only the places that
+//! were told count.
+
+use super::SimulatedWorld;
+use crate::cell::{Cell, Output};
+use crate::devices::mock::{self, Sample};
+use crate::eki::State;
+use crate::geometry::{Base, Flange, Rigid, Tool};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Farther apart than this, the way between two messages is not known, ms.
+const STRAIGHT_MS: u64 = 350;
+/// Places on the way between two messages are so far apart, mm.
+const STEP_MM: f64 = 1.0;
+
+/// Follows a controller by its messages; clones follow the same one.
+#[derive(Clone)]
+pub struct Follower {
+    world: SimulatedWorld,
+    cell: Arc<Cell>,
+    told: Arc<Mutex<Told>>,
+}
+
+/// What was told.
+#[derive(Default)]
+struct Told {
+    last: Option<Heard>,
+    outputs: Vec<(u16, bool)>,
+    trace: Vec<Sample>,
+}
+
+/// A message, when it came, and the time since the first controller's start: one that starts again counts from zero.
+#[derive(Clone, Copy)]
+struct Heard {
+    state: State,
+    at: Instant,
+    before_ms: u64,
+}
+
+impl Heard {
+    fn time_ms(&self) -> u64 {
+        self.before_ms + u64::from(self.state.time_ms)
+    }
+
+    fn now_ms(&self) -> u64 {
+        self.time_ms() + u64::try_from(self.at.elapsed().as_millis()).unwrap_or(u64::MAX)
+    }
+
+    fn base_from_tool(&self) -> Rigid<Base, Tool> {
+        self.state.active_base.to_rigid::<Base, Base>() * self.state.base_from_tcp.to_rigid::<Base, Tool>()
+    }
+
+    fn base_from_flange(&self) -> Rigid<Base, Flange> {
+        self.base_from_tool() * self.state.flange_from_tool.to_rigid::<Flange, Tool>().inverse()
+    }
+}
+
+impl Follower {
+    /// Lets this world follow the controller of this cell.
+    pub fn new(world: SimulatedWorld, cell: &Cell) -> Self {
+        Follower { world, cell: Arc::new(cell.clone()), told: Arc::default() }
+    }
+
+    /// Whether this is a mock controller. A simulated camera must never look on while a real arm moves.
+    pub fn may_follow(state: &State) -> bool {
+        state.programs_checksum == mock::CHECKSUM
+    }
+
+    /// A message of the controller.
+    pub fn hear(&self, state: &State) {
+        let outputs = {
+            let mut told = self.lock();
+            let before_ms = match told.last {
+                Some(last) if state.time_ms < last.state.time_ms => last.time_ms(),
+                Some(last) => last.before_ms,
+                None => 0,
+            };
+            let heard = Heard { state: *state, at: Instant::now(), before_ms };
+            let changed = self.changed(&mut told.outputs, state);
+            if self.tool_is_on(state) {
+                let way = told.last.map_or(vec![], |last| way(&last, &heard, self.tool_is_on(&last.state)));
+                told.trace.extend(way);
+            }
+            told.last = Some(heard);
+            changed.into_iter().map(|(number, on)| (number, on, heard.time_ms())).collect::<Vec<_>>()
+        };
+        let mut terminals = self.world.terminals();
+        outputs.into_iter().for_each(|(number, on, time_ms)| terminals.on_output(number, on, time_ms));
+    }
+
+    /// Outputs that are not as they were told before.
+    fn changed(&self, known: &mut Vec<(u16, bool)>, state: &State) -> Vec<(u16, bool)> {
+        let io = self.cell.io();
+        let numbers = io.outputs_in(state.outputs);
+        let now: Vec<(u16, bool)> =
+            numbers.into_iter().filter_map(|(name, on)| Some((*io.outputs().get(name)?, on))).collect();
+        let before = std::mem::replace(known, now.clone());
+        let was_on = |number: u16| before.iter().any(|(other, on)| *other == number && *on);
+        now.into_iter().filter(|(number, on)| was_on(*number) != *on).collect()
+    }
+
+    fn tool_is_on(&self, state: &State) -> bool {
+        let name = Output::Tool.name();
+        self.cell.io().outputs_in(state.outputs).into_iter().any(|(output, on)| output == name && on)
+    }
+
+    /// The arm at this time; `None` before the first message.
+    pub fn moment(&self) -> Option<super::Moment> {
+        let told = self.lock().last?;
+        Some(super::Moment {
+            time_ms: told.now_ms(),
+            joints: told.state.joints,
+            base_from_flange: told.base_from_flange(),
+            moving: told.state.moving,
+        })
+    }
+
+    /// Where the tool was while it ran, up to that moment.
+    pub fn trace(&self, until_ms: u64) -> Vec<Sample> {
+        self.lock().trace.iter().filter(|sample| sample.time_ms <= until_ms).copied().collect()
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Told> {
+        self.told.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The places from one message to the next, while the tool ran.
+fn way(from: &Heard, to: &Heard, ran: bool) -> Vec<Sample> {
+    let sample = |base_from_tool: Rigid<Base, Tool>| Sample {
+        time_ms: to.time_ms(),
+        base_from_flange: base_from_tool * to.state.flange_from_tool.to_rigid::<Flange, Tool>().inverse(),
+        base_from_tool,
+        sanding: true,
+        tool_on: true,
+    };
+    let (start, end) = (from.base_from_tool(), to.base_from_tool());
+    let is_known = ran && to.time_ms().saturating_sub(from.time_ms()) <= STRAIGHT_MS;
+    let length_mm = start.origin().distance_mm(end.origin());
+    let steps = if is_known { (length_mm / STEP_MM).ceil().max(1.0) as usize } else { 1 };
+    (1..=steps)
+        .map(|step| {
+            let back = (start.origin() - end.origin()) * (1.0 - step as f64 / steps as f64);
+            sample(end.displaced(back))
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,119 @@
+use super::*;
+use crate::devices::world::{Violation, touch::Touched};
+use crate::eki::{CommandId, Epoch, Mode};
+use crate::geometry::{Joints, KukaPose, Panel};
+use crate::sim::{self, Scene};
+
+const CELL: &str = include_str!("../../../../config/cell.toml");
+
+fn cell() -> Cell {
+    Cell::check("cell.toml", CELL).unwrap_or_else(|problems| panic!("{problems}"))
+}
+
+fn follower() -> Follower {
+    let world = SimulatedWorld::new(sim::Cell::new(1, Scene::Good, 8), &cell()).expect("a world");
+    Follower::new(world, &cell())
+}
+
+/// A message: outputs as bits in the order of their numbers, light first, tool last.
+fn told(time_ms: u32, outputs: u32, base_from_tcp: KukaPose) -> State {
+    State {
+        time_ms,
+        sequence: 1,
+        answered: 0,
+        epoch: Epoch(1),
+        boot: 1,
+        programs_checksum: mock::CHECKSUM,
+        mode: Mode::External,
+        drives_on: true,
+        emergency_stop: false,
+        guard_closed: true,
+        moving: true,
+        motion_possible: true,
+        base_set: true,
+        tool_set: true,
+        stopped: false,
+        inputs: 0,
+        outputs,
+        done: CommandId(0),
+        underruns: 0,
+        joints: Joints::default(),
+        base_from_tcp,
+        active_base: KukaPose { x_mm: 100.0, ..KukaPose::default() },
+        flange_from_tool: KukaPose { z_mm: 120.0, ..KukaPose::default() },
+    }
+}
+
+fn at(x_mm: f64) -> KukaPose {
+    KukaPose { x_mm, ..KukaPose::default() }
+}
+
+const TOOL: u32 = 0b1_0000;
+const SPRAY: u32 = 0b10;
+
+/// By hand: base at X 100, the tip 10 to 16 mm before it and the flange 120 mm behind; 6 mm in steps of 1 mm.
+#[test]
+fn the_tool_goes_straight_from_one_message_to_the_next() {
+    let follower = follower();
+    follower.hear(&told(1_000, 0, at(0.0)));
+    follower.hear(&told(1_100, TOOL, at(10.0)));
+    assert_eq!(follower.trace(9_999).len(), 1, "where it was before the tool ran does not count");
+    follower.hear(&told(1_200, TOOL, at(16.0)));
+    let trace = follower.trace(9_999);
+    let places: Vec<f64> = trace.iter().map(|sample| sample.base_from_tool.origin().mm.x).collect();
+    assert_eq!(places.len(), 7);
+    for (place, expected) in places.iter().zip([110.0, 111.0, 112.0, 113.0, 114.0, 115.0, 116.0]) {
+        assert!((place - expected).abs() < 1e-9, "{places:?}");
+    }
+    assert!((trace[6].base_from_flange.origin().mm.z + 120.0).abs() < 1e-9);
+    assert_eq!(follower.trace(1_100).len(), 1, "only up to that moment");
+    follower.hear(&told(1_900, TOOL, at(60.0)));
+    assert_eq!(follower.trace(9_999).len(), 8, "a way of 700 ms is not known");
+    follower.hear(&told(2_000, 0, at(70.0)));
+    assert_eq!(follower.trace(9_999).len(), 8, "the tool is off");
+}
+
+#[test]
+fn outputs_act_on_the_world_and_time_goes_on() {
+    let follower = follower();
+    assert!(follower.moment().is_none());
+    follower.hear(&told(1_000, 0, at(0.0)));
+    follower.hear(&told(1_100, SPRAY, at(0.0)));
+    assert_eq!(follower.world.violations(), [(1_100, Violation::SprayOnLens)]);
+    follower.hear(&told(1_200, SPRAY, at(0.0)));
+    assert_eq!(follower.world.violations().len(), 1, "told once");
+    std::thread::sleep(std::time::Duration::from_millis(20));
+    assert!(follower.moment().expect("told").time_ms() >= 1_220);
+    // The controller starts again and counts from zero: for the world time never goes back.
+    follower.hear(&told(50, 0, at(0.0)));
+    assert!((1_250..2_000).contains(&follower.moment().expect("told").time_ms()));
+}
+
+/// A pass along a spot in messages of 100 ms heals it, and one 3 mm above does not.
+#[test]
+fn what_the_messages_tell_abrades() {
+    let follower = follower();
+    let truth = follower.world.truth().clone();
+    let spot = &truth.spots[0];
+    let along = |height_mm: f64| {
+        let normal = truth.normal(spot.centre);
+        let turn = nalgebra::UnitQuaternion::rotation_between(&nalgebra::Vector3::z(), &-normal.mm).expect("one");
+        let place = (spot.centre + normal * height_mm).mm.coords;
+        let panel_from_tool = Rigid::<Panel, Tool>::claim(nalgebra::Isometry3::from_parts(place.into(), turn));
+        KukaPose::from_rigid(&(truth.base_from_panel * panel_from_tool))
+    };
+    let share = |height_mm: f64| {
+        let follower = Follower { told: Arc::default(), ..follower.clone() };
+        let state = |time_ms| State { active_base: KukaPose::default(), ..told(time_ms, TOOL, along(height_mm)) };
+        [0, 100, 200].into_iter().for_each(|time_ms| follower.hear(&state(time_ms)));
+        Touched::by(&follower.trace(9_999), &truth, 200.0).share_of(spot)
+    };
+    assert!((share(0.0) - 1.0).abs() < 1e-12);
+    assert_eq!(share(3.0), 0.0);
+}
+
+#[test]
+fn a_controller_that_is_no_mock_is_not_followed() {
+    assert!(Follower::may_follow(&told(0, 0, at(0.0))));
+    assert!(!Follower::may_follow(&State { programs_checksum: 870_297, ..told(0, 0, at(0.0)) }));
+}

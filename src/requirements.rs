@@ -1,0 +1,243 @@
+//! What a cell's file must say for what is to be done with the cell: decided here for every command.
+//!
+//! A file may leave out what offline work does not need. What a motion or a cycle would refuse later is refused here before
+//! anything begins, and `panelprep check` says so at the desk. Nothing is looked at but the file: whether the files that
+//! it names are there, and whether devices answer, is for `panelprep doctor`.
+
+use crate::cell::{Camera, Cell, Output, RobotKind};
+use crate::geometry::{Joints, Rigid};
+use crate::path::Kinematics;
+use crate::path::reach::swing;
+use crate::words::plain;
+use nalgebra::Isometry3;
+
+/// What is to be done with a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Purpose {
+    /// One function of the robot at a time.
+    Robot,
+    /// A cycle, or its path in the air.
+    Cycle,
+}
+
+impl Purpose {
+    /// The commands that do it.
+    pub fn commands(self) -> &'static str {
+        match self {
+            Purpose::Robot => "`panelprep robot` and `mock-robot`",
+            Purpose::Cycle => "`panelprep cycle`, `air-run` and `run`",
+        }
+    }
+}
+
+/// What a cell's file does not say, or says in a way that cannot be done.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Unmet {
+    /// The key with its tables, `poses.park.a1_deg`.
+    pub key: String,
+    /// What was found, what is needed, what to do.
+    pub message: String,
+}
+
+impl Unmet {
+    fn new(key: impl Into<String>, message: impl Into<String>) -> Self {
+        Unmet { key: key.into(), message: message.into() }
+    }
+}
+
+/// All that this purpose needs and the cell's file does not have; empty where nothing is missing.
+pub fn unmet(cell: &Cell, purpose: Purpose) -> Vec<Unmet> {
+    let is_mock = cell.robot().kind() == RobotKind::Mock;
+    match purpose {
+        Purpose::Robot if is_mock => names(cell, true).into_iter().chain(park(cell)).collect(),
+        Purpose::Robot => Vec::new(),
+        Purpose::Cycle => {
+            let simulates = is_mock || simulated(cell).iter().any(|(_, is)| *is);
+            let parts =
+                [names(cell, simulates), park(cell), poses(cell), limits(cell), calibrations(cell), cameras(cell)];
+            parts.concat()
+        }
+    }
+}
+
+/// The cameras with whether they are simulated.
+fn simulated(cell: &Cell) -> [(&'static str, bool); 2] {
+    [
+        ("scanner", matches!(cell.scanner(), Camera::Simulated)),
+        ("flange_camera", matches!(cell.flange_camera(), Camera::Simulated)),
+    ]
+}
+
+/// Outputs and feedbacks; the simulated world tells by every feedback what became of an output.
+fn names(cell: &Cell, simulates: bool) -> Vec<Unmet> {
+    let io = cell.io();
+    let mut missing = Vec::new();
+    for output in Output::ALL {
+        let (name, feedback) = (output.name(), output.feedback());
+        if io.output(output).is_none() {
+            let message = "is missing; a cycle switches it: state the number n of its $OUT[n]";
+            missing.push(Unmet::new(format!("io.outputs.{name}"), message));
+        }
+        // The light is known by its time to settle, and proven by no feedback.
+        let is_read = simulates || output != Output::Light;
+        if is_read && io.feedback(feedback).is_none() {
+            let message = format!("is missing; it proves what became of {name}: state the number n of its $IN[n]");
+            missing.push(Unmet::new(format!("io.feedbacks.{}", feedback.name()), message));
+        }
+    }
+    missing
+}
+
+fn park(cell: &Cell) -> Vec<Unmet> {
+    let message = "is missing; every cycle begins there: state the axes' angles with the arm clear of the panel and of both \
+                   cameras' view";
+    let missing = cell.park().is_none().then(|| Unmet::new("poses.park", message));
+    missing.into_iter().collect()
+}
+
+/// Whether the arm can stand where a cycle has it stand, and swing from one to the other.
+fn poses(cell: &Cell) -> Vec<Unmet> {
+    let (park, ready) = (cell.park(), cell.pose("ready"));
+    let named: Vec<(&str, Joints)> =
+        [("park", park), ("ready", ready)].into_iter().filter_map(|(name, pose)| Some((name, pose?))).collect();
+    let beyond: Vec<Unmet> = named.iter().flat_map(|(name, pose)| beyond(cell, name, pose)).collect();
+    if !beyond.is_empty() {
+        return beyond;
+    }
+    // Without the tool, which a calibration tells: what the arm alone meets, it meets with a tool as well.
+    let (arm, no_tool) = (Kinematics::new(cell.arm()), Rigid::claim(Isometry3::identity()));
+    let first = named.first().map(|first| (*first, *first));
+    let both = named.first().zip(named.get(1)).into_iter();
+    let ways = first.into_iter().chain(both.flat_map(|(park, ready)| [(*park, *ready), (*ready, *park)]));
+    let met = |((from, start), (to, end)): ((&str, Joints), (&str, Joints))| {
+        let obstacle = swing(&arm, no_tool, &start, &end).err()?;
+        let way = if from == to { "there".to_owned() } else { format!("on the way from [poses] {from} to it") };
+        Some(Unmet::new(format!("poses.{to}"), format!("the arm cannot go: {way} {obstacle}")))
+    };
+    let mut met: Vec<Unmet> = ways.filter_map(met).collect();
+    met.truncate(1);
+    met
+}
+
+/// The axes of a pose that stand beyond the arm's limits.
+fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
+    let axes = cell.arm().axes();
+    let angles = [pose.a1_deg, pose.a2_deg, pose.a3_deg, pose.a4_deg, pose.a5_deg, pose.a6_deg];
+    let of_axis = |(axis, angle): (usize, f64)| {
+        let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
+        let message = || {
+            let [angle, low, high] = [angle, low, high].map(plain);
+            format!("found {angle}, allowed is {low} to {high}: the arm's axis {} turns no farther", axis + 1)
+        };
+        (!(low..=high).contains(&angle)).then(|| Unmet::new(format!("poses.{name}.a{}_deg", axis + 1), message()))
+    };
+    angles.into_iter().enumerate().filter_map(of_axis).collect()
+}
+
+fn limits(cell: &Cell) -> Vec<Unmet> {
+    let message = "is missing, as is box_max_mm; nothing moves in lines without a box for the tool's tip";
+    let missing = cell.limits().workspace().is_none().then(|| Unmet::new("limits.box_min_mm", message));
+    missing.into_iter().collect()
+}
+
+fn calibrations(cell: &Cell) -> Vec<Unmet> {
+    let files = cell.calibration();
+    let named = [
+        ("scanner", files.scanner.is_some()),
+        ("flange_camera", files.flange_camera.is_some()),
+        ("base_from_camera", files.base_from_camera.is_some()),
+        ("flange_from_camera", files.flange_from_camera.is_some()),
+        ("flange_from_tool", files.flange_from_tool.is_some()),
+    ];
+    let missing = named.into_iter().filter(|(_, is_named)| !is_named);
+    let message =
+        "is missing; name the file, as `panelprep calibrate` writes it or `panelprep render` for a simulated cell";
+    missing.map(|(key, _)| Unmet::new(format!("calibration.{key}"), message)).collect()
+}
+
+/// Whether the cameras go with the robot, and know how to take a shot.
+fn cameras(cell: &Cell) -> Vec<Unmet> {
+    let mut wrong = Vec::new();
+    let robot = cell.robot();
+    if robot.kind() == RobotKind::Eki && !robot.is_on_this_machine() {
+        let message = format!(
+            "found \"simulated\", which looks at a simulated world, and [robot] is a controller at {}; name the real camera or \
+             a recording, or rehearse with `panelprep mock-robot` and host = \"127.0.0.1\"",
+            robot.host()
+        );
+        let simulated = simulated(cell).into_iter().filter(|(_, is)| *is);
+        wrong.extend(simulated.map(|(table, _)| Unmet::new(format!("{table}.kind"), message.clone())));
+    }
+    if let Camera::Device(zivid) = cell.scanner() {
+        for (key, is_named) in
+            [("settings", zivid.settings.is_some()), ("settings_2d", zivid.settings_2d.is_some())]
+        {
+            let message = "is missing; kind = \"zivid\" needs it to take a shot: name the file that Zivid Studio saved \
+                           (settings for 3D shots with colour, settings_2d for pictures)";
+            wrong.extend((!is_named).then(|| Unmet::new(format!("scanner.{key}"), message)));
+        }
+    }
+    if cfg!(not(feature = "gige")) && matches!(cell.flange_camera(), Camera::Device(_)) {
+        let message = "found \"gige\", and this program was built without the cargo feature gige; use one that was built \
+                       with it; without, \"simulated\" and \"recorded\" are allowed";
+        wrong.push(Unmet::new("flange_camera.kind", message));
+    }
+    wrong
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WHOLE: &str = include_str!("../config/cell.toml");
+
+    fn keys(text: &str, purpose: Purpose) -> Vec<String> {
+        let cell = Cell::check("cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+        unmet(&cell, purpose).into_iter().map(|unmet| unmet.key).collect()
+    }
+
+    /// One change of the cell that ships, and the key that it takes away or spoils.
+    #[test]
+    fn each_thing_that_a_cycle_would_refuse_is_named() {
+        assert_eq!(keys(WHOLE, Purpose::Cycle), [""; 0]);
+        let robot = "[robot]\nkind = \"mock\"";
+        let eki = |host: &str| WHOLE.replace(robot, &format!("[robot]\nkind = \"eki\"\nhost = \"{host}\""));
+        assert!(WHOLE.contains(robot));
+        let replaced = |from: &str, to: &str| {
+            let text = WHOLE.replacen(from, to, 1);
+            assert_ne!(text, WHOLE, "{from}");
+            text
+        };
+        let post = "\n[[keep_out]]\nname = \"post\"\nmin_mm = [-250, 200, 0]\nmax_mm = [-150, 300, 900]\n";
+        for (text, expected) in [
+            (replaced("park = { a1_deg = -120.0", "park = { a1_deg = -320.0"), vec!["poses.park.a1_deg"]),
+            (replaced("ready = { a1_deg = 0.0", "ready = { a1_deg = 190.0"), vec!["poses.ready.a1_deg"]),
+            (replaced("spray = 2 ", ""), vec!["io.outputs.spray"]),
+            (replaced("lens_shut = 2", ""), vec!["io.feedbacks.lens_shut"]),
+            (replaced("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
+            (replaced("box_min_mm = [", "# [").replacen("box_max_mm = [", "# [", 1), vec!["limits.box_min_mm"]),
+            (replaced("flange_from_tool =", "# "), vec!["calibration.flange_from_tool"]),
+            (eki("172.31.1.147"), vec!["scanner.kind", "flange_camera.kind"]),
+            (eki("127.0.0.1"), vec![]),
+            (eki("localhost").replace("light_on = 5", ""), vec!["io.feedbacks.light_on"]),
+            (
+                replaced("[scanner]\nkind = \"simulated\"", "[scanner]\nkind = \"zivid\"\nsettings = \"a.yml\""),
+                vec!["scanner.settings_2d"],
+            ),
+            (format!("{WHOLE}{post}"), vec!["poses.park"]),
+        ] {
+            assert_eq!(keys(&text, Purpose::Cycle), expected, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_real_cell_needs_no_feedback_of_its_light_and_its_robot_alone_needs_nothing() {
+        let example = include_str!("../config/cell-example.toml");
+        assert_eq!(keys(example, Purpose::Cycle), [""; 0]);
+        assert_eq!(keys(&example.replacen("light_on = 21", "", 1), Purpose::Cycle), [""; 0]);
+        assert_eq!(keys("[robot]\nkind = 'eki'\nhost = 'krc'\n", Purpose::Robot), [""; 0]);
+        let bare = keys("", Purpose::Robot);
+        assert_eq!(bare.len(), 11, "five outputs, five feedbacks, the park pose: {bare:?}");
+        assert_eq!(keys("", Purpose::Cycle).len(), 17, "with the box and five calibrations");
+    }
+}

@@ -1,0 +1,131 @@
+//! How numbers stand in sentences for people.
+//!
+//! A number that was measured and the limit that it misses are printed so that they differ; a rounded zero has no sign; a
+//! number that is none is called so.
+
+use std::fmt::{self, Display, Formatter};
+
+/// Digits after the point that are tried at most: a double has no more that matter here.
+const MOST_DECIMALS: usize = 15;
+
+/// A number with so many digits after the point, without a sign where it rounds to zero.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fixed {
+    value: f64,
+    decimals: usize,
+}
+
+/// A number with so many digits after the point: see [`Fixed`].
+pub fn fixed(value: f64, decimals: usize) -> Fixed {
+    Fixed { value, decimals }
+}
+
+impl Display for Fixed {
+    /// A width is kept to, right-aligned as numbers are.
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        let text = text(self.value, self.decimals);
+        let width = f.width().unwrap_or(0);
+        write!(f, "{text:>width$}")
+    }
+}
+
+fn text(value: f64, decimals: usize) -> String {
+    if value.is_nan() {
+        return "unknown".to_owned();
+    }
+    if value.is_infinite() {
+        return if value > 0.0 { "infinite" } else { "minus infinite" }.to_owned();
+    }
+    let text = format!("{value:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.chars().all(|c| c == '0' || c == '.') => rest.to_owned(),
+        _ => text,
+    }
+}
+
+/// A number as short as it reads back, without a sign where it is zero.
+pub fn plain(value: f64) -> String {
+    if !value.is_finite() {
+        return text(value, 0);
+    }
+    // Adding zero takes the sign off a negative one.
+    (value + 0.0).to_string()
+}
+
+/// What was found and the limit that it misses, as texts that differ: `decimals` digits after the point, and more where
+/// it takes more to tell the two apart. The limit keeps no zeros at its end.
+pub fn apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
+    let at = |decimals: usize| [text(found, decimals), text(limit, decimals)];
+    let differ = |decimals: &usize| {
+        let [found, limit] = at(*decimals);
+        found != limit
+    };
+    let enough = (decimals..=MOST_DECIMALS).find(differ).unwrap_or(decimals);
+    let [found_text, limit_text] = at(enough);
+    [found_text, trimmed(&limit_text).to_owned()]
+}
+
+/// Numbers in brackets, each as short as it reads back.
+pub fn list(numbers: &[f64]) -> String {
+    format!("[{}]", numbers.iter().map(|number| plain(*number)).collect::<Vec<_>>().join(", "))
+}
+
+/// The same of shares 0…1, in percent.
+pub fn percent_apart(found: f64, limit: f64, decimals: usize) -> [String; 2] {
+    apart(100.0 * found, 100.0 * limit, decimals)
+}
+
+/// Without zeros at the end of its fraction.
+fn trimmed(text: &str) -> &str {
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_rounded_zero_has_no_sign() {
+        for (value, decimals, words) in
+            [(-0.04, 1, "0.0"), (-0.4, 0, "0"), (-0.06, 1, "-0.1"), (0.0, 3, "0.000"), (-12.0, 1, "-12.0")]
+        {
+            assert_eq!(fixed(value, decimals).to_string(), words);
+        }
+        assert_eq!(format!("{:8}|", fixed(-1.25, 2)), "   -1.25|");
+        assert_eq!((plain(-0.0), plain(0.5), plain(f64::NAN)), ("0".into(), "0.5".into(), "unknown".into()));
+    }
+
+    #[test]
+    fn a_number_that_is_none_is_called_so() {
+        assert_eq!(fixed(f64::NAN, 3).to_string(), "unknown");
+        assert_eq!(apart(f64::INFINITY, 0.1, 3), ["infinite", "0.1"]);
+        assert_eq!(apart(f64::NAN, 0.25, 3), ["unknown", "0.25"]);
+    }
+
+    /// By hand: 8.2 % beside 8 % needs a digit, 0.5004 beside 0.5 needs four.
+    #[test]
+    fn what_was_found_differs_from_what_is_allowed() {
+        assert_eq!(percent_apart(0.082, 0.08, 0), ["8.2", "8"]);
+        assert_eq!(apart(0.5004, 0.5, 2), ["0.5004", "0.5"]);
+        assert_eq!(apart(0.75, 0.25, 3), ["0.750", "0.25"]);
+        assert_eq!(apart(60.1, 60.0, 1), ["60.1", "60"]);
+        assert_eq!(apart(12.0, 100.0, 0), ["12", "100"]);
+        assert_eq!(apart(0.5, 0.5, 1), ["0.5", "0.5"], "the limit itself, where it is not allowed");
+    }
+
+    proptest! {
+        #[test]
+        fn two_numbers_are_told_apart(found in -1e6_f64..1e6, step in prop::num::f64::POSITIVE, decimals in 0_usize..4) {
+            let limit = found + step.clamp(1e-9, 1e3);
+            let [found_text, limit_text] = apart(found, limit, decimals);
+            prop_assert!(trimmed(&found_text) != limit_text, "{found_text} {limit_text}");
+            let read: f64 = found_text.parse().expect("a number");
+            prop_assert!((read - found).abs() <= 0.5 / 10_f64.powi(decimals as i32) + 1e-9);
+            let is_zero = |text: &str| text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.');
+            for text in [found_text, limit_text] {
+                prop_assert!(!(text.starts_with('-') && is_zero(&text)), "{text}");
+            }
+        }
+    }
+}

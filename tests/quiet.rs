@@ -1,0 +1,111 @@
+//! What a command prints where nobody reads, and what it prints twice.
+
+use super::commands::{json, taught_and_verified};
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Runs a command whose standard output, and error where `both`, has no reader: its exit code, and what it still said.
+fn unread(folder: &Path, arguments: &str, both: bool) -> (Option<i32>, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    command.args(arguments.split_whitespace()).current_dir(folder).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = command.spawn().expect("it starts");
+    drop(child.stdout.take());
+    if both {
+        drop(child.stderr.take());
+    }
+    let output = child.wait_with_output().expect("it ends");
+    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+#[test]
+fn a_reader_that_leaves_ends_no_command() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::write(folder.join("cell.toml"), include_str!("../config/cell.toml")).expect("written");
+    for (arguments, code) in [
+        ("check cell.toml", 0),
+        ("check cell.toml --json", 0),
+        ("check missing.toml", 2),
+        ("check missing.toml --json", 2),
+        ("doctor --cell cell.toml", 1),
+        ("--help", 0),
+        ("render --reduction 8 --seconds 5 --out cell", 0),
+    ] {
+        let (exit, said) = unread(folder, arguments, false);
+        assert!(!said.contains("panicked") && !said.contains("Broken pipe"), "{arguments}: {said}");
+        assert_eq!(exit, Some(code), "{arguments}: {said}");
+        assert_eq!(unread(folder, arguments, true).0, Some(code), "{arguments}, no stream is read");
+    }
+    // A disk that is full is no reader that has left.
+    let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    let output = command.args(["check", "cell.toml"]).current_dir(folder).stdout(full).output().expect("it ends");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("cannot be written"), "{output:?}");
+}
+
+/// Files of the controller that mean other ports than the cell would be looked for in vain.
+#[test]
+fn a_mock_on_other_ports_than_its_cell_is_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let text =
+        include_str!("../config/cell.toml").replace("kind = \"mock\"", "kind = \"eki\"\nhost = \"127.0.0.1\"");
+    let text = text.replace("command_port = 54600", "command_port = 54607");
+    fs::write(folder.join("cell.toml"), text).expect("written");
+    let kuka = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(["mock-robot", "--cell", "cell.toml", "--config"])
+        .arg(kuka)
+        .current_dir(folder)
+        .output()
+        .expect("it ends");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("54600 and 54601") && said.contains("54607 and 54601"), "{said}");
+}
+
+/// A cell whose calibrations were not made yet: the message names the command that makes them.
+#[test]
+fn the_cell_that_ships_says_what_makes_it_ready() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::create_dir(folder.join("config")).expect("a folder");
+    fs::write(folder.join("config/cell.toml"), include_str!("../config/cell.toml")).expect("written");
+    for arguments in ["run", "cycle --recipe recipe.toml", "air-run --recipe recipe.toml"] {
+        let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(arguments.split_whitespace())
+            .current_dir(folder)
+            .output()
+            .expect("it ends");
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{arguments}: {said}");
+        assert!(said.contains("scanner.toml, which is not there") && said.contains("`panelprep demo`"), "{said}");
+    }
+    let (exit, told) = json(folder, "check config/cell.toml");
+    let warnings = told["files"][0]["warnings"].as_array().expect("warnings");
+    assert_eq!((exit, warnings.len()), (0, 5), "{told}");
+    assert!(warnings[0]["line"].as_u64() > Some(1) && warnings[0]["key"] == "calibration.scanner", "{told}");
+    // What the issue of a comma is, in any file.
+    fs::write(folder.join("comma.toml"), "[limits]\ntool_error_mm = 0,8\n").expect("written");
+    let (_, told) = json(folder, "check comma.toml --for files");
+    let message = told["files"][0]["errors"][0]["message"].as_str().unwrap_or_default().to_owned();
+    assert_eq!(message, "found 0,8; a number has a decimal point: write 0.8", "{told}");
+}
+
+#[test]
+fn an_air_run_tells_each_state_once() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    assert_eq!(json(folder, "render --seed 3 --scene clean --reduction 4 --seconds 5 --out cell").0, 0);
+    taught_and_verified(folder);
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args("air-run --cell cell/cell.toml --recipe cell/recipe.toml --seed 3 --scene clean".split_whitespace())
+        .current_dir(folder)
+        .output()
+        .expect("it ends");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(said.contains("locating the panel") && !said.contains("execute, locate"), "{said}");
+    assert_eq!(said.matches("starting").count(), 1, "{said}");
+}

@@ -1,0 +1,312 @@
+//! The walk through README and every `--help`: each command that they show is run, as it is written there, in a fresh
+//! folder beside a copy of `config/`.
+//!
+//! The commands are taken from the texts themselves, so that a changed text is tested and one that shows no example is
+//! found. Only rendering is made smaller. What they print must be fit for people.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
+const ORDER: [&str; 22] = [
+    "render",
+    "check",
+    "teach",
+    "calibrate verify",
+    "calibrate touch",
+    "calibrate intrinsics",
+    "calibrate hand-eye",
+    "calibrate tcp",
+    "locate",
+    "refine",
+    "inspect",
+    "tune",
+    "plan",
+    "*",
+    "robot",
+    "doctor",
+    "air-run",
+    "cycle",
+    "demo",
+    "replay",
+    "run",
+    "mock-robot",
+];
+/// A verdict that is not good, exit code 1, is what these show: grease, and a cell before its demo.
+const MAY_FIND_FAULT: [&str; 3] = ["inspect", "tune", "doctor"];
+/// Ports of their own for what listens, among the sixteen of the firewall.
+const PORTS: [(&str, &str); 2] = [("54600", "54608"), ("54601", "54609")];
+
+fn program() -> PathBuf {
+    PathBuf::from(env!("CARGO_BIN_EXE_panelprep"))
+}
+
+fn help(of: &[String]) -> String {
+    let output = Command::new(program()).args(of).arg("--help").output().expect("it starts");
+    assert!(output.status.success(), "{of:?}");
+    String::from_utf8(output.stdout).expect("UTF-8")
+}
+
+/// The commands that a help lists.
+fn listed(help: &str) -> Vec<String> {
+    let after = help.lines().skip_while(|line| *line != "Commands:").skip(1);
+    let lines = after.take_while(|line| !line.is_empty());
+    let names = lines.filter_map(|line| line.strip_prefix("  ").filter(|rest| !rest.starts_with(' ')));
+    names
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .map(str::to_owned)
+        .collect()
+}
+
+/// The examples of a help: lines that begin with the program's name.
+fn examples(help: &str) -> Vec<String> {
+    help.lines().filter_map(|line| line.strip_prefix("  panelprep ")).map(str::to_owned).collect()
+}
+
+/// Every command with the texts of its help and its examples; one that shows none is wrong.
+fn all_examples() -> BTreeMap<String, (String, Vec<String>)> {
+    let mut all = BTreeMap::new();
+    for name in listed(&help(&[])) {
+        let text = help(std::slice::from_ref(&name));
+        let (below, shown) = (listed(&text), examples(&text));
+        if !shown.is_empty() {
+            all.insert(name, (text, shown));
+            continue;
+        }
+        assert!(!below.is_empty(), "`panelprep {name} --help` shows no example");
+        for inner in below {
+            let text = help(&[name.clone(), inner.clone()]);
+            let shown = examples(&text);
+            assert!(!shown.is_empty(), "`panelprep {name} {inner} --help` shows no example");
+            all.insert(format!("{name} {inner}"), (text, shown));
+        }
+    }
+    all
+}
+
+/// The walk: its folder, and how each command went.
+struct Walk {
+    folder: tempfile::TempDir,
+}
+
+impl Walk {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        copy(&Path::new(env!("CARGO_MANIFEST_DIR")).join("config"), &folder.path().join("config"));
+        let bin = folder.path().join("target/release");
+        fs::create_dir_all(&bin).expect("a folder");
+        std::os::unix::fs::symlink(program(), bin.join("panelprep")).expect("a link");
+        Walk { folder }
+    }
+
+    /// As a person types it, by a shell.
+    fn command(&self, line: &str) -> Command {
+        let mut command = Command::new("sh");
+        let path = format!("{}:{}", self.folder.path().join("target/release").display(), env!("PATH"));
+        command.args(["-c", line]).current_dir(self.folder.path()).env("PATH", path);
+        command
+    }
+
+    fn run(&self, line: &str) -> Output {
+        let output = self.command(&smaller(line)).output().expect("a shell");
+        let texts = [&output.stdout, &output.stderr].map(|bytes| String::from_utf8_lossy(bytes).into_owned());
+        texts.iter().for_each(|text| fit_for_people(line, text));
+        let name = line.trim_start_matches("panelprep ");
+        let worst = i32::from(MAY_FIND_FAULT.iter().any(|command| name.starts_with(command)));
+        assert!(
+            output.status.code().is_some_and(|code| (0..=worst).contains(&code)),
+            "{line}: {}: {texts:?}",
+            output.status
+        );
+        output
+    }
+
+    /// Something that serves until it is told to end.
+    fn serves(&self, line: &str) -> Served {
+        let line = smaller(line);
+        let mut command = self.command(&format!("exec {line}"));
+        Served(command.stderr(Stdio::piped()).stdout(Stdio::null()).spawn().expect("a shell"))
+    }
+}
+
+/// Ended with the walk.
+struct Served(Child);
+
+impl Served {
+    /// Waits for a line that says this.
+    fn says(&mut self, words: &str) {
+        let mut lines = BufReader::new(self.0.stderr.take().expect("piped")).lines().map_while(Result::ok);
+        let found = lines.by_ref().find(|line| line.contains(words));
+        assert!(found.is_some(), "{words}");
+        std::thread::spawn(move || lines.for_each(drop));
+    }
+
+    fn end(mut self) -> Option<i32> {
+        let id = rustix::process::Pid::from_child(&self.0);
+        rustix::process::kill_process(id, rustix::process::Signal::TERM).expect("it runs");
+        self.0.wait().expect("it ends").code()
+    }
+}
+
+impl Drop for Served {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).expect("a folder");
+    for entry in fs::read_dir(from).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        let target = to.join(path.file_name().expect("a name"));
+        if path.is_dir() {
+            copy(&path, &target);
+            continue;
+        }
+        let text = fs::read_to_string(&path).expect("text");
+        fs::write(target, PORTS.iter().fold(text, |text, (port, own)| text.replace(port, own))).expect("written");
+    }
+}
+
+/// Fewer pixels and a shorter film.
+fn smaller(line: &str) -> String {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let add = |more: &str| format!("{line} {more}");
+    match words.iter().position(|word| ["render", "demo"].contains(word)) {
+        Some(_) if words.contains(&"--reduction") => line.to_owned(),
+        Some(at) if words[at] == "render" => add("--reduction 4 --seconds 5"),
+        Some(_) => add("--reduction 4"),
+        None => line.to_owned(),
+    }
+}
+
+/// No panic, no number that is none, no zero with a sign, no form for programmers.
+fn fit_for_people(line: &str, text: &str) {
+    for wrong in ["panicked", "NaN", "Some(", "None,", "Ok(", "Err("] {
+        assert!(!text.contains(wrong), "{line}: {wrong}: {text}");
+    }
+    if text.starts_with('{') {
+        return; // an object for scripts
+    }
+    let is_part = |c: char| c.is_ascii_alphanumeric() || "-.".contains(c);
+    let zero = text
+        .split(|c| !is_part(c))
+        .find(|token| token.strip_prefix("-0").is_some_and(|rest| rest.chars().all(|c| c == '0' || c == '.')));
+    assert_eq!(zero, None, "{line}: {text}");
+}
+
+/// Where the walk's order has a command; others at the star.
+fn place(name: &str) -> usize {
+    let of = |wanted: &str| ORDER.iter().position(|known| *known == wanted);
+    of(name).or(of("*")).expect("a star")
+}
+
+#[test]
+fn every_command_of_readme_and_help_does_what_it_says() {
+    let (walk, all, begun) = (Walk::new(), all_examples(), Instant::now());
+    let texts: String = all.values().map(|(text, _)| text.as_str()).collect();
+    let mut names: Vec<&String> = all.keys().filter(|name| *name != "ctl").collect();
+    names.sort_by_key(|name| place(name));
+    for name in names {
+        for example in &all[name].1 {
+            let line = format!("panelprep {example}");
+            let began = Instant::now();
+            match name.as_str() {
+                "render" => {
+                    // What other examples ask of it beside its own: a labelled set.
+                    let clips = if texts.contains("render --clips 6") { " --clips 6" } else { "" };
+                    walk.run(&format!("{line}{clips}"));
+                }
+                "run" => served_and_asked(&walk, &line, &all["ctl"].1),
+                "mock-robot" => {
+                    let mut mock = walk.serves(&line);
+                    mock.says("mock controller");
+                    mock.end();
+                }
+                _ => {
+                    let output = walk.run(&line);
+                    // `> target/cell/located.json`, as the texts of those that follow have it.
+                    let kept = all["refine"].0.split("with `> ").nth(1).and_then(|rest| rest.split('`').next());
+                    if let (true, Some(file)) = (name == "locate", kept) {
+                        fs::write(walk.folder.path().join(file), output.stdout).expect("written");
+                    }
+                }
+            }
+            eprintln!("{:6.1} s  {line}", began.elapsed().as_secs_f64());
+        }
+    }
+    readme(&walk);
+    pages(walk.folder.path());
+    eprintln!("{:6.1} s  in all", begun.elapsed().as_secs_f64());
+}
+
+/// The service and the questions to it, one after the other.
+fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
+    let mut service = walk.serves(line);
+    service.says("listens on");
+    let since = Instant::now();
+    for question in asked {
+        // A reset is taken once the controller has answered, a start once the reset is through.
+        loop {
+            let output = walk.command(&format!("panelprep {question}")).output().expect("a shell");
+            if output.status.success() {
+                fit_for_people(question, &String::from_utf8_lossy(&output.stdout));
+                break;
+            }
+            let said = String::from_utf8_lossy(&output.stdout).into_owned();
+            assert!(since.elapsed() < Duration::from_secs(60), "{question}: {said}");
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+    assert_eq!(service.end(), Some(0), "{line}");
+}
+
+/// The code blocks: `make` as far as it comes to this program, everything else as it is written.
+fn readme(walk: &Walk) {
+    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).expect("README");
+    let blocks: Vec<&str> =
+        text.split("```").skip(1).step_by(2).filter_map(|block| block.strip_prefix("sh\n")).collect();
+    assert!(!blocks.is_empty(), "README shows no command");
+    for line in blocks.iter().flat_map(|block| block.lines()) {
+        let line = line.split(" #").next().unwrap_or_default().trim();
+        if let Some(target) = line.strip_prefix("make ") {
+            let makefile = env!("CARGO_MANIFEST_DIR");
+            let output = Command::new("make").args(["-n", "-C", makefile, target]).output().expect("make");
+            assert!(output.status.success(), "{line}: {output:?}");
+            let does = String::from_utf8_lossy(&output.stdout).into_owned();
+            does.lines().filter(|line| line.starts_with("target/release/panelprep")).for_each(|line| {
+                walk.run(line);
+            });
+        } else if !line.is_empty() && !line.starts_with('#') {
+            walk.run(line);
+        }
+    }
+}
+
+/// Every page that was written on the way.
+fn pages(folder: &Path) {
+    let mut folders = vec![folder.to_owned()];
+    let mut seen = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() && !path.is_symlink() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "html") {
+                let html = fs::read_to_string(&path).expect("a page");
+                // Pictures are text without meaning.
+                let words =
+                    html.split("src=\"data:").map(|part| part.split_once('"').map_or(part, |(_, rest)| rest));
+                fit_for_people(&path.display().to_string(), &words.collect::<String>());
+                seen += 1;
+            }
+        }
+    }
+    assert!(seen >= 3, "{seen} pages");
+}

@@ -1,0 +1,199 @@
+//! What the program says to people, held in its source: no form for programmers in a text, and no measured number beside
+//! its limit that rounding could make equal to it.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+use syn::visit::{self, Visit};
+
+/// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
+const FOR_MACHINES: [(&str, &str); 14] = [
+    // TOML and digests: every digit, and quotes around a text.
+    ("cell/calibration.rs", ""),
+    ("cli/render.rs", "verify_limit_mm = {:?}"),
+    ("cli/render.rs", "observation_s"),
+    ("cli/render_boards.rs", "base_from_flange"),
+    ("cli/tune.rs", "channel_weights = {"),
+    ("cli/tune.rs", "hsv_min = {"),
+    ("cli/tune.rs", "hsv_max = {"),
+    ("store/journal.rs", "{before} {sequence}"),
+    ("daemon/abrasion.rs", "{:?}"),
+    // What `Debug` itself prints.
+    ("daemon/desk.rs", "{request:?}"),
+    ("devices/zivid/wire.rs", "{found:02x?}"),
+    ("devices/zivid/scanner.rs", "?found"),
+    ("daemon/socket.rs", "?asked"),
+    ("daemon/socket.rs", "?who"),
+];
+
+/// The texts of a file that people read, as they stand in its code.
+#[derive(Default)]
+struct Texts {
+    found: Vec<String>,
+    /// Modules that are compiled for tests alone.
+    for_tests: Vec<String>,
+}
+
+fn is_for_tests(attributes: &[syn::Attribute]) -> bool {
+    attributes.iter().any(|attribute| {
+        let list = attribute.meta.require_list();
+        attribute.path().is_ident("cfg") && list.is_ok_and(|list| list.tokens.to_string().contains("test"))
+            || attribute.path().is_ident("test")
+    })
+}
+
+/// The string literals among some tokens, and the marks of `tracing` before a field.
+fn literals(tokens: &str, marks: bool) -> Vec<String> {
+    let (mut found, mut code, mut rest) = (Vec::new(), String::new(), tokens);
+    while let Some(start) = rest.find('"') {
+        code.push_str(&rest[..start]);
+        let mut escaped = false;
+        let end = rest[start + 1..].find(|c| {
+            let ends = c == '"' && !escaped;
+            escaped = c == '\\' && !escaped;
+            ends
+        });
+        let Some(end) = end.map(|end| start + 1 + end + 1) else { break };
+        found.extend(syn::parse_str::<syn::LitStr>(&rest[start..end]).ok().map(|text| text.value()));
+        rest = &rest[end..];
+    }
+    code.push_str(rest);
+    let marked = code.split(['(', ',']).filter_map(|part| part.trim().strip_prefix('?')).filter(|_| marks);
+    found.extend(marked.map(|name| format!("?{}", name.trim())));
+    found
+}
+
+impl<'ast> Visit<'ast> for Texts {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if is_for_tests(&item.attrs) {
+            self.for_tests.push(item.ident.to_string());
+            return;
+        }
+        visit::visit_item_mod(self, item);
+    }
+
+    fn visit_item_fn(&mut self, item: &'ast syn::ItemFn) {
+        if !is_for_tests(&item.attrs) {
+            visit::visit_item_fn(self, item);
+        }
+    }
+
+    fn visit_attribute(&mut self, attribute: &'ast syn::Attribute) {
+        if attribute.path().is_ident("error")
+            && let Ok(list) = attribute.meta.require_list()
+        {
+            self.found.extend(literals(&list.tokens.to_string(), false));
+        }
+    }
+
+    fn visit_macro(&mut self, invocation: &'ast syn::Macro) {
+        let name = invocation.path.segments.last().map(|last| last.ident.to_string()).unwrap_or_default();
+        let for_programmers =
+            ["assert", "assert_eq", "assert_ne", "debug_assert", "unreachable", "panic", "debug", "trace"];
+        if !for_programmers.contains(&name.as_str()) {
+            let is_log = ["info", "warn", "error"].contains(&name.as_str());
+            self.found.extend(literals(&invocation.tokens.to_string(), is_log));
+        }
+        visit::visit_macro(self, invocation);
+    }
+}
+
+/// Each file below `src` with its texts; what is compiled for tests alone is left out.
+fn texts() -> Vec<(String, Vec<String>)> {
+    let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let (mut folders, mut files) = (vec![source.clone()], Vec::new());
+    let mut left_out: BTreeSet<PathBuf> = BTreeSet::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).expect("a folder") {
+            let path = entry.expect("an entry").path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                let file = syn::parse_file(&fs::read_to_string(&path).expect("text")).expect("it parses");
+                let mut texts = Texts::default();
+                texts.visit_file(&file);
+                let below = match path.file_stem().and_then(|stem| stem.to_str()) {
+                    Some("mod" | "lib" | "main") => folder.clone(),
+                    _ => path.with_extension(""),
+                };
+                left_out.extend(texts.for_tests.iter().map(|name| below.join(name)));
+                files.push((path, texts.found));
+            }
+        }
+    }
+    let is_left_out = |path: &Path| left_out.iter().any(|module| path.with_extension("").starts_with(module));
+    let relative = |path: &Path| path.strip_prefix(&source).expect("below src").display().to_string();
+    let kept = files.iter().filter(|(path, _)| !is_left_out(path));
+    kept.map(|(path, found)| (relative(path), found.clone())).collect()
+}
+
+fn is_for_machines(file: &str, text: &str) -> bool {
+    FOR_MACHINES.iter().any(|(name, part)| file.ends_with(name) && text.contains(part))
+}
+
+/// The forms `{:?}` and `{value:?}`, and `?value` in a log.
+fn has_debug_form(text: &str) -> bool {
+    let inside = |part: &str| {
+        part.split('}').next().is_some_and(|spec| spec.split(':').nth(1).is_some_and(|form| form.ends_with('?')))
+    };
+    text.strip_prefix('?').is_some_and(|name| name.chars().all(|c| c.is_alphanumeric() || c == '_'))
+        || text.replace("{{", "").split('{').skip(1).any(inside)
+}
+
+/// A number that is rounded, in a text that says what is allowed. A place in a picture is no measured number.
+fn rounds_beside_a_limit(text: &str) -> bool {
+    let says = ["allowed", "needed", "wanted"];
+    let words: Vec<&str> = text.split(|c: char| !c.is_alphanumeric() && c != '_').collect();
+    let mut rest = text.replace("{:.0}, {:.0}) px", "").replace("{u:.0}, {v:.0}) px", "");
+    rest = rest.replace("{{", "");
+    let rounds = rest.split('{').skip(1).any(|part| {
+        part.split('}').next().is_some_and(|spec| spec.split_once(':').is_some_and(|(_, form)| form.contains('.')))
+    });
+    rounds && says.iter().any(|word| words.contains(word))
+}
+
+#[test]
+fn no_text_for_people_has_a_form_for_programmers() {
+    let texts = texts();
+    assert!(texts.len() > 150 && texts.iter().map(|(_, found)| found.len()).sum::<usize>() > 1_000);
+    let wrong: Vec<String> = texts
+        .iter()
+        .flat_map(|(file, found)| found.iter().map(move |text| (file, text)))
+        .filter(|(file, text)| has_debug_form(text) && !is_for_machines(file, text))
+        .map(|(file, text)| format!("{file}: {text}"))
+        .collect();
+    assert!(wrong.is_empty(), "say it in words, or add it to FOR_MACHINES: {wrong:#?}");
+}
+
+#[test]
+fn a_number_beside_its_limit_is_printed_by_words_apart() {
+    let wrong: Vec<String> = texts()
+        .iter()
+        .flat_map(|(file, found)| found.iter().map(move |text| (file, text)))
+        .filter(|(_, text)| rounds_beside_a_limit(text))
+        .map(|(file, text)| format!("{file}: {text}"))
+        .collect();
+    assert!(wrong.is_empty(), "rounded, both may read the same: print them by `words::apart`: {wrong:#?}");
+}
+
+/// The rules are worth what they catch.
+#[test]
+fn planted_texts_are_found() {
+    let code = r#"
+        #[derive(thiserror::Error)] enum E { #[error("{found:?} is no name")] A { found: String } }
+        fn f() { let _ = format!("stopped, {:?}", 1); tracing::info!(?who, "asked"); assert!(true, "{:?}", 2); }
+        #[cfg(test)] mod tests { fn g() { let _ = format!("{:?}", 3); } }
+        #[cfg(test)] mod others;
+    "#;
+    let mut texts = Texts::default();
+    texts.visit_file(&syn::parse_file(code).expect("it parses"));
+    let found: Vec<&String> = texts.found.iter().filter(|text| has_debug_form(text)).collect();
+    assert_eq!(found, ["{found:?} is no name", "stopped, {:?}", "?who"]);
+    assert_eq!(texts.for_tests, ["tests", "others"]);
+    assert!(rounds_beside_a_limit("{:.0} % of the panel, allowed are {:.0} %"));
+    for right in
+        ["{found} %, allowed are {allowed} %", "at ({:.0}, {:.0}) px, needed are {needed}", "{age:.1} h ago"]
+    {
+        assert!(!rounds_beside_a_limit(right), "{right}");
+    }
+}
