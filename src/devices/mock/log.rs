@@ -97,6 +97,8 @@ impl StopCause {
             StopCause::Deselected => "the robot program was deselected, or none runs",
             StopCause::SubmitDead => "the submit interpreter does not run",
             StopCause::Rebooted => "the controller was started again",
+            StopCause::Program => "the programs ended it by one of their rules",
+            StopCause::Halted => "the robot program was stopped already",
         }
     }
 }
