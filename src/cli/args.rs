@@ -90,9 +90,9 @@ pub enum Command {
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
-    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
+    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
     #[command(
-        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
+        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
     )]
     Check(Check),
     /// Check the cell from the bottom up, and say what to do: libraries, disk, clock, store, calibrations, EthernetKRL
@@ -526,9 +526,12 @@ pub struct PartArguments {
 /// Options of `check`.
 #[derive(Debug, Clone, Args)]
 pub struct Check {
-    /// The files.
+    /// The files. KRL files that belong together are named together.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
+    #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
+    pub kss: crate::krl::Kss,
     /// What a cell's file must be complete for.
     #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
     pub purpose: PurposeName,
