@@ -4,7 +4,13 @@
 //! the limit that it was held against, so that nobody has to look the limit up in a recipe that has changed since.
 //! Decides nothing.
 
-use crate::cycle::{Motion, Outcome, Request};
+mod asked;
+mod contact;
+
+pub use asked::{Answer, Asked, Front, Wanted, Who};
+pub use contact::{Abraded, Bounds, Contact, ContactPath, EarlierPass, How, Reached, Touched, abraded};
+
+use crate::cycle::{Motion, Outcome};
 use crate::verdict::Judgement;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -129,7 +135,11 @@ pub mod name {
     pub const SCAN_TO_VERDICT: &str = "scan to verdict";
     /// From a decoded wet picture to its result, median, ms.
     pub const PER_PICTURE: &str = "a picture takes, median";
-    /// Waypoints of a contact path that the robot executed.
+    /// A time that was planned, and that no clock measured, s.
+    pub const AT_FEED: &str = "time at the recipe's feed";
+    /// Waypoints of a plan, with the first, in air, at which the approach ends.
+    pub const PLANNED: &str = "waypoints";
+    /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.
     pub const EXECUTED: &str = "waypoints executed";
     /// Corners that were seen so far.
     pub const CORNERS: &str = "corners seen";
@@ -184,6 +194,12 @@ impl Finding {
     pub fn detail(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.details.insert(name.to_owned(), value.into());
         self
+    }
+
+    /// The names that this detail lists; none where there is no such list.
+    pub fn names(&self, detail: &str) -> Vec<String> {
+        let value = self.details.get(detail);
+        value.and_then(|value| serde_json::from_value(value.clone()).ok()).unwrap_or_default()
     }
 
     /// The value of the number with this name.
@@ -248,23 +264,42 @@ impl Budget {
 }
 
 /// A motion as it was committed before its first waypoint.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct MotionRecord {
     /// The motion.
     pub motion: Motion,
     /// How it ended; `None` while it is open.
     pub outcome: Option<Outcome>,
-    /// Waypoints executed, as the robot said at its end.
+    /// Waypoints executed, as the robot said at its end; without meaning where it did not.
     pub done: u32,
+    /// Of a contact path what it works on, as far as it was kept.
+    pub contact: Option<Contact>,
 }
 
-/// What somebody asked of the cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Asked {
-    /// When, ms since 1970.
-    pub unix_ms: i64,
-    /// What.
-    pub request: Request,
+/// Code of the reason by which a cycle ends that may not abrade again what broke: the part has its result.
+pub const PASSES_USED: &str = "passes_used";
+
+/// By which clock a cycle ran.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Clock {
+    /// By the wall clock, as every real cell does.
+    Wall,
+    /// By the simulated cell's own clock, which stood where nothing moved and ran as fast as the computer could.
+    Simulated {
+        /// What it says, ms.
+        at_ms: u64,
+    },
+}
+
+/// The file that a cycle is recorded in.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum RecordingFile {
+    /// Where the store has recordings, under the cycle's number.
+    InStore,
+    /// This one.
+    Named(String),
 }
 
 /// All that is kept of a cycle.
@@ -294,8 +329,14 @@ pub struct CycleRecord {
     pub findings: Vec<Finding>,
     /// Every motion, in order.
     pub motions: Vec<MotionRecord>,
-    /// What was asked of the cell, in order.
+    /// What was asked after the cycle before had ended and before this one began, in order.
+    pub asked_before: Vec<Asked>,
+    /// What was asked of the cell in this cycle, in order.
     pub asked: Vec<Asked>,
+    /// The clock where the cycle began and where it was concluded, as far as they were kept.
+    pub clocks: [Option<Clock>; 2],
+    /// The file that it was recorded in.
+    pub recording: Option<RecordingFile>,
     /// Lines of the journal that belong to it.
     pub events: u64,
 }

@@ -17,6 +17,7 @@ mod link;
 mod locate;
 mod patterns;
 mod quiet;
+mod record;
 mod rehearsal;
 mod replay;
 mod robot;

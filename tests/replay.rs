@@ -54,6 +54,16 @@ fn a_recorded_cycle_replays_twice_without_a_difference() {
     }
 }
 
+/// What passes is the replay: the cycle of another panel was rejected, and that is what is told of it.
+#[test]
+fn the_verdict_of_a_replayed_cycle_is_told_as_the_cycles() {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+    let output = command.arg("replay").arg(fixture(REJECTED)).stderr(Stdio::null()).output().expect("it starts");
+    let told = String::from_utf8(output.stdout).expect("UTF-8");
+    assert!(told.starts_with("replay: the same as recorded\n"), "{told}");
+    assert!(told.contains("the cycle's verdict: reject\n") && !told.contains("verdict: pass"), "{told}");
+}
+
 #[test]
 fn a_recording_written_again_is_the_same_cycle() {
     let (_folder, file) = changed(REJECTED, |_| {});

@@ -118,7 +118,7 @@ impl Service {
         }
     }
 
-    fn killed(mut self) {
+    pub fn killed(mut self) {
         self.child.kill().expect("killed");
         self.child.wait().expect("gone");
     }

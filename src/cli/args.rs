@@ -139,6 +139,10 @@ pub enum Command {
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
+    /// Make the page of a cycle again, from what the store keeps of it.
+    #[command(after_help = "Example, after the one of `panelprep cycle --help`:\n  \
+        panelprep page 1 --cell target/cell/cell.toml")]
+    Page(PageOf),
     /// Look after the store: is everything in it what was written?
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
@@ -183,6 +187,16 @@ pub struct VerifyStore {
 pub struct Replay {
     /// What `--record` wrote.
     pub recording: PathBuf,
+}
+
+/// `panelprep page`.
+#[derive(Debug, Args)]
+pub struct PageOf {
+    /// The number of the cycle.
+    pub cycle: i64,
+    /// Where the page goes; without it, where the service writes it: `reports/` in the store.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }
 
 /// What the simulated cell shows.

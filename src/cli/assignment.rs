@@ -121,6 +121,7 @@ impl Assignment {
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
             file_texts: texts.map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
+            recording: None,
         }
     }
 

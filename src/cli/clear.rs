@@ -11,6 +11,7 @@ use super::outcome::Outcome;
 use crate::cycle::{At, Refusal, Request, Robot, State};
 use crate::daemon::{self, Ask, Eyes, Picture2d, Requests, Service, SightError, Site, StoreRecord};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::record::Who;
 use crate::supervision::Supervisor;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
@@ -100,6 +101,10 @@ impl Requests for Clears {
             }
             _ => Ask::Nothing,
         }
+    }
+
+    fn who(&self) -> Who {
+        daemon::whoever_runs_this()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

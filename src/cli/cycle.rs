@@ -4,7 +4,6 @@ use super::args::{Common, Cycle, Simulation};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
-use super::kept;
 use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
@@ -14,13 +13,16 @@ use crate::cell::Cell;
 use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
 use crate::daemon::{
     self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
-    run_cycle_from,
+    run_cycle_from, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
+use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted, Who};
 use crate::requirements::Purpose;
+use crate::store::CycleStart;
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A cycle that ran.
@@ -85,13 +87,20 @@ fn once(
         return Ok(unhealthy(&health));
     }
     if args.new_disc {
-        files.settled_store()?.mount_disc().map_err(Fault::stage)?;
+        let mut store = files.settled_store()?;
+        store.mount_disc().map_err(Fault::stage)?;
+        let (wanted, who) = (Wanted::NewDisc, Some(whoever_runs_this()));
+        let asked = Asked { unix_ms: 0, wanted, who, answer: Some(Answer::Done), reasons: vec![] };
+        store.keep_request(&asked, None, None).map_err(Fault::stage)?;
     }
+    report::make_missing(&files, &|cycle, page| match page {
+        Ok(page) => progress(&format!("page of cycle {cycle}, which had none: {}", page.display())),
+        Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
+    })?;
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    let kept = kept::section(files.cell.keep(), &ran.kept.record, ran.kept.pruned);
-    ran.kept.write(&page, ran.recorded.iter().map(recording::section).chain(kept).collect())?;
+    ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
@@ -121,13 +130,16 @@ pub fn one(
     let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
+    store.recover().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
     if let Some(world) = &live.world {
         world.mount_disc(assignment.recipe.path().disc_diameter_mm());
     }
-    let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
+    let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
+    let start = CycleStart { recording, ..assignment.start(calibrated) };
+    let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
@@ -173,7 +185,7 @@ impl Ran {
         if let Some((request, refusal)) = self.refused {
             outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
-        let passes: Vec<_> = ended.passes.iter().map(|(grid, times)| format!("{grid} ×{times}")).collect();
+        let passes = abraded(&self.kept.record);
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
         if let Some(recorded) = &self.recorded {
@@ -194,6 +206,25 @@ impl Ran {
         );
         outcome
     }
+}
+
+/// Each grid with the passes that touched it; what is not known is said to be so.
+fn abraded(record: &CycleRecord) -> Vec<String> {
+    let mut passes: BTreeMap<(String, u8), bool> = BTreeMap::new();
+    for Abraded { grid, pass, how } in record::abraded(&record.findings, &record.motions) {
+        let grid = grid.unwrap_or_else(|| "any grid".to_owned());
+        *passes.entry((grid, pass)).or_default() |= how.is_sure();
+    }
+    let mut grids: BTreeMap<&str, [usize; 2]> = BTreeMap::new();
+    for ((grid, _), is_sure) in &passes {
+        grids.entry(grid).or_default()[usize::from(!is_sure)] += 1;
+    }
+    let words = |(grid, [sure, perhaps]): (&&str, &[usize; 2])| match (sure, perhaps) {
+        (sure, 0) => format!("{grid} ×{sure}"),
+        (0, _) => format!("{grid} perhaps: it is not known"),
+        (sure, _) => format!("{grid} ×{sure}, perhaps once more: it is not known"),
+    };
+    grids.iter().map(words).collect()
 }
 
 /// Asks for one cycle and leaves where it rests.
@@ -224,6 +255,10 @@ impl Requests for Once<'_> {
             (At::Stopped | At::Complete { .. } | At::Aborted { .. }, _) => Ask::Leave,
             _ => Ask::Nothing,
         }
+    }
+
+    fn who(&self) -> Who {
+        whoever_runs_this()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

@@ -12,7 +12,7 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{cycle, health, recording, render, teach};
+use super::{cycle, health, render, teach};
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -70,7 +70,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     ran.kept.write_pictures(&pictures)?;
     let simulation = format!("Simulated cell, seed {}, scene {}", args.seed, scene.word());
     let score_section = score.iter().map(|score| score.section(&simulation));
-    ran.kept.write(&page, score_section.chain(ran.recorded.iter().map(recording::section)).collect())?;
+    ran.kept.write_with(&page, ran.recorded.as_ref(), score_section.collect())?;
 
     let mut outcome = ran.outcome(judgement);
     let wall_s = begun.elapsed().as_secs_f64();
@@ -86,7 +86,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
         outcome.put("flange_camera", link.json());
         outcome.say(link.words());
     }
-    outcome.say(format!("{wall_s:.1} s; page: {}", page.display()));
+    outcome.say(format!("{wall_s:.1} s of wall time; page: {}", page.display()));
     Ok(outcome)
 }
 

@@ -27,6 +27,7 @@ mod look;
 mod mock_robot;
 mod outcome;
 mod output;
+mod page;
 mod part;
 mod person;
 mod pictures;
@@ -83,6 +84,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
         Command::Plan(args) => plan::run(args, common),
+        Command::Page(args) => page::run(args, common),
         Command::Store(args) => store::run(args, common),
         Command::Replay(args) => replay::run(args),
     };

@@ -5,7 +5,7 @@
 use crate::cycle::{At, Id, Refusal, Request, State};
 use crate::daemon::{Ask, Requests};
 use crate::devices::world::SimulatedWorld;
-use crate::record::CycleId;
+use crate::record::{CycleId, Who};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 
@@ -33,6 +33,10 @@ impl<R: Requests> Requests for Person<R> {
             self.dries();
         }
         ask
+    }
+
+    fn who(&self) -> Who {
+        self.asks.who()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

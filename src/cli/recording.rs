@@ -120,10 +120,11 @@ fn taken(file: &Path) -> Fault {
 
 /// What a cycle's page says of its recording.
 pub fn section(recorded: &Recorded) -> Section {
+    let whole = recorded.is == Stands::Whole;
     let rows = vec![
         Row::new("file", &recorded.file, ""),
-        Row::new("entries", recorded.entries.to_string(), ""),
-        Row::new("can be replayed", if recorded.is == Stands::Whole { "yes" } else { "no" }, "yes"),
+        Row::new("entries", if whole { recorded.entries.to_string() } else { "not known".to_owned() }, ""),
+        Row::new("can be replayed", if whole { "yes" } else { "no" }, "yes"),
     ];
     Section { heading: "Recording".to_owned(), text: recorded.message.clone(), rows, figures: vec![] }
 }

@@ -60,6 +60,9 @@ fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outc
     };
     let judgement = Judgement { verdict: if same { Verdict::Pass } else { Verdict::Fail }, reasons };
     let mut outcome = Outcome::of(&judgement);
+    // What passes or fails here is the replay; the cycle has a verdict of its own.
+    let word = if same { "the same as recorded" } else { "not the same as recorded" };
+    outcome.words[0] = format!("replay: {word}");
     outcome.put("same", json!(same));
     outcome.put("differences", json!(played.differences));
     outcome.put("to_the_end", json!(played.to_the_end));

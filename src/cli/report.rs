@@ -2,13 +2,21 @@
 
 use super::disk;
 use super::fault::Fault;
+use super::kept;
+use super::load::CellFiles;
 use super::part;
-use crate::record::{CycleId, CycleRecord};
-use crate::report::cycle_page;
+use super::recording;
+use crate::cell::Keep;
+use crate::daemon::{self, Recorded};
+use crate::record::{CycleId, CycleRecord, RecordingFile};
 use crate::report::page::{Page, Section};
+use crate::report::{cycle_page, utc};
 use crate::store::{Pruned, Store};
+use crate::tape;
 use std::collections::BTreeMap;
+use std::io::{BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 /// What the store keeps of a cycle, with its pictures by their hash.
 pub struct Kept {
@@ -37,14 +45,30 @@ impl Kept {
         Ok(Kept { record, pruned, pictures, part })
     }
 
-    /// Writes the page, with `more` at its end.
+    /// Writes the page into its store: with what came of its recording, and how long clips and scans are kept.
     ///
     /// # Errors
     /// Where the disk refuses.
-    pub fn write(&self, file: &Path, more: Vec<Section>) -> Result<(), Fault> {
+    pub fn write(&self, keep: &Keep, file: &Path, recorded: Option<&Recorded>) -> Result<(), Fault> {
+        self.write_with(file, recorded, kept::section(keep, &self.record, self.pruned).into_iter().collect())
+    }
+
+    /// Writes the page, with `more` and what came of its recording at its end.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub fn write_with(&self, file: &Path, recorded: Option<&Recorded>, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
-        let sections = self.part.iter().cloned().chain(page.sections).chain(more).collect();
-        disk::write_through(file, Page { sections, ..page }.html())
+        let recorded = recorded.map(recording::section);
+        let sections = self.part.iter().cloned().chain(page.sections).chain(more).chain(recorded).collect();
+        disk::write_through(file, Page { sections, made: made(), ..page }.html())
+    }
+
+    /// What the page shows and the store no longer has, or not whole.
+    pub fn missing(&self) -> impl Iterator<Item = String> + '_ {
+        let shown = self.record.findings.iter().flat_map(|finding| &finding.pictures);
+        let missing = shown.filter(|picture| !self.pictures.contains_key(&picture.hash));
+        missing.map(|picture| format!("the picture {} ({}) is missing or damaged", picture.name, picture.hash))
     }
 
     /// Writes the pictures into a folder, numbered as they came; those of an earlier cycle there go.
@@ -83,6 +107,63 @@ fn remove_numbered(folder: &Path) -> Result<(), std::io::Error> {
     }
     Ok(())
 }
+
+/// When a page was made, and by what: the one line in which two pages of the same cycle differ.
+fn made() -> String {
+    let unix_s = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+    let made = utc(i64::try_from(unix_s).unwrap_or_default());
+    format!("This page was made on {made} by panelprep {} from the store.", env!("CARGO_PKG_VERSION"))
+}
+
+/// How the recording of a cycle stands, as its file says; none where the cycle was not recorded.
+pub fn recorded(store: &Path, record: &CycleRecord) -> Option<Recorded> {
+    let file = match record.recording.as_ref()? {
+        RecordingFile::InStore => daemon::recording_file(store, record.id),
+        RecordingFile::Named(file) => PathBuf::from(file),
+    };
+    let name = file.display().to_string();
+    let checked = crate::disk::open(&file).map_err(|error| error.to_string());
+    let checked = checked.and_then(|out| tape::check(BufReader::new(out)).map_err(|error| error.to_string()));
+    Some(match checked {
+        Ok(checked) => Recorded::whole(name, checked.entries),
+        Err(why) => Recorded::not_whole(name, &why),
+    })
+}
+
+/// Makes the pages of cycles that are over and have none, or one that was cut short: the program, or the power, ended
+/// between a verdict and its page. Each is told by `made`; one that cannot be made does not keep the others.
+///
+/// # Errors
+/// Where the store cannot be read.
+pub fn make_missing(files: &CellFiles, made: &dyn Fn(CycleId, Result<PathBuf, Fault>)) -> Result<(), Fault> {
+    let store = files.store()?;
+    for cycle in store.ended_cycles().map_err(Fault::stage)? {
+        let page = page_file(files.store_folder(), cycle);
+        if !is_whole(&page) {
+            let kept = Kept::read(&store, cycle);
+            let recorded = |kept: &Kept| recorded(files.store_folder(), &kept.record);
+            let written = kept.and_then(|kept| kept.write(files.cell.keep(), &page, recorded(&kept).as_ref()));
+            made(cycle, written.map(|()| page));
+        }
+    }
+    Ok(())
+}
+
+/// Whether a page is there to its last line.
+fn is_whole(page: &Path) -> bool {
+    let end = || -> std::io::Result<Vec<u8>> {
+        let mut file = crate::disk::open(page)?;
+        let from = file.metadata()?.len().saturating_sub(END.len() as u64);
+        file.seek(SeekFrom::Start(from))?;
+        let mut end = Vec::new();
+        file.read_to_end(&mut end)?;
+        Ok(end)
+    };
+    end().is_ok_and(|end| end == END)
+}
+
+/// The last line of a page.
+const END: &[u8] = b"</html>\n";
 
 /// Where the page of a cycle stands in its store.
 pub fn page_file(store: &Path, cycle: CycleId) -> PathBuf {

@@ -4,7 +4,6 @@ use super::args::{Common, Run};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
-use super::kept;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
@@ -18,6 +17,7 @@ use crate::daemon::{
     Requests as _, Robot as _, Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
+use crate::record::{CycleId, RecordingFile};
 use crate::requirements::Purpose;
 use crate::store::{Pruned, Store, StoreError};
 use crate::supervision::Supervisor;
@@ -141,29 +141,35 @@ fn write_pages(
     let again = files.clone();
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        let all = Kept::read(&files.store()?, cycle)?;
-        let kept = kept::section(files.cell.keep(), &all.record, all.pruned);
-        all.write(&page, recorded.map(recording::section).into_iter().chain(kept).collect())?;
+        Kept::read(&files.store()?, cycle)?.write(files.cell.keep(), &page, recorded)?;
         Ok(page)
     };
     let each = move || {
+        if let Err(fault) = report::make_missing(&again, &tell_page) {
+            tracing::warn!("pages that an earlier process left out cannot be made: {fault}");
+        }
         prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
             let recorded = recording.map(Recording::finish);
             if let Some(Recorded { message, .. }) = &recorded {
                 tracing::info!("cycle {cycle}: {message}");
             }
-            match page(cycle, recorded.as_ref()) {
-                Ok(page) => {
-                    written.is(cycle, &page);
-                    tracing::info!("page of cycle {cycle}: {}", page.display());
-                }
-                Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
+            let made = page(cycle, recorded.as_ref());
+            if let Ok(page) = &made {
+                written.is(cycle, page);
             }
+            tell_page(cycle, made);
             prune(&again);
         }
     };
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
+}
+
+fn tell_page(cycle: CycleId, page: Result<PathBuf, Fault>) {
+    match page {
+        Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
+        Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}; `panelprep page {cycle}` makes it"),
+    }
 }
 
 /// Removes what is kept no longer; what fails is tried again after the next cycle.
@@ -222,6 +228,10 @@ fn loader(
             if let Some(world) = &world {
                 world.mount_disc(assignment.recipe.path().disc_diameter_mm());
             }
+            let named = record.as_ref().map(|place| match place {
+                RecordIn::Store => RecordingFile::InStore,
+                RecordIn::File(file) => RecordingFile::Named(file.display().to_string()),
+            });
             let record = match &record {
                 None => None,
                 Some(place) => {
@@ -233,7 +243,9 @@ fn loader(
                     Some(recording::of(file, &files, (&assignment, &calibrated))?)
                 }
             };
-            Ok(Order { record, ..assignment.order(&calibrated)? })
+            let mut order = Order { record, ..assignment.order(&calibrated)? };
+            order.start.recording = named;
+            Ok(order)
         };
         load().map_err(|fault| vec![Reason::new("bad_input", fault.to_string())])
     })

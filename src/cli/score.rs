@@ -305,7 +305,8 @@ mod tests {
 
     fn motion(waypoints: u32, done: u32) -> MotionRecord {
         let motion = Motion { epoch: 3, path: Path::Contact, plan: 7, waypoints };
-        MotionRecord { motion, outcome: Some(if done == waypoints { Ended::Done } else { Ended::Held }), done }
+        let outcome = Some(if done == waypoints { Ended::Done } else { Ended::Held });
+        MotionRecord { motion, outcome, done, contact: None }
     }
 
     /// Ids 5 to 8 are a contact path with a leap through air; 2 and 11 are ways through air.

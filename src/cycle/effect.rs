@@ -109,6 +109,13 @@ pub struct Motion {
     pub waypoints: u32,
 }
 
+impl Motion {
+    /// The plan's number as people and records name it.
+    pub fn plan_word(&self) -> String {
+        format!("{:016x}", self.plan)
+    }
+}
+
 /// Where a path leads.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

@@ -12,9 +12,8 @@ use crate::files::content_hash;
 use crate::panel::GridId;
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell};
-use crate::path::panel_reach::{self, Reached};
-use crate::path::{self, Kinematics, Plan};
-use crate::record::{Budget, Kind};
+use crate::path::{self, Kinematics, Plan, panel_reach, touching};
+use crate::record::{Budget, EarlierPass, Kind, PASSES_USED, Reached};
 use crate::surface::{self, Fit};
 use crate::verdict::{Judgement, Reason};
 use std::collections::BTreeMap;
@@ -34,6 +33,8 @@ pub(super) struct Abrasion {
     most_passes: usize,
     /// What the disc in use has swept so far, as the store says, mm².
     pub worn_mm2: f64,
+    /// Where the tool was in earlier cycles of this panel, or may have been.
+    pub earlier: Vec<EarlierPass>,
 }
 
 /// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
@@ -52,9 +53,23 @@ impl Abrasion {
         self.plan.as_ref().map(|(_, plan)| plan)
     }
 
-    /// What the plan with this number will wear of the disc, mm².
-    pub fn wears_mm2(&self, job: &Job<'_>, number: u64) -> f64 {
-        self.plan(number).map_or(0.0, |plan| DiscUse::of(plan, job.recipe.path(), 0.0).swept_mm2)
+    /// Of the plan with this number: from which waypoint on each grid is reached, when each waypoint is, s, and what it
+    /// wears of the disc, mm².
+    pub fn contact(&self, job: &Job<'_>, number: u64) -> Option<(Vec<Reached>, Vec<f64>, f64)> {
+        let (plan, fit) = (self.plan(number)?, self.fit.as_ref()?);
+        let radius_mm = job.recipe.path().disc_diameter_mm() / 2.0;
+        let reached = |(grid, first): (GridId, usize)| Reached {
+            grid: grid.to_string(),
+            first: u32::try_from(first).unwrap_or(u32::MAX),
+        };
+        let first = touching::first_reached(plan, &fit.surface, &job.panel.region, radius_mm);
+        let planned = dwell::planned(plan);
+        let reached_s = planned.iter().scan(0.0, |at_s, waypoint| {
+            *at_s += waypoint.seconds;
+            Some(*at_s)
+        });
+        let wears_mm2 = DiscUse::of(plan, job.recipe.path(), 0.0).swept_mm2;
+        Some((first.into_iter().map(reached).collect(), reached_s.collect(), wears_mm2))
     }
 
     /// Once the panel is localized as well as it will be: its surface, and the arm's reach of every grid. `found` is
@@ -113,18 +128,15 @@ impl Abrasion {
         self.plan = None;
         self.most_passes = job.recipe.process().max_passes_per_grid();
         let most = self.most_passes;
-        let left: Vec<GridId> = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass)).collect();
-        let worn: Vec<String> =
-            left.iter().filter(|grid| self.is_worn(grid, pass, most)).map(ToString::to_string).collect();
-        let grids: Vec<GridId> = left.into_iter().filter(|grid| !self.is_worn(grid, pass, most)).collect();
+        let left = failed.into_iter().filter(|grid| self.done.get(grid) != Some(&pass));
+        let (worn, grids): (Vec<GridId>, Vec<GridId>) = left.partition(|grid| self.is_worn(grid, pass, most));
         if grids.is_empty() && worn.is_empty() {
             return Ok(Answer::Planned { plan: 0, waypoints: 0 });
         }
         let Some(panel) = sight.approached() else { return Ok(Answer::Failed(Trouble::Unexpected)) };
         let place = panel.base_from_panel;
         let planned = if grids.is_empty() {
-            let message = format!("{} broke again after {most} abrasions, max_passes_per_grid", worn.join(", "));
-            Err(Reason::new("passes_used", message))
+            Err(self.passes_used(&worn, most))
         } else {
             self.fitted(job, record)?.and_then(|fit| self.over(job, (&fit, &grids), &panel))
         };
@@ -140,7 +152,12 @@ impl Abrasion {
             record.figure(&figures::planned(job, &plan, film, place))?;
         }
         let evidence = (&plan, reached.as_ref(), &disc);
-        record.finding(&findings::planned(evidence, &grids, (pass, judgement), job))?;
+        let earlier = self.counted_before(&grids);
+        let finding = findings::planned(evidence, &grids, (pass, judgement), job);
+        record.finding(&match earlier.is_empty() {
+            true => finding,
+            false => finding.detail("abraded in earlier cycles, counted", earlier),
+        })?;
         if grade == Grade::Reject {
             return Ok(Answer::Graded(grade));
         }
@@ -152,8 +169,39 @@ impl Abrasion {
     }
 
     fn is_worn(&self, grid: &GridId, pass: u8, most: usize) -> bool {
-        // The rest of a pass that was left belongs to that pass.
-        self.touched.get(grid).is_some_and(|(times, last)| *times >= most && *last != pass)
+        let (times, last) = self.touched.get(grid).map_or((0, None), |(times, last)| (*times, Some(*last)));
+        // An air-run abrades nothing; the rest of a pass that was left belongs to that pass.
+        pass > 0 && times + self.before(grid).count() >= most && last != Some(pass)
+    }
+
+    /// The passes of earlier cycles that count for this grid.
+    fn before(&self, grid: &GridId) -> impl Iterator<Item = &EarlierPass> {
+        let grid = grid.to_string();
+        self.earlier.iter().filter(move |earlier| earlier.grid.as_ref().is_none_or(|known| *known == grid))
+    }
+
+    /// What of earlier cycles counts for these grids, in words.
+    fn counted_before(&self, grids: &[GridId]) -> Vec<String> {
+        let words = |grid: &GridId, earlier: &EarlierPass| {
+            let how = if earlier.is_sure { "abraded" } else { "perhaps abraded" };
+            format!("{grid} {how} in cycle {}, pass {}", earlier.cycle, earlier.pass)
+        };
+        grids.iter().flat_map(|grid| self.before(grid).map(move |earlier| words(grid, earlier))).collect()
+    }
+
+    fn passes_used(&self, worn: &[GridId], most: usize) -> Reason {
+        let names = worn.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let earlier = self.counted_before(worn);
+        let message = match earlier.is_empty() {
+            true => format!("{names} broke again after {most} abrasions, max_passes_per_grid"),
+            false => format!(
+                "{names} broke, and may not be abraded again: allowed are {most} abrasions, max_passes_per_grid, and \
+                 those of earlier cycles of this panel count, also where it is not known how far they went: {}; take this \
+                 part out, the next cycle counts from zero",
+                earlier.join("; ")
+            ),
+        };
+        Reason::new(PASSES_USED, message)
     }
 
     /// A plan over these grids, the tool turned as the arm reaches best, with every gate's word.
@@ -235,7 +283,7 @@ impl Abrasion {
 /// A plan with every gate's word on it.
 struct Planned {
     plan: Plan,
-    reached: Option<Reached>,
+    reached: Option<panel_reach::Reached>,
     disc: DiscUse,
     judgement: Judgement,
 }
@@ -253,6 +301,10 @@ fn judged(plan: &Plan, dwell: &Dwell, done: u32) -> (Vec<GridId>, Vec<GridId>) {
         for id in path.grids.iter().filter(|_| touched) {
             let planned = plan.grids.iter().find(|grid| grid.id == *id).map_or(1.0, |grid| grid.share());
             let found = dwell.of_grid(*id).map_or(0.0, |grid| grid.share());
+            // Of an area that was cut short, the grids that the disc did not come to.
+            if found <= 0.0 {
+                continue;
+            }
             let grids = if found >= planned - SHORT_OF_PLAN { &mut whole } else { &mut begun };
             grids.push(*id);
         }

@@ -83,6 +83,9 @@ impl Running<'_> {
         if filming.is_none() {
             self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         }
+        if matches!(act, Act::Plan { .. }) {
+            self.abrasion.earlier = self.ports.record.abraded_before()?;
+        }
         // Of a film under way only its result is new.
         let (sight, abrasion) = match &filming {
             Some(_) => Default::default(),

@@ -8,9 +8,9 @@ use super::letters::Inbox;
 use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
 use super::replay::{Recording, Taping};
-use super::words;
+use super::{who, words};
 use crate::cycle::{At, Path as PathKind, Phase, Refusal, Request, State};
-use crate::record::CycleId;
+use crate::record::{CycleId, Front, Wanted, Who};
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
@@ -32,6 +32,15 @@ pub enum Letter {
         who: Caller,
         /// Where the answer goes.
         reply: oneshot::Sender<Reply>,
+    },
+    /// Somebody asked and was refused already, such as a start by a recipe with mistakes; it is kept.
+    Refused {
+        /// What.
+        wanted: Wanted,
+        /// Who.
+        who: Caller,
+        /// Why.
+        reasons: Vec<Reason>,
     },
     /// SIGTERM or SIGINT.
     Signal,
@@ -118,6 +127,8 @@ pub struct Desk {
     letters: Inbox,
     /// Who asked last and is not answered yet.
     waiting: Option<oneshot::Sender<Reply>>,
+    /// Who asked what was handed to the loop last.
+    who: Who,
     signals: u8,
     /// How much of the signals the table was asked.
     obeyed: u8,
@@ -154,6 +165,7 @@ impl Desk {
         Desk {
             letters,
             waiting: None,
+            who: Who::by(Front::Program),
             signals: 0,
             obeyed: 0,
             told: None,
@@ -268,6 +280,7 @@ impl Desk {
             return None;
         }
         self.obeyed = wanted;
+        self.who = Who::by(Front::Signal);
         Some(Ask::For(if wanted == 1 { Request::Stop } else { Request::Abort }))
     }
 
@@ -313,10 +326,21 @@ impl Requests for Desk {
                     self.signal();
                     break;
                 }
-                Some(Letter::Asked { asked, reply, .. }) => return self.take(asked, reply),
+                Some(Letter::Refused { wanted, who, reasons }) => {
+                    self.who = who::at_the_socket(who);
+                    return Ask::Refused(wanted, reasons);
+                }
+                Some(Letter::Asked { asked, who, reply }) => {
+                    self.who = who::at_the_socket(who);
+                    return self.take(asked, reply);
+                }
             }
         }
         Ask::Nothing
+    }
+
+    fn who(&self) -> Who {
+        self.who.clone()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

@@ -31,7 +31,7 @@ impl Running<'_> {
             R::EpochNotOpened { .. } => {
                 self.answer_if(|act| matches!(act, Act::OpenEpoch { .. }), Answer::Failed(Trouble::Protocol));
             }
-            R::Progress { done } => self.executed(done),
+            R::Progress { done } => self.executed(done)?,
             // The state says that it stands there.
             R::PathDone { .. } => {}
             R::Standstill { done } => self.stood_still(done),

@@ -120,6 +120,7 @@ fn is_urgent(letter: &Letter) -> bool {
     match letter {
         Letter::Signal => true,
         Letter::Asked { asked, .. } => matches!(asked, Asked::For(Request::Stop | Request::Abort)),
+        Letter::Refused { .. } => false,
     }
 }
 
@@ -127,7 +128,7 @@ impl Letter {
     fn caller(&self) -> Option<&Caller> {
         match self {
             Letter::Signal => None,
-            Letter::Asked { who, .. } => Some(who),
+            Letter::Asked { who, .. } | Letter::Refused { who, .. } => Some(who),
         }
     }
 }

@@ -21,9 +21,11 @@
 
 mod abrasion;
 mod acts;
+mod asking;
 mod caller;
 mod cameras;
 mod computing;
+mod contacts;
 mod corners;
 mod deadlines;
 mod desk;
@@ -44,6 +46,7 @@ mod single;
 mod socket;
 mod trace;
 mod waiting;
+mod who;
 mod wiring;
 mod words;
 
@@ -63,12 +66,13 @@ pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,
-    recordings, too_full,
+    recording_file, recordings, too_full,
 };
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError, Started};
 pub use waiting::wait_for;
+pub use who::whoever_runs_this;
 pub use wiring::Wiring;
 pub use words::{refusal, request_word, why};
 

@@ -38,6 +38,16 @@ pub(super) struct Sent {
 }
 
 impl Sent {
+    /// Which path it is.
+    pub fn path(&self) -> Path {
+        self.motion.path
+    }
+
+    /// The command of its first waypoint.
+    pub fn first(&self) -> CommandId {
+        self.first
+    }
+
     /// Waypoints executed, where all commands up to this one are.
     pub fn waypoints(&self, done: CommandId) -> u32 {
         if matches!(self.motion.path, Path::Contact | Path::Air) {
@@ -50,6 +60,8 @@ impl Sent {
 
 impl Running<'_> {
     pub(super) fn begin_move(&mut self, id: Id, motion: Motion) -> Result<(), DaemonError> {
+        // What is refused on its way was not executed, whatever the path before it was.
+        self.sent = None;
         if motion.path == Path::Park {
             let poses: Vec<Joints> = self.site.ready.into_iter().chain([self.site.park]).collect();
             return self.by_axes(id, motion, &poses);
@@ -144,7 +156,11 @@ impl Running<'_> {
         }
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(gated.speed));
-        let sent = sent.and_then(|_| self.ports.robot.send_path(gated.points));
+        let permitted = Some(self.underway.permitted).filter(|few| motion.path == Path::Contact && *few < count);
+        let sent = sent.and_then(|_| match permitted {
+            Some(permitted) => self.ports.robot.send_path_within(gated.points, permitted),
+            None => self.ports.robot.send_path(gated.points),
+        });
         self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
     }
 
@@ -205,13 +221,16 @@ impl Running<'_> {
     }
 
     /// Commands up to this one are executed.
-    pub(super) fn executed(&mut self, done: CommandId) {
-        let Some(sent) = &mut self.sent else { return };
+    pub(super) fn executed(&mut self, done: CommandId) -> Result<(), DaemonError> {
+        let Some(sent) = &mut self.sent else { return Ok(()) };
         let waypoints = sent.waypoints(done);
         if waypoints > sent.told && self.pending.as_ref().is_some_and(|pending| pending.id == sent.id) {
             sent.told = waypoints;
             self.events.push_back(Event::Told(Report::Progress { id: sent.id, done: waypoints }));
+            let sent = *sent;
+            self.permit_more(sent, waypoints)?;
         }
+        Ok(())
     }
 
     /// The epoch is over and the robot stands; in it these commands were executed.
@@ -227,7 +246,7 @@ impl Running<'_> {
             self.wait(id, act, Waits::PathEnd);
             return Ok(());
         };
-        self.executed(state.done);
+        self.executed(state.done)?;
         let off = self.deviation(sent, state);
         if off.is_empty() {
             self.answer(id, Answer::Stands { done: sent.motion.waypoints });

@@ -9,7 +9,9 @@ use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, Qu
 use crate::files::ClipEntry;
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId, KeptFile, Picture};
+use crate::record::{
+    Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Front, KeptFile, Picture, Wanted, Who,
+};
 use crate::store::CycleStart;
 use crate::supervision::{ThreadFault, Watched};
 use crate::tape::Begin;
@@ -32,6 +34,16 @@ pub trait Robot {
     /// # Errors
     /// As [`Robot::send`].
     fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError>;
+    /// The same, of which only so many points are sent before more are permitted.
+    ///
+    /// # Errors
+    /// As [`Robot::send`].
+    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError>;
+    /// Lets commands up to this one be sent; all of them where it is `None`.
+    ///
+    /// # Errors
+    /// As [`Robot::send`].
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError>;
     /// Asks for a new epoch with a number above this one.
     ///
     /// # Errors
@@ -176,6 +188,31 @@ pub trait Journal: Record {
     /// # Errors
     /// As [`Journal::event`].
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError>;
+    /// A contact path begins, of which so many waypoints may be sent.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError>;
+    /// So many waypoints of the contact path under way may be sent.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError>;
+    /// Where the tool was on this panel in earlier cycles, or may have been, as far as the part is still the same.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError>;
+    /// What somebody asked, with its answer. What the table was asked follows its event.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError>;
+    /// What the clock says: where a cycle begins, and where it is concluded.
+    ///
+    /// # Errors
+    /// As [`Journal::event`].
+    fn clock(&mut self, clock: Clock) -> Result<(), RecordError>;
     /// A motion is over: the robot stands.
     ///
     /// # Errors
@@ -226,6 +263,10 @@ pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
 pub trait Requests {
     /// What is asked now, seen the state. Comes round within milliseconds, whatever the loop is doing.
     fn next(&mut self, state: &State) -> Ask;
+    /// Who asked what [`Requests::next`] gave last.
+    fn who(&self) -> Who {
+        Who::by(Front::Program)
+    }
     /// What was asked is not done; of a reset that may come later.
     fn refused(&mut self, request: Request, refusal: Refusal);
     /// What was asked cannot be begun.
@@ -257,6 +298,8 @@ pub enum Ask {
     Begin(Box<Order>),
     /// To keep that a new disc was mounted; done where the state rests.
     NewDisc,
+    /// To keep that this was asked and refused, before it came to the loop.
+    Refused(Wanted, Vec<Reason>),
     /// To leave; done where the state rests.
     Leave,
     /// To stop the robot and end the program at once: a thread of it failed.
@@ -314,6 +357,14 @@ impl Robot for LinkedRobot {
 
     fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
         self.link.send_path(points)
+    }
+
+    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        self.link.send_path_within(points, permitted)
+    }
+
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.link.permit(last)
     }
 
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {

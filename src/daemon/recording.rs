@@ -6,7 +6,7 @@ use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Ro
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId, KeptFile, Picture};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, KeptFile, Picture, Wanted};
 use crate::store::{CycleStart, Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
@@ -22,6 +22,8 @@ const AT_ONCE: usize = 8;
 pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
+    /// The last line of the journal that somebody asked, and its cycle, until the answer is kept.
+    line: Option<(u64, Option<CycleId>)>,
     pages: Pages,
     is_full_told: bool,
 }
@@ -45,7 +47,7 @@ struct Pages {
 impl<'a> StoreRecord<'a> {
     /// Writes to this cycle, or to none.
     pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
-        StoreRecord { store, cycle: cycle.into(), pages: Pages::default(), is_full_told: false }
+        StoreRecord { store, cycle: cycle.into(), line: None, pages: Pages::default(), is_full_told: false }
     }
 
     /// Keeps a picture; none where the disk is full.
@@ -130,11 +132,37 @@ impl Journal for StoreRecord<'_> {
 
     fn event(&mut self, event: &Event) -> Result<(), RecordError> {
         self.pages.cause = cause(event).or(self.pages.cause.take());
-        self.store.append(event, self.cycle).map(drop).map_err(failed)
+        let line = self.store.append(event, self.cycle).map_err(failed)?;
+        if matches!(event, Event::Asked(_)) {
+            self.line = Some((line, self.cycle));
+        }
+        Ok(())
     }
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
         self.store.open_intent(motion, self.cycle).map_err(failed)
+    }
+
+    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
+        self.store.open_contact(motion, self.cycle, (path, permitted)).map_err(failed)
+    }
+
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
+        self.store.permit(waypoints).map_err(failed)
+    }
+
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        self.cycle.map_or(Ok(Vec::new()), |cycle| self.store.abraded_before(cycle).map_err(failed))
+    }
+
+    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
+        let line = self.line.take().filter(|_| matches!(asked.wanted, Wanted::For(_)));
+        let (line, cycle) = line.map_or((None, self.cycle), |(line, cycle)| (Some(line), cycle));
+        self.store.keep_request(asked, cycle, line).map_err(failed)
+    }
+
+    fn clock(&mut self, clock: Clock) -> Result<(), RecordError> {
+        self.cycle.map_or(Ok(()), |cycle| self.store.keep_clock(cycle, clock).map_err(failed))
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
@@ -144,7 +172,10 @@ impl Journal for StoreRecord<'_> {
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
         let Some(cycle) = self.cycle else { return Ok(()) };
         let cause = self.pages.cause.iter().filter(|_| verdict == Verdict::Aborted);
-        let reasons: Vec<Reason> = self.pages.reasons.iter().chain(cause).cloned().collect();
+        // What was found wrong says more of the same cause.
+        let found = &self.pages.reasons;
+        let cause = cause.filter(|cause| found.iter().all(|found| found.code != cause.code));
+        let reasons: Vec<Reason> = found.iter().chain(cause).cloned().collect();
         self.store.conclude(cycle, verdict, &reasons).map_err(failed)
     }
 

@@ -2,19 +2,21 @@
 
 use super::abrasion::Abrasion;
 use super::acts::{Pending, Waits};
+use super::asking::Asker;
 use super::computing::Computing;
+use super::contacts::Underway;
 use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
 use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
 use super::trace::Trace;
 use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{self, Act, Deadline, Effect, Event, Motion, Path, Report, Request, State, Trouble, fold, step};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Report, Request, State, Trouble, fold, step};
 use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
-use crate::record::Kind;
+use crate::record::{Answer, Kind, Wanted};
 use crate::supervision::Supervisor;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
@@ -152,8 +154,7 @@ pub(super) struct Running<'p> {
     pub sight: Sight,
     pub abrasion: Abrasion,
     pub trace: Trace,
-    /// Of the path under way, counted as worn already, mm².
-    reserved_mm2: f64,
+    pub underway: Underway,
     pub pending: Option<Pending>,
     pub sent: Option<Sent>,
     pub robot_state: Option<eki::State>,
@@ -176,7 +177,7 @@ impl<'p> Running<'p> {
             sight: Sight::default(),
             abrasion: Abrasion::default(),
             trace: Trace::default(),
-            reserved_mm2: 0.0,
+            underway: Underway::default(),
             pending: None,
             sent: None,
             robot_state: None,
@@ -231,15 +232,23 @@ impl<'p> Running<'p> {
         if let Event::Told(Report::Answered { id, .. }) = event {
             self.deadlines.disarm(id);
         }
-        let (state, effects) = step(self.state, event);
-        if state.at != self.state.at {
+        let (before, (state, effects)) = (self.state, step(self.state, event));
+        if state.at != before.at {
             tracing::info!("{}", words::place(state.at));
         }
         self.state = state;
+        let refused = effects.iter().find_map(|effect| match effect {
+            Effect::Refuse { request, refusal } => Some((*request, *refusal)),
+            _ => None,
+        });
+        if state.job.running && !before.job.running {
+            self.keep_clock()?;
+        }
         // What is no longer due is abandoned.
         self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id));
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
         effects.into_iter().try_for_each(|effect| self.perform(effect))?;
+        self.keep_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
             let stopped = words::stopped();
             tracing::info!("{}", stopped.message);
@@ -266,21 +275,23 @@ impl<'p> Running<'p> {
                 return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
             }
             match self.ports.requests.next(&self.state) {
-                Ask::For(Request::Unhold { .. } | Request::Accept) if self.lacks_room() => continue,
+                Ask::For(request @ (Request::Unhold { .. } | Request::Accept)) if self.lacks_room() => {
+                    let reasons = self.ports.record.check();
+                    self.keep_asked(Wanted::For(request), Asker::Last, (Answer::Failed, reasons))?;
+                    continue;
+                }
                 Ask::For(request) => return Ok(Some(Event::Asked(request))),
                 Ask::Begin(order) => {
                     let event = self.order(*order);
                     self.events.extend(event);
                     continue;
                 }
-                Ask::NewDisc if self.state.at.rests() => {
-                    self.ports.record.mount_disc()?;
-                    self.ports.requests.disc_mounted();
+                Ask::NewDisc => {
+                    self.new_disc()?;
                     continue;
                 }
-                Ask::NewDisc => {
-                    let message = "a disc is changed where the cell rests, held, idle or stopped";
-                    self.ports.requests.unable(vec![Reason::new("not_now", message)]);
+                Ask::Refused(wanted, reasons) => {
+                    self.keep_asked(wanted, Asker::Last, (Answer::Refused, reasons))?;
                     continue;
                 }
                 Ask::Leave if self.state.at.rests() => return Ok(None),
@@ -356,47 +367,20 @@ impl<'p> Running<'p> {
                 let at = self.ports.robot.now() + self.span(deadline);
                 self.deadlines.arm(id, deadline, at);
             }
-            Effect::OpenIntent(motion) => {
-                self.reserve_disc(&motion)?;
-                self.ports.record.open_intent(&motion)?;
-            }
-            Effect::CloseIntent { motion, outcome, done } => {
-                if motion.path == Path::Contact {
-                    self.abraded((motion.waypoints, done))?;
-                }
-                self.ports.record.close_intent(&motion, outcome, done)?;
-            }
+            Effect::OpenIntent(motion) => self.open_intent(&motion)?,
+            Effect::CloseIntent { motion, outcome, done } => self.close_intent(&motion, outcome, done)?,
             Effect::Conclude { verdict } => {
                 self.verdict = Some(verdict);
+                // A cycle that an earlier process left is concluded before this one's clock says anything.
+                if self.condition != cycle::Robot::Unknown {
+                    self.keep_clock()?;
+                }
                 self.ports.record.conclude(verdict)?;
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
                 self.ports.requests.concluded(verdict);
             }
             Effect::Refuse { request, refusal } => self.ports.requests.refused(request, refusal),
         }
-        Ok(())
-    }
-
-    /// Before contact the whole path is counted as worn: what is cut short by a crash must not be forgotten.
-    fn reserve_disc(&mut self, motion: &Motion) -> Result<(), DaemonError> {
-        if motion.path == Path::Contact {
-            let wears_mm2 = self.job().map_or(0.0, |job| self.abrasion.wears_mm2(&job, motion.plan));
-            self.reserved_mm2 = wears_mm2;
-            self.ports.record.wear_disc(wears_mm2)?;
-        }
-        Ok(())
-    }
-
-    /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
-    fn abraded(&mut self, executed: (u32, u32)) -> Result<(), DaemonError> {
-        let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
-        let found = self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), executed));
-        self.abrasion = abrasion;
-        let Some((notes, worn_mm2)) = found else { return Ok(()) };
-        self.keep(notes)?;
-        // In place of what was counted beforehand.
-        let reserved_mm2 = std::mem::take(&mut self.reserved_mm2);
-        self.ports.record.wear_disc(worn_mm2 - reserved_mm2)?;
         Ok(())
     }
 

@@ -19,6 +19,7 @@ use super::protocol::{
 };
 use super::words;
 use crate::cycle::Request;
+use crate::record::Wanted;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use places::{Place, Places};
@@ -254,9 +255,16 @@ impl Door {
         let asked = match wish {
             Wish::State {} => Asked::State,
             Wish::Start { recipe, text, record, part } => {
+                let named = recipe.clone();
                 match self.load(Started { recipe, text, record, part }).await {
                     Ok(order) => Asked::Begin(Box::new(order)),
-                    Err(refused) => return refused,
+                    Err(refused) => {
+                        let (wanted, who) = (Wanted::Start { recipe: named }, caller.named());
+                        // Where it is not taken, the service has ended, or this user asks without end.
+                        let _ =
+                            self.letters.send(Letter::Refused { wanted, who, reasons: refused.reasons.clone() });
+                        return refused;
+                    }
                 }
             }
             Wish::Hold {} => Asked::For(Request::Hold),

@@ -3,7 +3,7 @@
 //! - `areas`: which grids are one, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over an area
 //! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined
 //! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
-//! - `coverage`, `edge`, `dwell`, `spread`, `disc`: what a plan reaches, and what was done · `gate`: judges a plan
+//! - `coverage`, `edge`, `dwell`, `spread`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
 //! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
 
@@ -27,6 +27,7 @@ pub mod reach;
 mod rings;
 mod slanted;
 mod spread;
+pub mod touching;
 mod waypoint_gate;
 
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};

@@ -17,6 +17,7 @@ pub fn inspection_page(
     figures: Vec<Figure>,
 ) -> Page {
     Page {
+        made: String::new(),
         title: format!("Water-break test, panel {}", recipe.panel()),
         subtitle: format!("Clip {clip}"),
         judgement: inspection.judgement.clone(),

@@ -15,6 +15,8 @@ pub struct Page {
     pub judgement: Judgement,
     /// The parts, in order.
     pub sections: Vec<Section>,
+    /// When and by what the page was made, on a line of its own; empty where that is not told.
+    pub made: String,
 }
 
 /// One part of a page.
@@ -72,10 +74,14 @@ impl Page {
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
              <meta name=\"viewport\" content=\"width=device-width,initial-scale=1\"><title>{title}</title>\
              <style>{STYLE}</style></head><body>\n<h1>{title}</h1>\n<p class=\"sub\">{subtitle}</p>\n{verdict}{sections}\
-             </body></html>\n",
+             {made}</body></html>\n",
             title = escaped(&self.title),
             subtitle = escaped(&self.subtitle),
             verdict = verdict_html(&self.judgement),
+            made = match self.made.as_str() {
+                "" => String::new(),
+                made => format!("<p class=\"sub\">{}</p>\n", escaped(made)),
+            },
         )
     }
 }
@@ -153,6 +159,7 @@ mod tests {
                 rows: vec![Row::new("rms", "0.1 mm", "≤ 0.25 mm")],
                 figures: vec![Figure { caption: "outline".to_owned(), jpeg: vec![1, 2, 3] }],
             }],
+            made: "Made today".to_owned(),
         };
         let html = page.html();
         assert!(html.contains("<h1>Panel &lt;A &amp; B&gt;</h1>"));

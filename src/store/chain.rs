@@ -68,7 +68,7 @@ impl Part {
 }
 
 /// Every table, column by column; in this order the rows of a store without a chain are taken into one.
-pub(super) static PARTS: [Part; 15] = [
+pub(super) static PARTS: [Part; 19] = [
     Part::row(
         "taught_panels",
         "taught panel",
@@ -132,6 +132,10 @@ pub(super) static PARTS: [Part; 15] = [
     },
     Part::row("incidents", "incident", &["at_unix_s", "found"]),
     Part::row("pruned", "entry of a removed file", &["cycle_id", "hash", "bytes", "at_unix_s"]),
+    Part::row("requests", "request", &["cycle_id", "journal_sequence", "unix_ms", "request"]),
+    Part::row("contacts", "contact path", &["motion_id", "path"]),
+    Part::row("permits", "permit of waypoints", &["motion_id", "unix_ms", "waypoints"]),
+    Part::row("cycle_facts", "fact of a cycle", &["cycle_id", "name", "fact"]),
 ];
 
 /// The part with this name.

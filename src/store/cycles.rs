@@ -2,7 +2,7 @@
 
 use super::Store;
 use super::error::StoreError;
-use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile};
+use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
 use serde::Serialize;
@@ -43,6 +43,8 @@ pub struct CycleStart {
     pub recipe_text: String,
     /// The cell's file and its calibrations: what each is for, such as `base_from_camera`, and its text.
     pub file_texts: Vec<(String, String)>,
+    /// The file that it is recorded in, where it is.
+    pub recording: Option<RecordingFile>,
 }
 
 impl Store {
@@ -57,7 +59,7 @@ impl Store {
         let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
         let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
         let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
-        self.commit("write a cycle to", |writing| {
+        let id = self.commit("write a cycle to", |writing| {
             let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
             writing.execute(
                 "INSERT INTO cycles (started_unix_s, panel, taught_version, recipe_hash, files, program_version)
@@ -67,7 +69,9 @@ impl Store {
             let id = writing.last_insert_rowid();
             writing.chain("cycles", id)?;
             Ok(CycleId(id))
-        })
+        })?;
+        start.recording.as_ref().map_or(Ok(()), |file| self.keep_recording(id, file))?;
+        Ok(id)
     }
 
     /// Keeps how a running cycle ended.
@@ -142,15 +146,12 @@ impl Store {
     pub fn cycle(&self, id: CycleId) -> Result<CycleRecord, StoreError> {
         let read = |error: rusqlite::Error| self.failed("read a cycle of", &error);
         let Some(mut record) = self.cycle_row(id)? else { return Err(self.unknown_cycle("cycle", id)) };
-        let mut findings = self
-            .connection
-            .prepare("SELECT finding FROM findings WHERE cycle_id = ?1 ORDER BY id")
-            .map_err(read)?;
-        for text in findings.query_map([id.0], |row| row.get::<_, String>(0)).map_err(read)? {
-            record.findings.push(self.parsed(&text.map_err(read)?)?);
-        }
+        record.findings = self.findings_of(id)?;
         record.motions = self.motions_of(id)?;
+        record.asked_before = self.asked_before(id, record.started_unix_s)?;
         record.asked = self.asked_in(id)?;
+        record.clocks = self.clocks(id)?;
+        record.recording = self.recording_of(id)?;
         let count = "SELECT count(*) FROM journal WHERE cycle_id = ?1";
         let events: i64 = self.connection.query_row(count, [id.0], |row| row.get(0)).map_err(read)?;
         record.events = events as u64;
@@ -172,7 +173,10 @@ impl Store {
                 budget: None,
                 findings: Vec::new(),
                 motions: Vec::new(),
+                asked_before: Vec::new(),
                 asked: Vec::new(),
+                clocks: [None, None],
+                recording: None,
                 events: 0,
             };
             let texts = [row.get(6)?, row.get(7)?, row.get(8)?, row.get(9)?];
@@ -205,13 +209,26 @@ impl Store {
         Ok(last.map_err(|error| self.failed("read the cycles of", &error))?.map(CycleId))
     }
 
+    /// Cycles that are over, in order.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn ended_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        self.cycles_where("verdict IS NOT NULL")
+    }
+
     /// Cycles without an end, in order: the running one, and before [`Store::recover`] what a crash left.
     ///
     /// # Errors
     /// Where it cannot be read.
     pub fn open_cycles(&self) -> Result<Vec<CycleId>, StoreError> {
+        self.cycles_where("verdict IS NULL")
+    }
+
+    fn cycles_where(&self, condition: &str) -> Result<Vec<CycleId>, StoreError> {
         let read = || -> Result<Vec<CycleId>, rusqlite::Error> {
-            let mut rows = self.connection.prepare("SELECT id FROM cycles WHERE verdict IS NULL ORDER BY id")?;
+            let mut rows =
+                self.connection.prepare(&format!("SELECT id FROM cycles WHERE {condition} ORDER BY id"))?;
             rows.query_map([], |row| row.get(0).map(CycleId))?.collect()
         };
         read().map_err(|error| self.failed("read the cycles of", &error))

@@ -10,7 +10,7 @@ use super::motions::Settled;
 use super::{Store, unix_ms};
 use crate::cycle::{Event, Report, State};
 use crate::files::content_hash;
-use crate::record::{Asked, CycleId};
+use crate::record::CycleId;
 use rusqlite::{OptionalExtension, Row, params};
 
 pub(super) const TABLES: &str = "
@@ -143,24 +143,6 @@ impl Store {
         let last = self.each_event(from, |event, cycle| settled.step(event, cycle))?;
         let tail = last.0 - first;
         Ok((settled, last, tail))
-    }
-
-    /// What was asked in a cycle, in order.
-    pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<Asked>, StoreError> {
-        let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
-            let mut rows = self
-                .connection
-                .prepare("SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 ORDER BY sequence")?;
-            rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
-        };
-        let lines = read().map_err(|error| self.failed("read the journal of", &error))?;
-        let mut asked = Vec::new();
-        for (unix_ms, text) in lines {
-            if let Event::Asked(request) = self.parsed(&text)? {
-                asked.push(Asked { unix_ms, request });
-            }
-        }
-        Ok(asked)
     }
 
     /// Calls with each event after this line and its cycle, in order, and holds one line at a time. The last line, and the

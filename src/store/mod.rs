@@ -3,7 +3,8 @@
 //! A folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the chain's head), `panelprep.reserve` (room
 //! for the journal on a full disk), `panelprep.lock` (who writes) and `blobs/`, where scans, pictures, recipes and
 //! calibrations lie under their SHA-256. Blobs are written first, the row that names them last and in one transaction: a
-//! row never names a file that is not whole. Rows of taught panels, findings and journal are never changed; a cycle and a
+//! row never names a file that is not whole. Rows of taught panels, findings, journal, requests, contact
+//! paths and permits are never changed; a cycle and a
 //! motion get their end once. Each row is in a chain of hashes (`chain`), whose head also stands outside of the database
 //! (`head`): what was changed, deleted, reordered or rolled back is found (`verify`). Of a panel only raw inputs are kept;
 //! what is derived from them is derived again on loading, by others.
@@ -16,6 +17,7 @@ mod blobs;
 mod chain;
 mod checkpoints;
 mod commit;
+mod contacts;
 mod cycles;
 mod discs;
 mod error;
@@ -26,6 +28,7 @@ mod lease;
 mod motions;
 mod opening;
 mod prune;
+mod requests;
 mod reserve;
 mod schema;
 mod teaching;

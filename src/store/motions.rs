@@ -5,8 +5,8 @@
 
 use super::Store;
 use super::error::StoreError;
-use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
-use crate::record::{CycleId, MotionRecord};
+use crate::cycle::{Effect, Event, Motion, Outcome, Path, Report, State, step};
+use crate::record::{ContactPath, CycleId, MotionRecord};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
 use serde::{Deserialize, Serialize};
@@ -116,17 +116,6 @@ impl Store {
         Ok(open.map(|row| self.motion(&row)).transpose()?.map(|record| record.motion))
     }
 
-    pub(super) fn motions_of(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
-        let read = || -> Result<Vec<_>, rusqlite::Error> {
-            let mut rows = self
-                .connection
-                .prepare("SELECT motion, outcome, done FROM motions WHERE cycle_id = ?1 ORDER BY id")?;
-            rows.query_map([id.0], texts)?.collect()
-        };
-        let rows = read().map_err(|error| self.failed("read the motions of", &error))?;
-        rows.iter().map(|row| self.motion(row)).collect()
-    }
-
     /// Writes the rows that the last process did not come to: those of the effects of its last event.
     pub(super) fn settle(&mut self, settled: &Settled) -> Result<(), StoreError> {
         let expected = settled.state.intent.map(|intent| intent.motion);
@@ -144,7 +133,14 @@ impl Store {
             open = None;
         }
         if let (Some(motion), None) = (expected, open) {
-            self.open_intent(&motion, settled.cycle)?;
+            match settled.state.intent.map(|intent| intent.id) {
+                // The program ended before it permitted anything of the path.
+                Some(id) if motion.path == Path::Contact => {
+                    let nothing = ContactPath { id, pass: settled.state.job.pass, grids: vec![], wears_mm2: 0.0 };
+                    self.open_contact(&motion, settled.cycle, (&nothing, 0))?;
+                }
+                _ => self.open_intent(&motion, settled.cycle)?,
+            }
         }
         // A cycle that the table still runs is concluded by the Boot that follows.
         let mut over = self.open_cycles()?;
@@ -162,12 +158,15 @@ impl Store {
         Ok(())
     }
 
-    fn motion(&self, (motion, outcome, done): &(String, Option<String>, u32)) -> Result<MotionRecord, StoreError> {
+    pub(super) fn motion(&self, (motion, outcome, done): &Texts) -> Result<MotionRecord, StoreError> {
         let outcome = outcome.as_deref().map(|text| self.parsed(text)).transpose()?;
-        Ok(MotionRecord { motion: self.parsed(motion)?, outcome, done: *done })
+        Ok(MotionRecord { motion: self.parsed(motion)?, outcome, done: *done, contact: None })
     }
 }
 
-fn texts(row: &Row<'_>) -> Result<(String, Option<String>, u32), rusqlite::Error> {
+/// A motion, its outcome and its waypoints, as they are kept.
+pub(super) type Texts = (String, Option<String>, u32);
+
+pub(super) fn texts(row: &Row<'_>) -> Result<Texts, rusqlite::Error> {
     Ok((row.get(0)?, row.get(1)?, row.get(2)?))
 }

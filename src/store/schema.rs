@@ -2,13 +2,15 @@
 
 use super::chain::Place;
 use super::error::StoreError;
-use super::{chain, checkpoints, cycles, discs, incidents, journal, motions, prune, teaching, verifications};
+use super::{chain, checkpoints, contacts, cycles, discs, incidents, journal, motions};
+use super::{prune, requests, teaching, verifications};
 use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
 /// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
-pub(super) const SCHEMA: i64 = 6;
+/// 7: requests, contact paths, facts of a cycle.
+pub(super) const SCHEMA: i64 = 7;
 /// The first with a chain.
 pub(super) const CHAINED: i64 = 6;
 
@@ -78,6 +80,11 @@ pub(super) fn raise(transaction: &Connection) -> Result<Option<Place>, rusqlite:
     }
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
+    }
+    // Before the chain, which takes in every table.
+    if found < 7 {
+        transaction.execute_batch(requests::TABLES)?;
+        transaction.execute_batch(contacts::TABLES)?;
     }
     if found < CHAINED {
         for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {

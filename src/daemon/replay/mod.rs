@@ -17,7 +17,7 @@ pub use difference::Difference;
 pub use player::{Played, Player};
 pub use queue::{RECORDING_FLOOR_MB, Recorded, Recording, Stands, too_full};
 pub use taped::Taped;
-pub use taping::{Taping, ToRecord, free_mb, recordings};
+pub use taping::{Taping, ToRecord, free_mb, recording_file, recordings};
 
 use super::ports::{Kept, SightError};
 use crate::cycle::{Motion, Outcome};
@@ -94,6 +94,9 @@ fn said_kept(kept: &Kept) -> Value {
         Kept::Figure(figure) => said_figure(&figure.name, &figure.caption),
     }
 }
+
+/// The question what of the panel was abraded in earlier cycles.
+const ABRADED_BEFORE: &str = "abraded_before";
 
 fn said_closed(motion: &Motion, outcome: Outcome, done: u32) -> Value {
     json!({ "close_intent": { "motion": motion, "outcome": outcome, "done": done } })

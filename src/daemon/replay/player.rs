@@ -14,7 +14,7 @@ use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
 use crate::store::CycleStart;
 use crate::tape::{Entry, Shot, TapeError, Topic};
 use crate::verdict::{Reason, Verdict};
@@ -257,6 +257,14 @@ impl Robot for Player<'_> {
         self.call(Topic::Command, json!({ "path": points })).unwrap_or(Err(QueueError::NotConnected))
     }
 
+    fn send_path_within(&mut self, points: Vec<MoveLin>, _: u32) -> Result<CommandId, QueueError> {
+        self.send_path(points)
+    }
+
+    fn permit(&mut self, _: Option<CommandId>) -> Result<(), QueueError> {
+        Ok(())
+    }
+
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let opened = self.call(Topic::Command, json!({ "open_epoch_above": above }));
         opened.unwrap_or(Err(QueueError::NotConnected))
@@ -367,6 +375,28 @@ impl Journal for Player<'_> {
 
     fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
         self.keep(Topic::Store, json!({ "open_intent": motion }))
+    }
+
+    fn open_contact(&mut self, motion: &Motion, _: &ContactPath, _: u32) -> Result<(), RecordError> {
+        self.open_intent(motion)
+    }
+
+    fn permit(&mut self, _: u32) -> Result<(), RecordError> {
+        Ok(())
+    }
+
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        let said = json!(super::ABRADED_BEFORE);
+        let is_next = self.0.borrow_mut().peek(false).is_some_and(|next| next.said == said);
+        if is_next { self.keep(Topic::Store, said) } else { Ok(Vec::new()) }
+    }
+
+    fn asked(&mut self, _: &Asked) -> Result<(), RecordError> {
+        Ok(())
+    }
+
+    fn clock(&mut self, _: Clock) -> Result<(), RecordError> {
+        Ok(())
     }
 
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {

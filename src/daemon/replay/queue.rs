@@ -113,6 +113,20 @@ pub enum Stands {
     NotWhole,
 }
 
+impl Recorded {
+    /// One that can be replayed.
+    pub fn whole(file: String, entries: u64) -> Self {
+        let message = format!("recorded in {file}, {entries} entries");
+        Recorded { file, is: Stands::Whole, entries, message }
+    }
+
+    /// One that cannot, for this reason; how many entries it has is not known.
+    pub fn not_whole(file: String, why: &str) -> Self {
+        let message = format!("{file} cannot be replayed: {why}");
+        Recorded { file, is: Stands::NotWhole, entries: 0, message }
+    }
+}
+
 impl Recording {
     /// Starts the thread that opens a file of this name and writes to it.
     ///
@@ -257,13 +271,15 @@ impl Recorder {
             let lost = lost.iter().map(|lost| format!("{} of {}", lost.count, lost.topic.name()));
             format!("it has a gap, not kept were {}", lost.collect::<Vec<_>>().join(", "))
         };
-        let trouble = stopped.clone().or_else(|| (!lost.is_empty()).then(gap));
-        let (is, message) = match trouble {
-            Some(why) => (Stands::NotWhole, format!("{file} cannot be replayed: {why}")),
-            None if inside.ended => (Stands::Whole, format!("recorded in {file}, {entries} entries")),
-            None => (Stands::UnderWay, format!("records in {file}")),
-        };
-        Recorded { file: file.to_owned(), is, entries: *entries, message }
+        let (file, trouble) = (file.to_owned(), stopped.clone().or_else(|| (!lost.is_empty()).then(gap)));
+        match trouble {
+            Some(why) => Recorded { entries: *entries, ..Recorded::not_whole(file, &why) },
+            None if inside.ended => Recorded::whole(file, *entries),
+            None => {
+                let message = format!("records in {file}");
+                Recorded { file, is: Stands::UnderWay, entries: *entries, message }
+            }
+        }
     }
 }
 

@@ -8,7 +8,7 @@ use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, Time};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Who};
 use crate::store::CycleStart;
 use crate::tape::{Begin, Entry, Shot, Topic};
 use crate::verdict::{Reason, Verdict};
@@ -78,6 +78,20 @@ impl<P: DerefMut<Target: Robot>> Robot for Taped<P> {
             self.put(Topic::Command, || (said, told(&sent)));
         }
         sent
+    }
+
+    /// The same path on the tape: how much of it is let go when follows from what the robot tells.
+    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        let said = self.is_taped().then(|| json!({ "path": points }));
+        let sent = self.port.send_path_within(points, permitted);
+        if let Some(said) = said {
+            self.put(Topic::Command, || (said, told(&sent)));
+        }
+        sent
+    }
+
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.port.permit(last)
     }
 
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
@@ -234,6 +248,35 @@ impl<P: DerefMut<Target: Journal>> Journal for Taped<P> {
         kept
     }
 
+    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
+        let kept = self.port.open_contact(motion, path, permitted);
+        self.noted(Topic::Store, || json!({ "open_intent": motion }), &kept);
+        kept
+    }
+
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        let earlier = self.port.abraded_before();
+        // Where nothing was, nothing is written down: a replay then hears of nothing.
+        if !earlier.as_ref().is_ok_and(Vec::is_empty) {
+            self.noted(Topic::Store, || json!(super::ABRADED_BEFORE), &earlier);
+        }
+        earlier
+    }
+
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
+        self.port.permit(waypoints)
+    }
+
+    // Who asked and what the clock says is no part of what a cycle decides; permits follow from what it heard.
+
+    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
+        self.port.asked(asked)
+    }
+
+    fn clock(&mut self, clock: Clock) -> Result<(), RecordError> {
+        self.port.clock(clock)
+    }
+
     fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
         let kept = self.port.close_intent(motion, outcome, done);
         self.noted(Topic::Store, || super::said_closed(motion, outcome, done), &kept);
@@ -293,7 +336,7 @@ impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
         self.taping.listens();
         let mut ask = self.port.next(state);
         let heard = match &mut ask {
-            Ask::Nothing | Ask::GiveUp(_) => return ask,
+            Ask::Nothing | Ask::Refused(..) | Ask::GiveUp(_) => return ask,
             Ask::For(request) => json!({ "for": request }),
             // What the table refuses is a request like any other; what it takes begins a recording of its own.
             Ask::Begin(order) => {
@@ -305,6 +348,10 @@ impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
         };
         self.put(Topic::Request, || (Value::Null, heard));
         ask
+    }
+
+    fn who(&self) -> Who {
+        self.port.who()
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {

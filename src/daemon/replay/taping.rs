@@ -39,7 +39,7 @@ pub struct Taping(Arc<Mutex<Inside>>);
 
 #[derive(Debug)]
 struct Inside {
-    folder: PathBuf,
+    store: PathBuf,
     lock_step: bool,
     /// What the order that is being taken asks for, how the table is asked, and where that was.
     wanted: Option<(ToRecord, Request, State)>,
@@ -59,11 +59,16 @@ pub fn recordings(store: &Path) -> PathBuf {
     store.join("recordings")
 }
 
+/// The recording of a cycle that was given no file of its own.
+pub fn recording_file(store: &Path, cycle: CycleId) -> PathBuf {
+    recordings(store).join(format!("cycle-{:06}.mcap", cycle.0))
+}
+
 impl Taping {
     /// Nothing is recorded yet; recordings without a name of their own go where this store has them.
     pub fn new(store: &Path, lock_step: bool) -> Self {
         Taping(Arc::new(Mutex::new(Inside {
-            folder: recordings(store),
+            store: store.to_owned(),
             lock_step,
             wanted: None,
             recorder: None,
@@ -127,7 +132,7 @@ impl Taping {
         let mut inside = self.lock();
         inside.last = None;
         let Some((to, request, state)) = inside.wanted.take() else { return };
-        let file = to.file.clone().unwrap_or_else(|| inside.folder.join(format!("cycle-{:06}.mcap", cycle.0)));
+        let file = to.file.clone().unwrap_or_else(|| recording_file(&inside.store, cycle));
         let made = file.clone();
         let open = move || {
             made.parent().map_or(Ok(()), fs::create_dir_all)?;

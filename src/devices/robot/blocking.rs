@@ -41,6 +41,22 @@ impl BlockingLink {
         self.runtime.block_on(self.link.send_path(points))
     }
 
+    /// As [`RobotLink::send_path_within`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        self.runtime.block_on(self.link.send_path_within(points, permitted))
+    }
+
+    /// As [`RobotLink::permit`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.runtime.block_on(self.link.permit(last))
+    }
+
     /// As [`RobotLink::open_epoch`].
     ///
     /// # Errors

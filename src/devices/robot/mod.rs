@@ -153,6 +153,22 @@ impl RobotLink {
         self.ask(|reply| Order::QueuePath(points, reply)).await
     }
 
+    /// The same, of which only so many points are sent before more are permitted.
+    ///
+    /// # Errors
+    /// As [`RobotLink::send_path`].
+    pub async fn send_path_within(&self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        self.ask(|reply| Order::QueuePathWithin(points, permitted, reply)).await
+    }
+
+    /// Lets commands up to this one be sent; all of them where it is `None`.
+    ///
+    /// # Errors
+    /// Where no epoch is open.
+    pub async fn permit(&self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.ask(|reply| Order::Permit(last, reply)).await
+    }
+
     /// Asks for a new epoch; [`Report::EpochOpened`] follows. Nothing moves.
     ///
     /// # Errors

@@ -9,6 +9,9 @@ type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
 pub(super) enum Order {
     Queue(Command, Reply<CommandId>),
     QueuePath(Vec<MoveLin>, Reply<CommandId>),
+    /// A path of which only so many points are sent before more are permitted.
+    QueuePathWithin(Vec<MoveLin>, u32, Reply<CommandId>),
+    Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
     /// Let virtual time pass, where nothing was told since this count of reports.

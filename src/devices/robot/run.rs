@@ -236,6 +236,10 @@ impl Link {
         match order {
             Order::Queue(command, reply) => drop(reply.send(self.session.queue(command))),
             Order::QueuePath(points, reply) => drop(reply.send(self.session.queue_path(&points))),
+            Order::QueuePathWithin(points, permitted, reply) => {
+                drop(reply.send(self.session.queue_path_within(&points, permitted)));
+            }
+            Order::Permit(last, reply) => drop(reply.send(self.session.permit(last))),
             Order::OpenEpoch(above, reply) => drop(reply.send(self.session.open_epoch_above(above))),
             Order::Abort(reply) => drop(reply.send(self.session.abort())),
             // With an answer under way, or a report that the asker has not seen, no more time may pass.

@@ -83,6 +83,8 @@ pub(super) struct Flow {
     touches: bool,
     /// The last point of the path that was told to be late.
     late: Option<CommandId>,
+    /// The last command that may be sent; those behind it wait.
+    permitted: Option<CommandId>,
 }
 
 /// A point that is not executed although it should long have been.
@@ -117,6 +119,7 @@ impl Flow {
             progressed_at: Time::default(),
             touches: false,
             late: None,
+            permitted: None,
         }
     }
 
@@ -223,6 +226,11 @@ impl Flow {
         Ok(last)
     }
 
+    /// Nothing behind this command is sent until a later one is permitted; `None` lifts it.
+    pub(super) fn permit(&mut self, last: Option<CommandId>) {
+        self.permitted = last;
+    }
+
     /// The first of so many new ids.
     fn next_ids(&self, count: u32) -> Result<CommandId, QueueError> {
         match self.next_id.0.checked_add(count) {
@@ -246,6 +254,9 @@ impl Flow {
     }
 
     fn may_go(&self, next: &Order, limits: &LinkLimits) -> bool {
+        if self.permitted.is_some_and(|last| next.id > last) {
+            return false;
+        }
         let has_place = self.credit.is_none_or(|credit| u64::from(next.id.0) <= credit)
             && self.unreceived_bytes + next.bytes.len() <= MAX_UNRECEIVED_BYTES;
         let commands = self.in_flight.len();

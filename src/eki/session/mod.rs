@@ -301,6 +301,28 @@ impl Session {
         flow.queue_path(points, wire, limits)
     }
 
+    /// The same, of which only so many points are sent until [`Session::permit`] lets more go: who keeps a record of
+    /// what the robot may have executed does so before.
+    ///
+    /// # Errors
+    /// As [`Session::queue_path`].
+    pub fn queue_path_within(&mut self, points: &[MoveLin], permitted: u32) -> Result<CommandId, QueueError> {
+        let (flow, wire, limits) = self.flow()?;
+        let last = flow.queue_path(points, wire, limits)?;
+        let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
+        flow.permit(Some(CommandId((last.0 + 1).saturating_sub(count).saturating_add(permitted) - 1)));
+        Ok(last)
+    }
+
+    /// Lets commands up to this one be sent; all of them where it is `None`.
+    ///
+    /// # Errors
+    /// Where no epoch is open.
+    pub fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        self.flow()?.0.permit(last);
+        Ok(())
+    }
+
     /// Asks the controller to begin a new epoch, with neither base nor tool. [`Report::EpochOpened`] follows.
     ///
     /// # Errors

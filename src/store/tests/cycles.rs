@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::cycle::{Event, Motion, Outcome, Path as MotionPath, Request};
-use crate::record::{Budget, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Number, Picture};
+use crate::record::{Budget, CycleId, Finding, KeptFile, Kind, Limit, MotionRecord, Number, Picture, Wanted};
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::collections::BTreeMap;
 
@@ -15,6 +15,7 @@ pub fn start() -> CycleStart {
             ("cell".to_owned(), "[limits]\n".to_owned()),
             ("scanner".to_owned(), "fx_px = 1\n".to_owned()),
         ],
+        recording: None,
     }
 }
 
@@ -62,10 +63,11 @@ fn a_cycle_comes_back_whole_and_to_the_bit() {
         (id, "wing", env!("CARGO_PKG_VERSION"))
     );
     assert_eq!(record.findings, [finding(&picture), Finding { kind: Kind::Abrade, pass: 1, ..finding(&picture) }]);
-    assert_eq!(record.motions, [MotionRecord { motion, outcome: Some(Outcome::Held), done: 17 }]);
+    assert_eq!(record.motions, [MotionRecord { motion, outcome: Some(Outcome::Held), done: 17, contact: None }]);
     assert_eq!((record.budget, record.events), (Some(budget), 1));
-    let asked: Vec<Request> = record.asked.iter().map(|asked| asked.request).collect();
-    assert_eq!(asked, [Request::Hold], "what was asked in this cycle, not before or after it");
+    let asked: Vec<_> = record.asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect();
+    let hold = Wanted::For(Request::Hold);
+    assert_eq!(asked, [(hold, None)], "in this cycle, not before or after it; its answer was not kept");
     let judgement = record.judgement.expect("over");
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Fail, "passes"));
     assert!(record.started_unix_s > 1_700_000_000 && record.ended_unix_s >= Some(record.started_unix_s));

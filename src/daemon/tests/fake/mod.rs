@@ -17,7 +17,7 @@ use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, KukaPose};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
-use crate::record::{Budget, Kind};
+use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
 use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth};
 use crate::store::CycleStart;
 use crate::tape::{Entries, check};
@@ -35,6 +35,16 @@ struct World {
     next_id: u32,
     done: u32,
     queue: VecDeque<(u32, Command)>,
+    /// The last command that may be executed.
+    let_go: Option<u32>,
+    /// Waypoints of the contact path that the record permits, those executed, and those that it had not permitted.
+    permitted: u32,
+    in_contact: u32,
+    /// The link is lost once the arm is well in contact.
+    loses_link: bool,
+    /// Nobody answers until the next state is heard.
+    is_lost: bool,
+    beyond: u32,
     /// Commands executed in 100 ms.
     pace: usize,
     base: Option<KukaPose>,
@@ -94,6 +104,8 @@ pub struct Cell {
     pub more_cell: &'static str,
     /// What the disc has worn before, mm².
     pub worn_mm2: f64,
+    /// What earlier cycles did to the panel.
+    pub earlier: Vec<EarlierPass>,
     /// Where the service's orders are to be recorded.
     pub record: Option<PathBuf>,
     /// Time passes by itself, and not only while the robot is listened to.
@@ -116,6 +128,11 @@ pub struct Story {
     pub feeds: Vec<(f64, f64)>,
     pub worn_mm2: f64,
     pub wears: Vec<(f64, bool)>,
+    pub contacts: Vec<(ContactPath, Vec<u32>)>,
+    /// Waypoints that were executed before the record permitted them.
+    pub beyond: u32,
+    pub asked: Vec<Asked>,
+    pub clocks: Vec<Clock>,
     pub moved_without_intent: usize,
 }
 
@@ -158,6 +175,12 @@ impl Cell {
             next_id: 1,
             done: 0,
             queue: VecDeque::new(),
+            let_go: None,
+            permitted: 0,
+            in_contact: 0,
+            loses_link: false,
+            is_lost: false,
+            beyond: 0,
             pace: 1_000,
             base: None,
             tool: None,
@@ -186,6 +209,7 @@ impl Cell {
             more_recipe: "",
             more_cell: "",
             worn_mm2: 0.0,
+            earlier: Vec::new(),
             record: None,
             by_the_wall: false,
         }
@@ -203,6 +227,11 @@ impl Cell {
 
     pub fn whose_panel_turns_when_wet(self, degrees: f64) -> Self {
         self.world.borrow_mut().turns_when_wet_deg = degrees;
+        self
+    }
+
+    pub fn whose_link_is_lost_in_contact(self) -> Self {
+        self.world.borrow_mut().loses_link = true;
         self
     }
 
@@ -258,6 +287,7 @@ impl Cell {
             is_full: self.is_full,
             fills_at: self.fills_at,
             worn_mm2: self.worn_mm2,
+            earlier: self.earlier.clone(),
             ..Memory::default_of(&self.world)
         };
         let taping = Taping::new("store".as_ref(), !self.by_the_wall);
@@ -309,6 +339,7 @@ impl Cell {
             taught_version: String::new(),
             recipe_text: String::new(),
             file_texts: Vec::new(),
+            recording: None,
         };
         let request = Request::Start { max_passes: 2, max_moves: 3 };
         let record = self.record.clone().map(|file| ToRecord { file: Some(file), files: vec![], calibrations });
@@ -321,7 +352,8 @@ impl Cell {
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: false };
         let mut eyes = FakeEyes::new(self.world.clone());
         let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
-        let mut record = Memory { fails_at, worn_mm2, ..Memory::default_of(&self.world) };
+        let earlier = self.earlier.clone();
+        let mut record = Memory { fails_at, worn_mm2, earlier, ..Memory::default_of(&self.world) };
         let ports = Ports { robot: &mut robot, eyes: &mut eyes, record: &mut record, requests: &mut asks };
         let outcome = run_cycle(&job, ports, [])?;
         let world = self.world.borrow();
@@ -339,6 +371,10 @@ impl Cell {
             feeds: world.feeds_m_s.iter().copied().zip(world.blends_mm.iter().copied()).collect(),
             worn_mm2: record.worn_mm2,
             wears: record.wears,
+            contacts: record.contacts,
+            beyond: world.beyond,
+            asked: record.asked,
+            clocks: record.clocks,
             moved_without_intent: world.moved_without_intent,
         })
     }

@@ -5,7 +5,7 @@ use super::Shared;
 use crate::cycle::{Event, Motion, Outcome};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Budget, CycleId};
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
 use crate::store::CycleStart;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
@@ -27,6 +27,11 @@ pub struct Memory {
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
+    /// Each contact path and how many waypoints were permitted of it, one after the other.
+    pub contacts: Vec<(ContactPath, Vec<u32>)>,
+    pub earlier: Vec<EarlierPass>,
+    pub asked: Vec<Asked>,
+    pub clocks: Vec<Clock>,
 }
 
 impl Memory {
@@ -46,6 +51,10 @@ impl Memory {
             budget: Budget::default(),
             intents: Vec::new(),
             events: Vec::new(),
+            contacts: Vec::new(),
+            earlier: Vec::new(),
+            asked: Vec::new(),
+            clocks: Vec::new(),
         }
     }
 
@@ -99,6 +108,35 @@ impl Journal for Memory {
         world.intent = Some(*motion);
         drop(world);
         self.intents.push((*motion, None));
+        self.written()
+    }
+
+    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
+        self.contacts.push((path.clone(), vec![permitted]));
+        {
+            let mut world = self.world.borrow_mut();
+            (world.permitted, world.in_contact) = (permitted, 0);
+        }
+        self.open_intent(motion)
+    }
+
+    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
+        self.contacts.last_mut().expect("a contact path").1.push(waypoints);
+        self.world.borrow_mut().permitted = waypoints;
+        self.written()
+    }
+
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        Ok(self.earlier.clone())
+    }
+
+    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
+        self.asked.push(asked.clone());
+        self.written()
+    }
+
+    fn clock(&mut self, clock: Clock) -> Result<(), RecordError> {
+        self.clocks.push(clock);
         self.written()
     }
 

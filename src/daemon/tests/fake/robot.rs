@@ -2,6 +2,7 @@
 
 use super::super::super::*;
 use super::{Shared, World};
+use crate::cycle::Path;
 use crate::eki::{self, Command, CommandId, Epoch, Mode, MoveLin, QueueError, Report, Time};
 use crate::geometry::{KukaPose, Panel};
 
@@ -39,6 +40,10 @@ impl World {
                 self.base_from_flange = base_from_tool * tool.flange_from_tool.to_rigid::<Flange, Tool>().inverse();
                 self.joints = self.arm.nearest(&self.base_from_flange, &self.joints).expect("within reach");
                 self.lines += 1;
+                if self.intent.is_some_and(|motion| motion.path == Path::Contact) {
+                    self.in_contact += 1;
+                    self.beyond += u32::from(self.in_contact > self.permitted);
+                }
                 self.feeds_m_s.extend(speed_m_s);
                 self.blends_mm.extend(speed_m_s.map(|_| blend_mm));
                 if self.outputs.get(&5) == Some(&true) {
@@ -88,6 +93,7 @@ impl World {
         (self.open, self.done, self.next_id) = (false, 0, 1);
         (self.base, self.tool) = (None, None);
         self.queue.clear();
+        self.let_go = None;
         self.outputs.insert(5, false);
         self.epoch += 1;
         done
@@ -109,6 +115,22 @@ impl Robot for FakeRobot {
         points.into_iter().try_fold(CommandId(0), |_, point| world.queue(Command::MoveLin(point)))
     }
 
+    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
+        let count = points.len() as u32;
+        let last = self.send_path(points)?;
+        self.permit(Some(CommandId(last.0 - count + permitted)))?;
+        Ok(last)
+    }
+
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        let mut world = self.world.borrow_mut();
+        if !world.open {
+            return Err(QueueError::NoEpoch);
+        }
+        world.let_go = last.map(|last| last.0);
+        Ok(())
+    }
+
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
         let mut world = self.world.borrow_mut();
         world.end_epoch();
@@ -121,6 +143,9 @@ impl Robot for FakeRobot {
 
     fn abort(&mut self) -> Result<(), QueueError> {
         let mut world = self.world.borrow_mut();
+        if world.is_lost {
+            return Err(QueueError::NotConnected);
+        }
         let done = CommandId(world.end_epoch());
         // The end of an epoch shuts the water.
         if world.outputs.insert(2, false) == Some(true) {
@@ -137,18 +162,27 @@ impl Robot for FakeRobot {
         }
         let mut world = self.world.borrow_mut();
         if let Some(report) = world.reports.pop_front() {
+            world.is_lost &= !matches!(report, Report::State(_));
             return Some(report);
         }
         world.time_ms += 100;
         let before = world.done;
         for _ in 0..world.pace {
-            let Some((id, command)) = world.queue.pop_front() else { break };
+            let let_go = world.let_go;
+            let is_free = |(id, _): &mut (u32, Command)| let_go.is_none_or(|last| *id <= last);
+            let Some((id, command)) = world.queue.pop_front_if(is_free) else { break };
             world.execute(command);
             world.done = id;
         }
         if world.done > before {
             let done = CommandId(world.done);
             world.reports.push_back(Report::Progress { done });
+        }
+        if world.loses_link && world.in_contact > 12 {
+            (world.loses_link, world.is_lost) = (false, true);
+            world.end_epoch();
+            let why = eki::LinkLoss::Closed { channel: eki::Channel::State };
+            world.reports.push_back(Report::LinkLost { why });
         }
         let state = Report::State(Box::new(world.state()));
         world.reports.push_back(state);

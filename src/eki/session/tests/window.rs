@@ -58,6 +58,24 @@ fn the_rings_free_places_are_kept() {
     assert_eq!((cell.controller.most_in_ring, cell.controller.done), (8, 103));
 }
 
+/// Of a path only what was permitted is sent, whatever room the window has; once more is, the rest follows, and what
+/// comes behind the path is not kept back.
+#[test]
+fn what_is_not_permitted_waits() {
+    let mut cell = Cell::ready();
+    let last = cell.session.queue_path_within(&path(40, 1.0), 16).expect("a good path");
+    assert_eq!(last, CommandId(43));
+    cell.pass(3_000);
+    assert_eq!(cell.controller.done, 3 + 16);
+    cell.session.permit(Some(CommandId(30))).expect("open");
+    cell.pass(3_000);
+    assert_eq!(cell.controller.done, 30);
+    cell.session.permit(None).expect("open");
+    let after = cell.session.queue(speed(0.1)).expect("a good command");
+    cell.pass(3_000);
+    assert_eq!((cell.controller.done, after), (44, CommandId(44)));
+}
+
 /// Without an acknowledgement no more than 8 KiB are under way. In lock step an answered heartbeat is one for the
 /// commands that it names: then the window fills to its 50.
 #[test]

@@ -1,0 +1,41 @@
+//! `panelprep page N`: makes a cycle's page again, from the store alone.
+
+use super::args::{Common, PageOf};
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use super::report::{self, Kept};
+use crate::record::CycleId;
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::json;
+
+/// Makes the page, and tells what the store no longer has of it.
+///
+/// # Errors
+/// Where there is no such cycle, it does not read back, or the disk refuses.
+pub fn run(args: &PageOf, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let kept = Kept::read(&files.store()?, CycleId(args.cycle))?;
+    let page = args.out.clone().unwrap_or_else(|| report::page_file(files.store_folder(), CycleId(args.cycle)));
+    kept.write(files.cell.keep(), &page, report::recorded(files.store_folder(), &kept.record).as_ref())?;
+    let found: Vec<Reason> = kept.missing().map(|words| Reason::new("picture_missing", words)).collect();
+    let ok = found.is_empty();
+    let verdict = if ok { Verdict::Pass } else { Verdict::Fail };
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons: found.clone() });
+    // The verdict of this command is not the cycle's.
+    outcome.words[0] = match ok {
+        true => "the page is whole".to_owned(),
+        false => "the page was made, but the store no longer has all of it:".to_owned(),
+    };
+    outcome.put("ok", json!(ok));
+    outcome.put("found", json!(found));
+    outcome.put("cycle_id", json!(args.cycle));
+    outcome.put("cycle_verdict", json!(kept.record.judgement.as_ref().map(|judgement| judgement.verdict)));
+    outcome.put("report", json!(page));
+    outcome.say(match &kept.record.judgement {
+        Some(judgement) => format!("the cycle's verdict: {}", judgement.verdict.word()),
+        None => "the cycle is not over: this page is not its result".to_owned(),
+    });
+    outcome.say(format!("page: {}", page.display()));
+    Ok(outcome)
+}

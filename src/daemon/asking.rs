@@ -1,0 +1,86 @@
+//! What was asked, on the record: by whom, and what came of it.
+
+use super::run::Running;
+use super::{DaemonError, words};
+use crate::cycle::{Event, Refusal, Request};
+use crate::record::{Answer, Asked, Clock, Front, Wanted, Who};
+use crate::verdict::Reason;
+
+/// Whom a request is from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Asker {
+    /// Who asked last.
+    Last,
+    /// Nobody asked now.
+    Program,
+}
+
+impl Running<'_> {
+    /// After an event's effects: what was asked by it, and whether it was refused. A reset that fails on its way is a
+    /// line of its own, since it was taken before.
+    pub(super) fn keep_request(
+        &mut self,
+        event: Event,
+        refused: Option<(Request, Refusal)>,
+    ) -> Result<(), DaemonError> {
+        let answer = |refusal: Refusal| match refusal {
+            Refusal::NotNow | Refusal::Review => Answer::Refused,
+            Refusal::Robot(_) | Refusal::Failed(_) => Answer::Failed,
+        };
+        let why = |request, refusal| (answer(refusal), vec![words::refusal(request, refusal, &self.state)]);
+        match (event, refused) {
+            (Event::Asked(request), None) => {
+                self.keep_asked(Wanted::For(request), Asker::Last, (Answer::Done, vec![]))
+            }
+            (Event::Asked(request), Some((_, refusal))) => {
+                let came = why(request, refusal);
+                self.keep_asked(Wanted::For(request), Asker::Last, came)
+            }
+            (Event::Told(_), Some((request, refusal))) => {
+                let came = why(request, refusal);
+                self.keep_asked(Wanted::For(request), Asker::Program, came)
+            }
+            (Event::Told(_), None) => Ok(()),
+        }
+    }
+
+    /// Keeps one request with its answer.
+    pub(super) fn keep_asked(
+        &mut self,
+        wanted: Wanted,
+        asker: Asker,
+        (answer, reasons): (Answer, Vec<Reason>),
+    ) -> Result<(), DaemonError> {
+        let who = match asker {
+            Asker::Last => self.ports.requests.who(),
+            Asker::Program => Who::by(Front::Program),
+        };
+        let asked = Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
+        Ok(self.ports.record.asked(&asked)?)
+    }
+
+    /// Keeps that a new disc was mounted, where the cell rests.
+    pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
+        if self.state.at.rests() {
+            self.ports.record.mount_disc()?;
+            self.ports.requests.disc_mounted();
+            return self.keep_asked(Wanted::NewDisc, Asker::Last, (Answer::Done, vec![]));
+        }
+        let message = "a disc is changed where the cell rests, held, idle or stopped";
+        let reasons = vec![Reason::new("not_now", message)];
+        self.ports.requests.unable(reasons.clone());
+        self.keep_asked(Wanted::NewDisc, Asker::Last, (Answer::Refused, reasons))
+    }
+
+    /// Keeps what the clock says: where a cycle begins, and where it is concluded.
+    pub(super) fn keep_clock(&mut self) -> Result<(), DaemonError> {
+        let clock = match self.ports.robot.is_lock_step() {
+            true => {
+                let since = self.ports.robot.now().since_start();
+                Clock::Simulated { at_ms: u64::try_from(since.as_millis()).unwrap_or(u64::MAX) }
+            }
+            false => Clock::Wall,
+        };
+        Ok(self.ports.record.clock(clock)?)
+    }
+}

@@ -1,0 +1,144 @@
+//! Contact on the record: what a path will touch and wear is kept before it begins, how far it may go before it goes
+//! there, and what it did once the robot told its end.
+//!
+//! Waypoints are permitted some seconds of motion ahead of what the robot told, well beyond what may be under way, so
+//! that after a crash at any moment the record bounds what was executed.
+
+use super::DaemonError;
+use super::moves::Sent;
+use super::run::Running;
+use crate::cycle::{Motion, Outcome, Path};
+use crate::eki::CommandId;
+use crate::record::ContactPath;
+
+/// Motion that is permitted ahead, in windows of the link: more is permitted below the first, up to the second.
+const LEAST_WINDOWS: f64 = 2.0;
+const MOST_WINDOWS: f64 = 4.0;
+/// Waypoints that are permitted ahead at least, whatever they last.
+const LEAST_AHEAD: u32 = 16;
+
+/// The contact path under way, as far as the record is concerned.
+#[derive(Debug, Default)]
+pub(super) struct Underway {
+    /// Counted as worn of the disc already, mm².
+    reserved_mm2: f64,
+    /// When each waypoint is reached at the planned feed, s; the first of them is the air point where it begins.
+    reached_s: Vec<f64>,
+    window_s: f64,
+    /// So many waypoints may be sent.
+    pub permitted: u32,
+}
+
+impl Underway {
+    fn new(reached_s: Vec<f64>, window_s: f64) -> Self {
+        let mut underway = Underway { reached_s, window_s, ..Underway::default() };
+        underway.permitted = underway.wanted(0).unwrap_or(0);
+        underway
+    }
+
+    fn all(&self) -> u32 {
+        u32::try_from(self.reached_s.len().saturating_sub(1)).unwrap_or(u32::MAX)
+    }
+
+    fn at_s(&self, waypoint: u32) -> f64 {
+        self.reached_s.get(waypoint as usize).or(self.reached_s.last()).copied().unwrap_or(0.0)
+    }
+
+    /// How many may be sent once so many are executed, where that is more than now.
+    fn wanted(&self, done: u32) -> Option<u32> {
+        let (all, now_s) = (self.all(), self.at_s(done));
+        let ahead_s = self.at_s(self.permitted) - now_s;
+        if self.permitted >= all
+            || (ahead_s >= LEAST_WINDOWS * self.window_s && self.permitted >= done.saturating_add(LEAST_AHEAD / 2))
+        {
+            return None;
+        }
+        let until_s = now_s + MOST_WINDOWS * self.window_s;
+        let by_time = u32::try_from(self.reached_s.partition_point(|at_s| *at_s < until_s)).unwrap_or(u32::MAX);
+        let wanted = by_time.max(done.saturating_add(LEAST_AHEAD)).min(all);
+        (wanted > self.permitted).then_some(wanted)
+    }
+}
+
+impl Running<'_> {
+    /// Commits that a motion may begin. Before contact the whole path is counted as worn of the disc: what is cut short
+    /// by a crash must not be forgotten.
+    pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
+        if motion.path != Path::Contact {
+            return Ok(self.ports.record.open_intent(motion)?);
+        }
+        let planned = self.job().and_then(|job| self.abrasion.contact(&job, motion.plan));
+        // Of a plan that is not known nothing is sent.
+        let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
+        self.underway = Underway::new(reached_s, self.site.limits.window_s());
+        self.underway.reserved_mm2 = wears_mm2;
+        self.ports.record.wear_disc(wears_mm2)?;
+        let id = self.state.intent.map(|intent| intent.id).unwrap_or(self.state.last_id);
+        let path = ContactPath { id, pass: self.state.job.pass, grids, wears_mm2 };
+        self.ports.record.open_contact(motion, &path, self.underway.permitted)?;
+        Ok(())
+    }
+
+    /// Lets more waypoints go, once the record has that they may.
+    pub(super) fn permit_more(&mut self, sent: Sent, done: u32) -> Result<(), DaemonError> {
+        let is_contact = sent.path() == Path::Contact;
+        let Some(wanted) = self.underway.wanted(done).filter(|_| is_contact) else { return Ok(()) };
+        self.ports.record.permit(wanted)?;
+        self.underway.permitted = wanted;
+        let last = (wanted < self.underway.all()).then(|| CommandId(sent.first().0 + wanted - 1));
+        if let Err(error) = self.ports.robot.permit(last) {
+            // The epoch has just ended, which is told by itself.
+            tracing::debug!("no more waypoints are let go: {error}");
+        }
+        Ok(())
+    }
+
+    /// Commits how a motion ended. Where the robot did not tell it, all that was counted beforehand stands.
+    pub(super) fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), DaemonError> {
+        let underway = std::mem::take(&mut self.underway);
+        if motion.path == Path::Contact && outcome != Outcome::Cleared {
+            self.abraded(motion, done, underway.reserved_mm2)?;
+        }
+        Ok(self.ports.record.close_intent(motion, outcome, done)?)
+    }
+
+    /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
+    fn abraded(&mut self, motion: &Motion, done: u32, reserved_mm2: f64) -> Result<(), DaemonError> {
+        let (mut abrasion, trace) = (std::mem::take(&mut self.abrasion), std::mem::take(&mut self.trace));
+        let found =
+            self.job().map(|job| abrasion.executed(&job, (self.state.job.pass, &trace), (motion.waypoints, done)));
+        self.abrasion = abrasion;
+        let Some((notes, worn_mm2)) = found else { return Ok(()) };
+        self.keep(notes)?;
+        // In place of what was counted beforehand.
+        Ok(self.ports.record.wear_disc(worn_mm2 - reserved_mm2)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: a waypoint each 0.2 s and a window of 1 s, so 20 of them in four windows; more from 10 ahead downwards.
+    #[test]
+    fn waypoints_are_permitted_some_windows_ahead() {
+        let mut underway = Underway::new((0..=100).map(|n| 0.2 * f64::from(n)).collect(), 1.0);
+        assert_eq!(underway.permitted, 20);
+        assert_eq!(underway.wanted(9), None);
+        assert_eq!(underway.wanted(11), Some(31));
+        underway.permitted = 31;
+        assert_eq!(underway.wanted(95), Some(100));
+        underway.permitted = 100;
+        assert_eq!(underway.wanted(99), None);
+    }
+
+    /// Long ways between waypoints: they are counted, or the arm would wait for them.
+    #[test]
+    fn some_are_permitted_whatever_they_last() {
+        let underway = Underway::new((0..=100).map(|n| 5.0 * f64::from(n)).collect(), 1.0);
+        assert_eq!(underway.permitted, 16);
+        assert_eq!((underway.wanted(7), underway.wanted(9)), (None, Some(25)));
+        assert_eq!(Underway::new(Vec::new(), 1.0).permitted, 0, "nothing is known of the plan");
+        assert_eq!(Underway::new(vec![0.0, 1.0, 2.0], 1.0).permitted, 2);
+    }
+}

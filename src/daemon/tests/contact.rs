@@ -1,0 +1,110 @@
+//! Contact on the record: what is permitted, what a lost link leaves, what counts of earlier cycles, who asked what.
+
+use super::fake::{Asks, Cell as Fake};
+use super::*;
+use crate::cycle::{Refusal, Robot as Condition, State};
+use crate::record::{Answer, Asked, CycleId, EarlierPass, Wanted};
+
+fn contact(state: &State) -> bool {
+    matches!(state.intent, Some(intent) if intent.motion.path == Path::Contact && intent.done > 2)
+}
+
+/// The robot executes no waypoint in contact before the record has that it may, and those are permitted in blocks.
+#[test]
+fn no_waypoint_in_contact_comes_before_its_permission() {
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle());
+    assert_eq!((story.outcome.verdict, story.beyond), (Some(Verdict::Pass), 0), "{story}");
+    let (path, permitted) = &story.contacts[0];
+    let all = story.motions(Path::Contact)[0].0.waypoints;
+    assert!(
+        permitted.len() > 1 && permitted.is_sorted() && permitted.last() == Some(&all),
+        "{permitted:?} of {all}"
+    );
+    assert!(permitted[0] < all, "the first block is not the whole path: {permitted:?} of {all}");
+    // Every grid that was planned is reached, and by a waypoint of the path.
+    let planned = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned").names("grids");
+    let reached: Vec<&String> = path.grids.iter().map(|reached| &reached.grid).collect();
+    assert!(planned.iter().all(|grid| reached.contains(&grid)) && !planned.is_empty(), "{planned:?} {reached:?}");
+    assert!(path.grids.iter().all(|reached| (1..=all).contains(&reached.first)), "{path:?}");
+    assert_eq!((path.pass, story.clocks.len()), (1, 2));
+}
+
+/// Nobody tells how far the path came: no abrasion is booked, and the disc stays worn by the whole path, also once a
+/// person has cleared it.
+#[test]
+fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
+    let fake = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
+    let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
+    let story = fake.run(Asks::one_cycle().with(aborted, Request::Clear));
+    assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");
+    assert_eq!(
+        story.motions(Path::Contact).iter().map(|it| it.1).collect::<Vec<_>>(),
+        [Outcome::Cleared],
+        "{story}"
+    );
+    assert!(story.stages().iter().all(|kind| *kind != Kind::Abrade), "what nobody knows is not found: {story}");
+    let whole_mm2 = story.contacts[0].0.wears_mm2;
+    assert!(whole_mm2 > 1_000.0 && story.worn_mm2 == whole_mm2, "{} of {whole_mm2}", story.worn_mm2);
+}
+
+/// An abort in contact, whose end the robot tells: what was done of it is booked.
+#[test]
+fn an_abort_in_contact_is_booked_with_its_motion() {
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(contact, Request::Abort));
+    let (motion, outcome, done) = story.motions(Path::Contact)[0];
+    assert!(outcome == Outcome::Aborted && done > 2 && done < motion.waypoints, "{story}");
+    let found = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("its end was told");
+    assert_eq!(found.number(name::EXECUTED), Some(f64::from(done)));
+}
+
+fn earlier(times: u8, is_sure: bool) -> Vec<EarlierPass> {
+    (1..=times).map(|pass| EarlierPass { cycle: CycleId(7), pass, grid: None, is_sure }).collect()
+}
+
+/// Two abrasions are allowed. What an earlier cycle may have abraded counts as what it did.
+#[test]
+fn what_may_have_been_abraded_before_counts() {
+    let mut once = Fake::new(Scene::Good);
+    once.earlier = earlier(1, false);
+    let story = once.run(Asks::one_cycle());
+    assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "one more is allowed: {story}");
+    let plan = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
+    let counted = plan.names("abraded in earlier cycles, counted");
+    assert!(counted.iter().all(|words| words.contains("perhaps abraded in cycle 7, pass 1")), "{counted:?}");
+    assert_eq!(counted.len(), plan.names("grids").len());
+
+    for is_sure in [false, true] {
+        let mut twice = Fake::new(Scene::Good);
+        twice.earlier = earlier(2, is_sure);
+        let story = twice.run(Asks::one_cycle());
+        assert_eq!(story.outcome.verdict, Some(Verdict::Reject), "{story}");
+        assert!(story.motions(Path::Contact).is_empty(), "{story}");
+        let reason = story.findings.last().expect("a finding").judgement.reasons[0].clone();
+        let words = if is_sure { " abraded in cycle 7, pass 2" } else { "perhaps abraded in cycle 7, pass 2" };
+        assert!(reason.code == "passes_used" && reason.message.contains(words), "{}", reason.message);
+    }
+}
+
+/// Each request is kept once with its answer; one that was refused is refused on the record.
+#[test]
+fn each_request_is_kept_with_its_answer() {
+    let works = |state: &State| matches!(state.at, At::Execute(_));
+    let story = Fake::new(Scene::Clean).run(Asks::one_cycle().with(works, Request::Accept));
+    assert_eq!(story.refusals, [(Request::Accept, Refusal::NotNow)]);
+    let kept: Vec<(Wanted, Option<Answer>, usize)> = story
+        .asked
+        .iter()
+        .map(|Asked { wanted, answer, reasons, .. }| (wanted.clone(), *answer, reasons.len()))
+        .collect();
+    let wanted = |request, answer, reasons| (Wanted::For(request), Some(answer), reasons);
+    let start = Request::Start { max_passes: 2, max_moves: 3 };
+    assert_eq!(
+        kept,
+        [
+            wanted(Request::Reset, Answer::Done, 0),
+            wanted(start, Answer::Done, 0),
+            wanted(Request::Accept, Answer::Refused, 1)
+        ]
+    );
+    assert!(story.asked[2].reasons[0].message.contains("accept is not possible in state execute"));
+}

@@ -1,0 +1,276 @@
+//! The page of one cycle: what every phase found and was allowed, what was used, and a line to sign.
+
+mod happened;
+
+use super::page::{Figure, Page, Row, Section};
+use crate::cell::Date;
+use crate::geometry::KukaPose;
+use crate::record::{Budget, Clock, CycleRecord, Finding, Kind, Limit, Number, name};
+use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::{apart, fixed, plain};
+use serde_json::Value;
+use std::collections::BTreeMap;
+
+/// What a person fills in by hand.
+const BLANK: &str = "……………………………………";
+const NOT_MEASURED: &str = "not measured";
+
+/// The page of a cycle; `pictures` holds its JPEGs by their hash. One that is missing is said to be.
+pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
+    let running = || Judgement {
+        verdict: Verdict::Invalid,
+        reasons: vec![Reason::new("running", "the cycle is not over: this page is not its result")],
+    };
+    let times = Times::of(record);
+    let mut sections: Vec<Section> =
+        record.findings.iter().map(|finding| section(finding, pictures, times)).collect();
+    sections.extend([happened::abraded(record), happened::motions(record), budget(record.budget)]);
+    sections.extend(happened::asked(record));
+    sections.extend([used(record), signature(record, times)]);
+    Page {
+        title: format!("Panel {}, cycle {}", record.panel, record.id),
+        subtitle: duration(record),
+        judgement: record.judgement.clone().unwrap_or_else(running),
+        sections,
+        made: String::new(),
+    }
+}
+
+/// Whose clock the times of films and motions are by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Times {
+    /// The computer's: nothing needs to be said beside a number.
+    Wall,
+    /// The simulated cell's.
+    Simulated,
+    /// It was not recorded.
+    Unknown,
+}
+
+impl Times {
+    fn of(record: &CycleRecord) -> Self {
+        match record.clocks[0] {
+            Some(Clock::Wall) => Times::Wall,
+            Some(Clock::Simulated { .. }) => Times::Simulated,
+            None => Times::Unknown,
+        }
+    }
+
+    /// What is added to a time, so that nobody takes one for the other.
+    fn beside(self, number: &Number) -> &'static str {
+        match (self, number.unit.as_str()) {
+            _ if number.name == name::AT_FEED => ", planned",
+            (Times::Simulated, "s") => " of simulated time",
+            (Times::Simulated, "ms") => " of wall time",
+            _ => "",
+        }
+    }
+}
+
+/// When the cycle was, and how long it took, by each clock.
+fn duration(record: &CycleRecord) -> String {
+    let began = utc(record.started_unix_s);
+    let reasons = record.judgement.iter().flat_map(|judgement| &judgement.reasons);
+    let is_interrupted = reasons.into_iter().any(|reason| reason.code == "interrupted");
+    let wall = match record.ended_unix_s {
+        None => format!("{began}, not over"),
+        Some(end) if is_interrupted => format!(
+            "began {began}; the program ended before the cycle did, at a time that was not recorded, and concluded the \
+             cycle when it started again, {}",
+            utc(end)
+        ),
+        Some(end) => format!("{began} to {}, {} s", utc(end), end - record.started_unix_s),
+    };
+    match record.clocks {
+        [Some(Clock::Wall), _] => format!("Wall time: {wall}."),
+        [Some(Clock::Simulated { at_ms: from }), Some(Clock::Simulated { at_ms: to })] if to >= from => {
+            let simulated_s = shown((to - from) as f64 / 1_000.0);
+            format!("Simulated cell. Simulated time: {simulated_s} s. Wall time: {wall}.")
+        }
+        [Some(Clock::Simulated { .. }), _] => {
+            format!("Simulated cell. Simulated time: not known, the program ended before. Wall time: {wall}.")
+        }
+        [None, _] => format!("Wall time: {wall}. Whether the cell was a simulated one was not recorded."),
+    }
+}
+
+fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times) -> Section {
+    let heading = match finding.kind {
+        Kind::Locate => "Where the panel stands",
+        Kind::Refine => "The corner",
+        Kind::Reach => "What the arm reaches",
+        Kind::Inspect => "The film",
+        Kind::Plan => "The sanding path",
+        Kind::Verify => "The corner, before contact",
+        Kind::Abrade => "The abrasion",
+        Kind::Gate => "The gate before a motion",
+        Kind::Robot => "The robot",
+        Kind::SelfTest => "The self-test",
+    };
+    let pass = match finding.pass {
+        0 => String::new(),
+        pass => format!(", pass {pass}"),
+    };
+    let reasons = finding.judgement.reasons.iter().map(|reason| format!("; {} ({})", reason.message, reason.code));
+    let details = finding.details.iter().map(|(name, value)| Row::new(name, words(value), ""));
+    let shots = finding.shots.iter().map(|shot| Row::new(&format!("picture {}", shot.name), &shot.hash, ""));
+    let figure = |picture: &crate::record::Picture| match pictures.get(&picture.hash) {
+        Some(jpeg) => Ok(Figure { caption: picture.caption.clone(), jpeg: jpeg.clone() }),
+        None => Err(Row::new(&picture.caption, format!("the picture {} is missing", picture.hash), "")),
+    };
+    let (mut figures, mut missing) = (Vec::new(), Vec::new());
+    for found in finding.pictures.iter().map(figure) {
+        match found {
+            Ok(figure) => figures.push(figure),
+            Err(row) => missing.push(row),
+        }
+    }
+    let numbers = finding.numbers.iter().flat_map(|number| {
+        let to_execute = Some(number).filter(|number| finding.kind == Kind::Plan && number.name == name::PLANNED);
+        let to_execute = to_execute.and_then(|number| number.value).map(|all| {
+            let words =
+                format!("{}, all but the first, in air, at which the approach ends", shown((all - 1.0).max(0.0)));
+            Row::new("of these, of the path over the panel", words, "")
+        });
+        std::iter::once(row(number, times)).chain(to_execute)
+    });
+    Section {
+        heading: format!("{heading}{pass}"),
+        text: format!("{}{}", finding.judgement.verdict.word(), reasons.collect::<String>()),
+        rows: numbers.chain(details).chain(shots).chain(missing).collect(),
+        figures,
+    }
+}
+
+/// A detail as a person reads it: a pose with its units, a list of names; else as it is kept.
+fn words(value: &Value) -> String {
+    let pose = serde_json::from_value::<KukaPose>(value.clone()).ok();
+    let names = serde_json::from_value::<Vec<String>>(value.clone()).ok();
+    match (pose, names, value) {
+        (Some(pose), ..) => pose.to_string(),
+        (_, Some(names), _) if names.is_empty() => "none".to_owned(),
+        (_, Some(names), _) => names.join(", "),
+        (.., Value::String(text)) => text.clone(),
+        _ => value.to_string(),
+    }
+}
+
+fn row(number: &Number, times: Times) -> Row {
+    let with_unit = |text: String| format!("{text} {}", number.unit).trim_end().to_owned();
+    let beside = times.beside(number);
+    let (sign, limit) = match number.limit {
+        Limit::Unlimited => ("", None),
+        Limit::AtMost(limit) => ("≤ ", Some(limit)),
+        Limit::AtLeast(limit) => ("≥ ", Some(limit)),
+        Limit::Below(limit) => ("< ", Some(limit)),
+    };
+    let (mut value, mut allowed) = (number.value.map(shown), limit.map(shown));
+    let is_beyond = number.value.is_some_and(|value| !number.limit.allows(value));
+    if let (true, Some(found), Some(limit)) = (is_beyond && value == allowed, number.value, limit) {
+        let [found, limit] = apart(found, limit, decimals(limit));
+        (value, allowed) = (Some(found), Some(limit));
+    }
+    let value = match value {
+        None => NOT_MEASURED.to_owned(),
+        Some(value) if is_beyond => format!("{}{beside}, not allowed", with_unit(value)),
+        Some(value) => format!("{}{beside}", with_unit(value)),
+    };
+    Row::new(&number.name, value, allowed.map_or(String::new(), |limit| format!("{sign}{}", with_unit(limit))))
+}
+
+/// Four significant digits, or all before the point; the store has the rest.
+fn shown(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() || value.fract() == 0.0 {
+        return plain(value);
+    }
+    let text = fixed(value, decimals(value)).to_string();
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+/// Digits after the point that make four significant ones.
+fn decimals(value: f64) -> usize {
+    if value == 0.0 || !value.is_finite() {
+        return 0;
+    }
+    (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
+}
+
+fn budget(budget: Option<Budget>) -> Section {
+    let budget = budget.unwrap_or_default();
+    let total = budget.total_mm();
+    let part = |name: &str, value: Option<f64>| {
+        Row::new(name, value.map_or(NOT_MEASURED.to_owned(), |value| format!("{} mm", shown(value))), "")
+    };
+    let mut rows = vec![
+        part("hand-eye calibration", budget.hand_eye_mm),
+        part("localization", budget.locate_mm),
+        part("surface fit", budget.fit_mm),
+        part("robot and tool", budget.robot_mm),
+        part("total", total),
+    ];
+    if total.is_none() {
+        let stated = budget.stated_mm.map_or("not stated".to_owned(), |value| {
+            format!("{} mm, stated by the cell's file, not measured", shown(value))
+        });
+        rows.push(Row::new("used instead of the total: [limits] tool_error_mm", stated, ""));
+    }
+    Section {
+        heading: "Error at the tool".to_owned(),
+        text: "At 95 %. The total is the root of the sum of squares, once every part is measured.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn used(record: &CycleRecord) -> Section {
+    let mut rows =
+        vec![Row::new("taught version", &record.taught_version, ""), Row::new("recipe", &record.recipe_hash, "")];
+    rows.extend(record.files.iter().map(|file| Row::new(&file.name, &file.hash, "")));
+    rows.push(Row::new("panelprep", &record.program_version, ""));
+    rows.push(Row::new("lines in the journal", record.events.to_string(), ""));
+    Section {
+        heading: "What was used".to_owned(),
+        text: "The files by the SHA-256 of their bytes, which the store keeps.".to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+fn signature(record: &CycleRecord, times: Times) -> Section {
+    let film = |number: &&Number| number.name == name::WATCHED;
+    let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
+    let films = inspections.map(|finding| {
+        let seconds =
+            finding.numbers.iter().find(film).map_or(NOT_MEASURED.to_owned(), |number| row(number, times).value);
+        let pass = format!("film watched after pass {}", finding.pass);
+        Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
+    });
+    let stated = |detail: &str| {
+        let value = record.findings.iter().find_map(|finding| finding.details.get(detail));
+        value.map_or(BLANK.to_owned(), |value| format!("{} (stated by the recipe)", words(value)))
+    };
+    let mut rows = vec![
+        Row::new("water: kind, conductivity, temperature", stated(name::WATER), ""),
+        Row::new("lamp: kind, brightness at the panel", stated(name::LAMP), ""),
+    ];
+    rows.extend(films);
+    rows.extend(["inspector", "date", "signature"].map(|name| Row::new(name, BLANK, "")));
+    Section {
+        heading: "Inspector".to_owned(),
+        text: "Water and lamp are not measured by the cell: the inspector fills them in, or signs what the recipe states \
+               (ASTM F22)."
+            .to_owned(),
+        rows,
+        figures: Vec::new(),
+    }
+}
+
+/// Time since 1970 as date and time, UTC.
+pub fn utc(unix_s: i64) -> String {
+    let (date, second) = (Date::of_unix_s(unix_s), unix_s.rem_euclid(86_400));
+    let (hour, minute) = (second / 3_600, second / 60 % 60);
+    format!("{date} {hour:02}:{minute:02}:{:02} UTC", second % 60)
+}
+
+#[cfg(test)]
+mod tests;

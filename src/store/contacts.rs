@@ -1,0 +1,228 @@
+//! Contact paths: what each works on, committed with its motion, and how many of its waypoints were permitted to be
+//! sent, committed before they are. What was abraded, or may have been, follows from that after any end.
+
+use super::error::StoreError;
+use super::{Store, unix_ms};
+use crate::cycle::{Event, Id, Motion, Report};
+use crate::record::{
+    Abraded, Clock, Contact, ContactPath, CycleId, EarlierPass, Finding, MotionRecord, PASSES_USED, RecordingFile,
+    abraded,
+};
+use crate::verdict::Verdict;
+use rusqlite::{OptionalExtension, params};
+use serde::Serialize;
+
+/// `cycle_facts` says of a cycle by a name what has no other place: its clock, the file that it is recorded in.
+pub(super) const TABLES: &str = "
+    CREATE TABLE contacts (
+        id INTEGER PRIMARY KEY,
+        motion_id INTEGER NOT NULL UNIQUE REFERENCES motions (id),
+        path TEXT NOT NULL
+    ) STRICT;
+    CREATE TABLE permits (
+        id INTEGER PRIMARY KEY,
+        motion_id INTEGER NOT NULL REFERENCES motions (id),
+        unix_ms INTEGER NOT NULL,
+        waypoints INTEGER NOT NULL
+    ) STRICT;
+    CREATE INDEX permits_by_motion ON permits (motion_id);
+    CREATE TABLE cycle_facts (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER NOT NULL REFERENCES cycles (id),
+        name TEXT NOT NULL,
+        fact TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX cycle_facts_by_cycle ON cycle_facts (cycle_id);
+";
+
+const CLOCK: &str = "clock";
+const RECORDING: &str = "recording";
+
+impl Store {
+    /// Commits that this contact path may begin and that so many of its waypoints may be sent: all three at once.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or a motion is open already.
+    pub fn open_contact(
+        &mut self,
+        motion: &Motion,
+        cycle: Option<CycleId>,
+        (path, permitted): (&ContactPath, u32),
+    ) -> Result<(), StoreError> {
+        self.writable()?;
+        let (motion, path, unix_ms) = (self.text(motion)?, self.text(path)?, unix_ms(self.clock()));
+        self.commit("write a motion to", |writing| {
+            let cycle = cycle.map(|id| id.0);
+            writing.execute("INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)", params![cycle, motion])?;
+            let id = writing.last_insert_rowid();
+            writing.chain("motions", id)?;
+            writing.execute("INSERT INTO contacts (motion_id, path) VALUES (?1, ?2)", params![id, path])?;
+            writing.chain("contacts", writing.last_insert_rowid())?;
+            writing.execute(PERMIT, params![id, unix_ms, permitted])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
+    }
+
+    /// Commits that so many waypoints of the open motion may be sent.
+    ///
+    /// # Errors
+    /// Where it cannot be written, or no motion is open.
+    pub fn permit(&mut self, waypoints: u32) -> Result<(), StoreError> {
+        self.writable()?;
+        let open = self
+            .connection
+            .query_row("SELECT id FROM motions WHERE outcome IS NULL", [], |row| row.get::<_, i64>(0))
+            .optional()
+            .map_err(|error| self.failed("read the motions of", &error))?;
+        let Some(open) = open else {
+            return Err(StoreError::MotionNotOpen { motion: "motion to permit waypoints of".to_owned() });
+        };
+        let unix_ms = unix_ms(self.clock());
+        self.commit("write a motion to", |writing| {
+            writing.execute(PERMIT, params![open, unix_ms, waypoints])?;
+            writing.chain("permits", writing.last_insert_rowid())
+        })
+    }
+
+    /// What is kept of the contact path of the motion in this row.
+    pub(super) fn contact_of(&self, cycle: CycleId, motion_row: i64) -> Result<Option<Contact>, StoreError> {
+        if !self.has_requests()? {
+            return Ok(None);
+        }
+        let read = || -> Result<Option<(String, u32)>, rusqlite::Error> {
+            let sql = "SELECT path, (SELECT coalesce(max(waypoints), 0) FROM permits WHERE motion_id = ?1)
+                FROM contacts WHERE motion_id = ?1";
+            self.connection.query_row(sql, [motion_row], |row| Ok((row.get(0)?, row.get(1)?))).optional()
+        };
+        let row = read().map_err(|error| self.failed("read the motions of", &error))?;
+        let Some((text, permitted)) = row else { return Ok(None) };
+        let path: ContactPath = self.parsed(&text)?;
+        let told = self.told(cycle, path.id)?;
+        Ok(Some(Contact { path, told, permitted }))
+    }
+
+    /// Waypoints of this act that the robot told as executed, by the journal.
+    fn told(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";
+            self.connection.prepare(sql)?.query_map([cycle.0], |row| row.get(0))?.collect()
+        };
+        let mut told = 0;
+        for text in read().map_err(|error| self.failed("read the journal of", &error))? {
+            if let Event::Told(Report::Progress { id, done }) = self.parsed(&text)?
+                && id == act
+            {
+                told = told.max(done);
+            }
+        }
+        Ok(told)
+    }
+
+    /// Where on the panel of this cycle the tool was in earlier cycles, or may have been, since one of this panel last
+    /// ended with pass or fail, or because nothing more was allowed: after these the part is taken out.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn abraded_before(&self, id: CycleId) -> Result<Vec<EarlierPass>, StoreError> {
+        let read = || -> Result<Vec<i64>, rusqlite::Error> {
+            let ended = format!(
+                "(verdict IN ('{}', '{}') OR reasons LIKE '%\"code\":\"{PASSES_USED}\"%')",
+                Verdict::Pass.word(),
+                Verdict::Fail.word()
+            );
+            let same = "panel = (SELECT panel FROM cycles WHERE id = ?1) AND id < ?1";
+            let sql = format!(
+                "SELECT id FROM cycles WHERE {same}
+                 AND id > (SELECT coalesce(max(id), 0) FROM cycles WHERE {same} AND {ended}) ORDER BY id"
+            );
+            self.connection.prepare(&sql)?.query_map([id.0], |row| row.get(0))?.collect()
+        };
+        let mut earlier: Vec<EarlierPass> = Vec::new();
+        for cycle in read().map_err(|error| self.failed("read the cycles of", &error))?.into_iter().map(CycleId) {
+            let (findings, motions) = (self.findings_of(cycle)?, self.motions_of(cycle)?);
+            for Abraded { grid, pass, how } in abraded(&findings, &motions) {
+                let is_known =
+                    |known: &&mut EarlierPass| (known.cycle, known.pass, &known.grid) == (cycle, pass, &grid);
+                match earlier.iter_mut().find(is_known) {
+                    Some(known) => known.is_sure |= how.is_sure(),
+                    None => earlier.push(EarlierPass { cycle, pass, grid, is_sure: how.is_sure() }),
+                }
+            }
+        }
+        Ok(earlier)
+    }
+
+    /// Keeps what a cycle's clock says: where it begins and where it is concluded.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn keep_clock(&mut self, id: CycleId, clock: Clock) -> Result<(), StoreError> {
+        self.keep_fact(id, CLOCK, &clock)
+    }
+
+    /// Keeps in which file a cycle is recorded.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn keep_recording(&mut self, id: CycleId, file: &RecordingFile) -> Result<(), StoreError> {
+        self.keep_fact(id, RECORDING, file)
+    }
+
+    fn keep_fact(&mut self, id: CycleId, name: &str, fact: &impl Serialize) -> Result<(), StoreError> {
+        self.writable()?;
+        let fact = self.text(fact)?;
+        self.commit("write a cycle to", |writing| {
+            let sql = "INSERT INTO cycle_facts (cycle_id, name, fact) VALUES (?1, ?2, ?3)";
+            writing.execute(sql, params![id.0, name, fact])?;
+            writing.chain("cycle_facts", writing.last_insert_rowid())
+        })
+    }
+
+    fn facts(&self, id: CycleId, name: &str) -> Result<Vec<String>, StoreError> {
+        if !self.has_requests()? {
+            return Ok(Vec::new());
+        }
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT fact FROM cycle_facts WHERE cycle_id = ?1 AND name = ?2 ORDER BY id";
+            self.connection.prepare(sql)?.query_map(params![id.0, name], |row| row.get(0))?.collect()
+        };
+        read().map_err(|error| self.failed("read a cycle of", &error))
+    }
+
+    /// The clock where a cycle began and where it was concluded.
+    pub(super) fn clocks(&self, id: CycleId) -> Result<[Option<Clock>; 2], StoreError> {
+        let kept = self.facts(id, CLOCK)?;
+        let clock = |text: Option<&String>| text.map(|text| self.parsed(text)).transpose();
+        Ok([clock(kept.first())?, clock(kept.get(1))?])
+    }
+
+    /// The file that a cycle is recorded in, where it is.
+    pub(super) fn recording_of(&self, id: CycleId) -> Result<Option<RecordingFile>, StoreError> {
+        self.facts(id, RECORDING)?.first().map(|text| self.parsed(text)).transpose()
+    }
+
+    pub(super) fn findings_of(&self, id: CycleId) -> Result<Vec<Finding>, StoreError> {
+        let read = || -> Result<Vec<String>, rusqlite::Error> {
+            let sql = "SELECT finding FROM findings WHERE cycle_id = ?1 ORDER BY id";
+            self.connection.prepare(sql)?.query_map([id.0], |row| row.get(0))?.collect()
+        };
+        let texts = read().map_err(|error| self.failed("read a cycle of", &error))?;
+        texts.iter().map(|text| self.parsed(text)).collect()
+    }
+
+    /// Motions of a cycle, each with its contact path.
+    pub(super) fn motions_of(&self, id: CycleId) -> Result<Vec<MotionRecord>, StoreError> {
+        let read = || -> Result<Vec<(i64, super::motions::Texts)>, rusqlite::Error> {
+            let sql = "SELECT motion, outcome, done, id FROM motions WHERE cycle_id = ?1 ORDER BY id";
+            let row = |row: &rusqlite::Row<'_>| Ok((row.get(3)?, super::motions::texts(row)?));
+            self.connection.prepare(sql)?.query_map([id.0], row)?.collect()
+        };
+        let rows = read().map_err(|error| self.failed("read the motions of", &error))?;
+        let whole = |(row, texts): &(i64, super::motions::Texts)| {
+            Ok(MotionRecord { contact: self.contact_of(id, *row)?, ..self.motion(texts)? })
+        };
+        rows.iter().map(whole).collect()
+    }
+}
+
+const PERMIT: &str = "INSERT INTO permits (motion_id, unix_ms, waypoints) VALUES (?1, ?2, ?3)";

@@ -1,0 +1,105 @@
+//! What was asked of the cell, by whom, and what came of it. A row is written once, with its answer.
+//!
+//! What the table decides about stands in the journal too, before its effects. Where the program ended between the two,
+//! the journal alone has it: who asked and what came of it was then not recorded, and the record says so.
+
+use super::error::StoreError;
+use super::{Store, unix_ms};
+use crate::cycle::Event;
+use crate::record::{Asked, CycleId, Wanted};
+use rusqlite::params;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE requests (
+        id INTEGER PRIMARY KEY,
+        cycle_id INTEGER REFERENCES cycles (id),
+        journal_sequence INTEGER UNIQUE REFERENCES journal (sequence),
+        unix_ms INTEGER NOT NULL,
+        request TEXT NOT NULL
+    ) STRICT;
+    CREATE INDEX requests_by_cycle ON requests (cycle_id);
+";
+
+impl Store {
+    /// Keeps a request with its answer; `journal` is the line that the journal has of it, where it has one. The time in
+    /// it is set here.
+    ///
+    /// # Errors
+    /// Where it cannot be written.
+    pub fn keep_request(
+        &mut self,
+        asked: &Asked,
+        cycle: Option<CycleId>,
+        journal: Option<u64>,
+    ) -> Result<(), StoreError> {
+        self.writable()?;
+        let unix_ms = unix_ms(self.clock());
+        let text = self.text(&Asked { unix_ms, ..asked.clone() })?;
+        self.commit("write a request to", |writing| {
+            writing.execute(
+                "INSERT INTO requests (cycle_id, journal_sequence, unix_ms, request) VALUES (?1, ?2, ?3, ?4)",
+                params![cycle.map(|id| id.0), journal.map(|sequence| sequence as i64), unix_ms, text],
+            )?;
+            writing.chain("requests", writing.last_insert_rowid())
+        })
+    }
+
+    /// What was asked in a cycle, in order; of lines of the journal that have no row, what they say.
+    pub(super) fn asked_in(&self, id: CycleId) -> Result<Vec<Asked>, StoreError> {
+        let mut asked = match self.has_requests()? {
+            true => self.asked_by("cycle_id = ?1", "cycle_id = ?1", id)?,
+            false => Vec::new(),
+        };
+        let without = match self.has_requests()? {
+            true => "AND sequence NOT IN (SELECT journal_sequence FROM requests WHERE journal_sequence NOT NULL)",
+            false => "",
+        };
+        let sql = format!(
+            "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{{\"asked\":%' {without}
+             ORDER BY sequence"
+        );
+        for (unix_ms, text) in self.lines(&sql, id)? {
+            if let Event::Asked(request) = self.parsed(&text)? {
+                let wanted = Wanted::For(request);
+                asked.push(Asked { unix_ms, wanted, who: None, answer: None, reasons: Vec::new() });
+            }
+        }
+        asked.sort_by_key(|asked| asked.unix_ms);
+        Ok(asked)
+    }
+
+    /// What was asked between the cycle before and this one, in order.
+    pub(super) fn asked_before(&self, id: CycleId, started_unix_s: i64) -> Result<Vec<Asked>, StoreError> {
+        if !self.has_requests()? {
+            return Ok(Vec::new());
+        }
+        let after = "id > (SELECT coalesce(max(id), 0) FROM requests WHERE cycle_id < ?1)";
+        let before = "id < (SELECT coalesce(min(id), 9223372036854775807) FROM requests WHERE cycle_id >= ?1)";
+        let mut asked = self.asked_by(&format!("cycle_id IS NULL AND {after}"), before, id)?;
+        asked.retain(|asked| asked.unix_ms.div_euclid(1_000) <= started_unix_s);
+        Ok(asked)
+    }
+
+    fn asked_by(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<Asked>, StoreError> {
+        let sql = format!("SELECT unix_ms, request FROM requests WHERE {one} AND {other} ORDER BY id");
+        self.lines(&sql, id)?.iter().map(|(_, text)| self.parsed(text)).collect()
+    }
+
+    fn lines(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
+        let read = || -> Result<Vec<_>, rusqlite::Error> {
+            let mut rows = self.connection.prepare(sql)?;
+            rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        read().map_err(|error| self.failed("read the requests of", &error))
+    }
+
+    /// A store of an earlier program that is open for reading has no such table.
+    pub(super) fn has_requests(&self) -> Result<bool, StoreError> {
+        let sql = "SELECT count(*) FROM sqlite_master WHERE type = 'table' AND name = 'requests'";
+        let count: i64 = self
+            .connection
+            .query_row(sql, [], |row| row.get(0))
+            .map_err(|error| self.failed("read the requests of", &error))?;
+        Ok(count > 0)
+    }
+}

@@ -1,0 +1,69 @@
+//! What was asked, by whom, with what came of it.
+
+use super::*;
+use crate::cycle::{Event, Request};
+use crate::record::{Answer, Asked, CycleId, Front, Wanted, Who};
+use crate::verdict::{Reason, Verdict};
+
+fn asked(wanted: Wanted, answer: Answer) -> Asked {
+    let who = Who { front: Front::Socket, uid: Some(1_000), user: Some("ada".to_owned()) };
+    let reasons = match answer {
+        Answer::Done => vec![],
+        _ => vec![Reason::new("not_now", "not in this state")],
+    };
+    Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons }
+}
+
+fn ask(store: &mut Store, request: Request, cycle: Option<CycleId>, answer: Answer) {
+    let line = store.append(&Event::Asked(request), cycle).expect("written");
+    store.keep_request(&asked(Wanted::For(request), answer), cycle, Some(line)).expect("kept");
+}
+
+fn words(asked: &[Asked]) -> Vec<(Wanted, Option<Answer>)> {
+    asked.iter().map(|asked| (asked.wanted.clone(), asked.answer)).collect()
+}
+
+/// Between two cycles a disc is mounted and a clear is refused; in the second one a request is refused and another is
+/// cut short by the end of the program before its answer is kept.
+#[test]
+fn requests_stand_where_they_were_asked_with_their_answers() {
+    let (folder, mut store) = new_store();
+    let one = store.begin_cycle(&super::cycles::start()).expect("begun");
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3 }, Some(one), Answer::Done);
+    store.conclude(one, Verdict::Pass, &[]).expect("concluded");
+    ask(&mut store, Request::Clear, None, Answer::Refused);
+    store.keep_request(&asked(Wanted::NewDisc, Answer::Done), None, None).expect("kept");
+    let two = store.begin_cycle(&super::cycles::start()).expect("begun");
+    ask(&mut store, Request::Start { max_passes: 2, max_moves: 3 }, Some(two), Answer::Done);
+    ask(&mut store, Request::Accept, Some(two), Answer::Refused);
+    store.append(&Event::Asked(Request::Hold), Some(two)).expect("written");
+    store.keep_request(&asked(Wanted::NewDisc, Answer::Refused), Some(two), None).expect("kept");
+    drop(store);
+
+    let store = Store::open(&folder.path().join("store")).expect("for reading");
+    let (first, second) = (store.cycle(one).expect("there"), store.cycle(two).expect("there"));
+    let start = Wanted::For(Request::Start { max_passes: 2, max_moves: 3 });
+    assert_eq!(words(&first.asked), [(start.clone(), Some(Answer::Done))]);
+    assert_eq!(words(&first.asked_before), []);
+    let between = [(Wanted::For(Request::Clear), Some(Answer::Refused)), (Wanted::NewDisc, Some(Answer::Done))];
+    assert_eq!(words(&second.asked_before), between);
+    let mut during = words(&second.asked);
+    assert!(during.contains(&(Wanted::For(Request::Hold), None)), "its answer is not known: {during:?}");
+    during.retain(|(wanted, _)| *wanted != Wanted::For(Request::Hold));
+    assert_eq!(
+        during,
+        [
+            (start, Some(Answer::Done)),
+            (Wanted::For(Request::Accept), Some(Answer::Refused)),
+            (Wanted::NewDisc, Some(Answer::Refused))
+        ]
+    );
+    let accept = &second.asked.iter().find(|asked| asked.wanted == Wanted::For(Request::Accept)).expect("there");
+    assert_eq!(accept.who.as_ref().and_then(|who| who.user.as_deref()), Some("ada"));
+    assert!(accept.unix_ms > 1_700_000_000_000 && accept.reasons[0].code == "not_now");
+    let mut reader = store;
+    assert!(matches!(
+        reader.keep_request(&asked(Wanted::NewDisc, Answer::Done), None, None),
+        Err(StoreError::ReadOnly { .. })
+    ));
+}

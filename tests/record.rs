@@ -1,0 +1,203 @@
+//! The record after an end that nobody planned: what it does not know it says, and no page is missing.
+
+use super::commands::json;
+use super::service::{START, Service, taught};
+use panelprep::cycle::Path as MotionPath;
+use panelprep::record::{CycleId, CycleRecord, MotionRecord};
+use panelprep::store::Store;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+const PATIENCE: Duration = Duration::from_secs(240);
+
+fn record(folder: &Path, cycle: i64) -> CycleRecord {
+    let store = Store::open(&folder.join("cell/store")).expect("the store opens");
+    store.cycle(CycleId(cycle)).expect("the cycle is there")
+}
+
+fn page_file(folder: &Path, cycle: i64) -> PathBuf {
+    folder.join(format!("cell/store/reports/cycle-{cycle:06}.html"))
+}
+
+/// A page without the line that says when it was made.
+fn page(folder: &Path, cycle: i64) -> String {
+    let text = std::fs::read_to_string(page_file(folder, cycle)).expect("its page");
+    assert!(text.ends_with("</html>\n"), "it is whole");
+    assert_eq!(text.matches("This page was made on ").count(), 1);
+    text.lines().filter(|line| !line.contains("This page was made on ")).collect::<Vec<_>>().join("\n")
+}
+
+/// The phase, asked without a process of its own: that would take longer than a contact.
+fn phase(folder: &Path) -> String {
+    let ask = || -> std::io::Result<String> {
+        let mut socket = UnixStream::connect(folder.join("cell/store/panelprep.sock"))?;
+        socket.write_all(b"{\"ask\":\"state\"}\n")?;
+        let mut line = String::new();
+        BufReader::new(socket).read_line(&mut line)?;
+        Ok(line)
+    };
+    let state: serde_json::Value = serde_json::from_str(&ask().unwrap_or_default()).unwrap_or_default();
+    state["phase"].as_str().unwrap_or_default().to_owned()
+}
+
+/// Starts a cycle, and kills the service so long after it began to abrade.
+fn killed_in_contact(folder: &Path, after: Duration) -> MotionRecord {
+    let service = Service::start(folder);
+    if service.state() == "aborted" {
+        service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+        service.reach("stopped");
+    }
+    service.reset();
+    let cycle = service.done(START)["cycle_id"].as_i64().expect("a cycle");
+    let since = Instant::now();
+    while phase(folder) != "abrade" {
+        assert!(since.elapsed() < PATIENCE, "it never abrades: {:?}", service.ctl("state"));
+    }
+    std::thread::sleep(after);
+    service.killed();
+    let service = Service::start(folder);
+    service.wait("its page is written", |_| page_file(folder, cycle).exists());
+    drop(service);
+    record(folder, cycle).motions.pop().expect("it moved")
+}
+
+/// What is on the panel after a kill in contact is not known: the page names the grids that may have been touched, says
+/// how far the path came at least and at most, and later cycles of the panel count them until nothing more is allowed.
+#[test]
+fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
+    let folder = taught("good");
+    let folder = folder.path();
+    let mut cycle = 0;
+    let mut hits = Vec::new();
+    for after_ms in [0, 70, 120, 200, 300] {
+        cycle += 1;
+        let motion = killed_in_contact(folder, Duration::from_millis(after_ms));
+        let page = page(folder, cycle);
+        assert_eq!(page.matches("(interrupted)").count(), 2, "once as the reason, once where it was found: {page}");
+        if motion.motion.path != MotionPath::Contact {
+            assert!(page.contains("Nothing: the tool touched no grid."), "{motion:?}");
+            continue;
+        }
+        let executed = motion.executed().expect("it was bounded");
+        let bounds = format!(
+            "its end is not known: at least {} and at most {} of {} waypoints were executed",
+            executed.at_least, executed.at_most, motion.motion.waypoints
+        );
+        assert!(executed.at_most > 0 && page.contains(&bounds), "no {bounds} in\n{page}");
+        assert!(!page.contains("the tool touched no grid"), "{page}");
+        let touched = motion.touched().expect("it was kept");
+        assert!(!touched.is_empty(), "{motion:?}");
+        for grid in touched {
+            let words =
+                if grid.is_sure { "touched, how much of it is not known" } else { "perhaps, it is not known" };
+            assert!(
+                page.contains(&format!("<td>{}</td><td>pass 1: {words}", grid.grid)),
+                "{} in\n{page}",
+                grid.grid
+            );
+        }
+        hits.push(cycle);
+        if hits.len() == 2 {
+            break;
+        }
+    }
+    assert_eq!(hits.len(), 2, "kills hit contact");
+    // Twice is what the recipe allows: the next cycle finds the grease and may not abrade those grids again.
+    let service = Service::start(folder);
+    service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+    service.reach("stopped");
+    service.reset();
+    service.done(START);
+    service.reach("complete");
+    let ended = record(folder, cycle + 1);
+    let store = Store::open(&folder.join("cell/store")).expect("opens");
+    let twice: Vec<String> = {
+        let earlier = store.abraded_before(CycleId(cycle + 1)).expect("read");
+        let count = |grid: &Option<String>| earlier.iter().filter(|other| other.grid == *grid).count();
+        earlier.iter().filter(|one| count(&one.grid) >= 2).filter_map(|one| one.grid.clone()).collect()
+    };
+    assert!(!twice.is_empty(), "the same place was come to twice");
+    for motion in ended.motions.iter().filter(|motion| motion.motion.path == MotionPath::Contact) {
+        let grids = &motion.contact.as_ref().expect("kept").path.grids;
+        assert!(grids.iter().all(|reached| !twice.contains(&reached.grid)), "{grids:?} of {twice:?}");
+    }
+}
+
+/// Verdict and page are two writings: where the program ends between them, the next one makes the page, and it is the one
+/// that the first would have written. `panelprep page` makes the same.
+#[test]
+fn a_page_that_was_not_written_is_made_at_the_next_start() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    let service = Service::start(folder);
+    service.reset();
+    service.done("new-disc");
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    assert_eq!(service.ctl("accept").0, 2, "nothing waits for a person");
+    service.reach("complete");
+    service.wait("its page", |_| page_file(folder, 1).exists());
+    let written = page(folder, 1);
+    for part in
+        ["<td>new-disc: done", "REFUSED: accept", "start: done", "through the service's socket", "Simulated time: "]
+            .map(|part| part.replace("<td>", ""))
+    {
+        assert!(written.contains(&part), "no {part} in\n{written}");
+    }
+    // The disk takes no page, and the process ends: a verdict without a page.
+    let reports = folder.join("cell/store/reports");
+    std::fs::remove_dir_all(&reports).expect("removed");
+    std::fs::write(&reports, "no folder").expect("in its place");
+    service.reset();
+    service.done(START);
+    service.reach("complete");
+    assert_eq!(record(folder, 2).judgement.map(|judgement| judgement.verdict.word()), Some("pass"));
+    service.killed();
+    std::fs::remove_file(&reports).expect("removed");
+    // One that a power cut left half written, and none of the other.
+    std::fs::create_dir_all(&reports).expect("made");
+    std::fs::write(page_file(folder, 1), &written[..written.len() / 2]).expect("half of it");
+
+    let service = Service::start(folder);
+    let is_whole =
+        |cycle| std::fs::read_to_string(page_file(folder, cycle)).is_ok_and(|text| text.ends_with("</html>\n"));
+    service.wait("both pages", |_| is_whole(1) && is_whole(2));
+    assert_eq!(page(folder, 1), written, "the same page");
+    let second = page(folder, 2);
+    let (exit, made) = json(folder, "page 2 --cell cell/cell.toml --out again.html");
+    assert_eq!((exit, &made["ok"], &made["found"]), (0, &true.into(), &serde_json::json!([])), "{made}");
+    assert_eq!((&made["cycle_verdict"], &made["cycle_id"]), (&"pass".into(), &2.into()), "{made}");
+    std::fs::copy(folder.join("again.html"), page_file(folder, 2)).expect("copied");
+    assert_eq!(page(folder, 2), second, "the command makes the same");
+    let (exit, none) = json(folder, "page 9 --cell cell/cell.toml");
+    let words = none["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && words.contains("no cycle 9"), "{none}");
+}
+
+/// Killed as soon as the store has the verdict, wherever its page is then.
+#[test]
+fn a_kill_at_the_verdict_leaves_no_cycle_without_a_page() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    for cycle in 1..=2 {
+        let service = Service::start(folder);
+        if service.state() == "aborted" {
+            service.wait("a clear is taken", |service| service.ctl("clear").0 == 0);
+            service.reach("stopped");
+        }
+        service.reset();
+        service.done(START);
+        let since = Instant::now();
+        while record(folder, cycle).judgement.is_none() {
+            assert!(since.elapsed() < PATIENCE, "no verdict");
+        }
+        service.killed();
+        let had = page_file(folder, cycle).exists();
+        let service = Service::start(folder);
+        service.wait("its page", |_| page_file(folder, cycle).exists());
+        eprintln!("cycle {cycle}: the page was {}", if had { "written" } else { "not written" });
+        assert!(page(folder, cycle).contains("<b>pass</b>"));
+    }
+}
