@@ -105,7 +105,7 @@ bench-calib: setup
 	cargo bench --locked --bench calib
 
 # The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/; its parts alone:
-# make bench-surface PARTS='fit 5', of fit [SEEDS], evaluate, paths, attitudes, gauntlet.
+# make bench-surface PARTS='fit 5', of fit [SEEDS], evaluate, paths, patterns [SEEDS up to 10], attitudes, gauntlet.
 PARTS :=
 PEERS := target/bench-surface
 bench-surface: setup

@@ -273,6 +273,7 @@ fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
         let measured = if mounted.axis_measured == Some(true) { "measured" } else { "not measured" };
         says.push(format!("the tool's axis was {measured}"));
     }
+    says.extend(mounted.board.map(|board| format!("the board: {board}")));
     says
 }
 

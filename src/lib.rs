@@ -41,7 +41,9 @@ pub mod record;
 pub mod report;
 pub mod tape;
 
+pub mod disk;
 pub mod store;
+pub mod supervision;
 
 pub mod devices;
 

@@ -94,6 +94,50 @@ fn a_cycle_starts_only_on_verified_calibrations() {
     refused(folder, &["verification_old"]);
 }
 
+/// A board that is not where its file says, by more than a bump: refused, and nothing is kept. One that was kept is struck
+/// out, and stays with who and why; no older look takes its place.
+#[test]
+fn a_look_that_says_nothing_is_refused_or_struck_out() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    // The file says which board it is: the command need not.
+    let look = VERIFY[0].replace("--board 5x4 --square-mm 40", "");
+    let (exit, told) = json(folder, &look);
+    assert_eq!((exit, told["number"].as_i64()), (0, Some(1)), "{told}");
+    let file = "cell/target/scanner.toml";
+    replace(folder, file, "square_mm = 40.0", "square_mm = 30.0");
+    let (exit, told) = json(folder, &look);
+    assert_eq!((exit, codes(&told)), (1, vec!["implausible"]), "{told}");
+    assert!(told["error_mm"].as_f64().is_some_and(|mm| mm > 150.0), "{told}");
+    replace(folder, file, "square_mm = 30.0", "square_mm = 40.0");
+    replace(folder, file, "board = \"5x4\"", "board = \"4x5\"");
+    assert_eq!(codes(&json(folder, &look).1), ["implausible"]);
+    replace(folder, file, "board = \"4x5\"\nsquare_mm = 40.0\n", "");
+    let (exit, told) = json(folder, &look);
+    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("square_mm"), "{told}");
+    let history =
+        |folder: &Path| json(folder, "calibrate history --cell cell/cell.toml").1["verifications"].clone();
+    assert_eq!(history(folder).as_array().map(Vec::len), Some(1), "nothing was kept of them");
+
+    assert_eq!(json(folder, VERIFY[1]).0, 0);
+    let strike = "calibrate strike 1 --cell cell/cell.toml --by inspector --why moved";
+    assert_eq!(json(folder, strike).0, 0);
+    refused(folder, &["verification_struck"]);
+    let kept = history(folder);
+    assert_eq!(
+        (&kept[0]["struck"]["by"], &kept[0]["struck"]["why"]),
+        (&"inspector".into(), &"moved".into()),
+        "{kept}"
+    );
+    assert!(kept[1]["struck"].is_null() && kept[0]["error_mm"].as_f64().is_some_and(|mm| mm < 0.5), "{kept}");
+    let (exit, told) = json(folder, strike);
+    let message = told["reasons"][0]["message"].as_str().unwrap_or_default();
+    assert!(exit == 2 && message.contains("struck out already, by inspector"), "{told}");
+    assert_eq!(json(folder, &strike.replace("strike 1", "strike 9")).0, 2);
+}
+
 /// What cannot be verified is an error, and the store keeps nothing of it.
 #[test]
 fn a_look_without_its_target_is_refused() {
@@ -103,7 +147,10 @@ fn a_look_without_its_target_is_refused() {
         (VERIFY[1].replace("--flange cell/target/flange.json", ""), "--flange is missing"),
         (VERIFY[0].replace("--target cell/target/scanner.toml", ""), "--target for a board"),
         (VERIFY[0].replace("scanner.png", "flange_camera.png"), "the camera's calibration says"),
-        (VERIFY[0].replace("--board 5x4", "--board 7x6"), "no board with 7×6"),
+        (VERIFY[0].replace("--board 5x4", "--board 7x6"), "this target is the board --board 5x4 --square-mm 40"),
+        (VERIFY[0].replace("--square-mm 40", "--square-mm 30"), "the command says --board 5x4 --square-mm 30"),
+        (VERIFY[0].replace("--board 5x4", "--board 4x5"), "the command says --board 4x5"),
+        (format!("{} --points cell/target/touched.toml", TOUCH.replace("40", "30")), "the command says"),
         (format!("{TOUCH} --points cell/target/flange.json"), "flange.json"),
         (
             "calibrate verify --cell cell/cell.toml --camera scanner --recipe cell/recipe.toml --image x.png"

@@ -34,11 +34,17 @@ impl Drop for Service {
 impl Service {
     /// Starts it and waits until it answers.
     pub fn start(folder: &Path) -> Self {
+        Service::start_with(folder, &[])
+    }
+
+    /// The same with more in its environment.
+    pub fn start_with(folder: &Path, environment: &[(&str, &str)]) -> Self {
         let log =
             std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
         let child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
             .args(["run", "--cell", "cell/cell.toml", "--seed", "3"])
             .current_dir(folder)
+            .envs(environment.iter().copied())
             .stdout(Stdio::null())
             .stderr(log)
             .spawn()
@@ -56,7 +62,7 @@ impl Service {
         self.ctl("state").1["state"].as_str().unwrap_or_default().to_owned()
     }
 
-    fn log(&self) -> String {
+    pub fn log(&self) -> String {
         std::fs::read_to_string(self.folder.join("run.log")).unwrap_or_default()
     }
 
@@ -80,7 +86,7 @@ impl Service {
     }
 
     /// Asks, and it is refused with these words.
-    fn refused(&self, ask: &str, exit: i32, words: &str) {
+    pub fn refused(&self, ask: &str, exit: i32, words: &str) {
         let (found, answer) = self.ctl(ask);
         let message = answer["reasons"][0]["message"].as_str().unwrap_or_default();
         assert!(found == exit && message.contains(words), "{ask}: {found} {answer}");
@@ -131,7 +137,7 @@ fn journal(folder: &Path) -> Vec<Event> {
     Store::open(&folder.join("cell/store")).expect("the store opens").journal().expect("its journal is whole")
 }
 
-fn socket(folder: &Path) -> PathBuf {
+pub fn socket(folder: &Path) -> PathBuf {
     folder.join("cell/store/panelprep.sock")
 }
 

@@ -32,6 +32,7 @@ mod tests {
     #[test]
     fn tool_and_touch_and_both_mounts_add_as_squares() {
         let touch = Verification {
+            struck: None,
             subject: "tool".to_owned(),
             error_mm: 0.4,
             limit_mm: 0.5,

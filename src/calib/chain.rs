@@ -14,6 +14,21 @@ pub enum Seen<C: Frame> {
     Points(Vec<(Point<Board>, Point<C>)>),
 }
 
+impl<C: Frame> Seen<C> {
+    /// Mean side of the board's squares as a 3D camera measured them, mm; `None` for a picture, or without neighbours.
+    pub fn square_mm(&self, board: &super::board::Board) -> Option<f64> {
+        let Seen::Points(points) = self else { return None };
+        let is_neighbour = |a: &Point<Board>, b: &Point<Board>| {
+            let step = (b.mm - a.mm) / board.square_mm();
+            (step.norm() - 1.0).abs() < 0.1 && (step.x > 0.5 || step.y > 0.5)
+        };
+        let pairs = points.iter().flat_map(|a| points.iter().map(move |b| (a, b)));
+        let sides = pairs.filter(|(a, b)| is_neighbour(&a.0, &b.0)).map(|(a, b)| a.1.distance_mm(b.1));
+        let (sum, count) = sides.fold((0.0, 0), |(sum, count), side| (sum + side, count + 1));
+        (count > 0).then(|| sum / f64::from(count))
+    }
+}
+
 /// One picture of the board with the robot's word on where the flange was.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Station<C: Frame> {

@@ -5,9 +5,9 @@
 //! is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
-use super::detect::{Detected, modelled};
 use super::error::CalibError;
 use super::foreign;
+use super::placing::{Detected, modelled};
 use crate::geometry::{GrayPicture, Pixel};
 
 /// Fewer corners than this place no board well.

@@ -30,6 +30,21 @@ pub enum CalibError {
         /// Rows of inner corners.
         rows: usize,
     },
+    /// A picture shows another board.
+    #[error(
+        "{picture}: found a {}x{} board, asked for {columns}x{rows} (inner corners along its sides); correct --board, or take \
+         a picture of the right board", found[0], found[1]
+    )]
+    OtherBoard {
+        /// The picture.
+        picture: String,
+        /// Inner corners along the sides of the board in the picture, the longer side first.
+        found: [usize; 2],
+        /// Inner corners in a row of the board that was asked for.
+        columns: usize,
+        /// Its rows of inner corners.
+        rows: usize,
+    },
     /// Pictures of several sizes.
     #[error("{picture} has {found} pixels, {first} has {expected}; one camera takes pictures of one size")]
     MixedSizes {

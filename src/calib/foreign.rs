@@ -97,18 +97,45 @@ fn picture_of(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core
     named("a picture", Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32, &picture.gray))
 }
 
-/// `findChessboardCorners`: the inner corners row by row to about a pixel; `None` where there is no such board.
+/// Corners of a chessboard, row by row.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct CornerGrid {
+    /// Inner corners in a row.
+    pub columns: usize,
+    /// Rows of inner corners.
+    pub rows: usize,
+    /// The corners.
+    pub pixels: Vec<Pixel>,
+}
+
+/// `findChessboardCornersSB`: the inner corners of a board that has at least so many each way, with all that it has, to
+/// about a pixel; `None` where there is no such board.
 pub(super) fn chessboard(
     picture: &GrayPicture,
     columns: usize,
     rows: usize,
-) -> Result<Option<Vec<Pixel>>, ImagingError> {
+) -> Result<Option<CornerGrid>, ImagingError> {
+    const OPERATION: &str = "chessboard corners";
     let source = picture_of(picture)?;
-    let mut found: Vector<Point2f> = Vector::new();
-    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH | calib3d::CALIB_CB_NORMALIZE_IMAGE;
+    let (mut found, mut kinds): (Vector<Point2f>, Mat) = (Vector::new(), Mat::default());
+    let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE | calib3d::CALIB_CB_LARGER;
     let size = Size::new(columns as i32, rows as i32);
-    let seen = named("chessboard corners", calib3d::find_chessboard_corners(&source, size, &mut found, flags))?;
-    Ok((seen && found.len() == columns * rows).then(|| pixels_of(&found)))
+    let seen = calib3d::find_chessboard_corners_sb_with_meta(&source, size, &mut found, flags, &mut kinds);
+    let seen = named(OPERATION, seen)?;
+    // `kinds` says of each corner what it is, in the shape of the board that was found.
+    let (columns, rows) = (kinds.cols().max(0) as usize, kinds.rows().max(0) as usize);
+    let is_whole = seen && columns >= 2 && rows >= 2 && found.len() == columns * rows;
+    Ok(is_whole.then(|| CornerGrid { columns, rows, pixels: pixels_of(&found) }))
+}
+
+/// The picture so many times smaller; each pixel is the mean of those that it stands for.
+pub(super) fn reduced(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
+    const OPERATION: &str = "a smaller picture";
+    let source = picture_of(picture)?;
+    let (width, height) = (picture.width / times, picture.height / times);
+    let (mut small, size) = (Mat::default(), Size::new(width as i32, height as i32));
+    named(OPERATION, imgproc::resize(&source, &mut small, size, 0.0, 0.0, imgproc::INTER_AREA))?;
+    Ok(GrayPicture { width, height, gray: named(OPERATION, small.data_bytes())?.to_vec() })
 }
 
 /// `cornerSubPix` with a window of ± `half_window_px`: at most 30 iterations, until 1e-3 px.

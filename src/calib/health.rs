@@ -1,5 +1,6 @@
 //! Is a calibration still true? What a look at a known target found, and whether a cycle may start on it.
 
+use super::board::Board;
 use crate::cell::Limits;
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
@@ -16,6 +17,19 @@ pub struct Verification {
     pub limit_mm: f64,
     /// Content hash of the calibration files that were used, in the order of the cell's keys.
     pub calibration_hash: String,
+    /// When, seconds since 1970.
+    pub at_unix_s: i64,
+    /// A person who struck it out: it stays, and counts no more.
+    pub struck: Option<Strike>,
+}
+
+/// Who struck out a verification, and why.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Strike {
+    /// Who.
+    pub by: String,
+    /// Why.
+    pub why: String,
     /// When, seconds since 1970.
     pub at_unix_s: i64,
 }
@@ -43,6 +57,78 @@ pub fn distance_mm(
     corners: &[Point<BoardFrame>],
 ) -> f64 {
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
+}
+
+/// Corners of a flat board of squares lie so far from where a right lens sees them at most, px rms.
+const MAX_PNP_RMS_PX: f64 = 1.0;
+/// A camera that was bumped turns what it sees by less; corners that are counted from another one turn it by 90° or 180°.
+const MAX_TURN_DEG: f64 = 20.0;
+/// Squares as the 3D camera measures them differ by less from the board's.
+const MAX_SQUARE_SHARE: f64 = 0.02;
+
+/// Where one look at a board puts it.
+#[derive(Debug, Clone, Copy)]
+pub struct Look {
+    /// The board in the base.
+    pub base_from_board: Rigid<Base, BoardFrame>,
+    /// Distance of the corners from where that pose shows them, px rms.
+    pub pnp_rms_px: f64,
+    /// Side of a square as the 3D camera's own points have it, mm.
+    pub measured_square_mm: Option<f64>,
+}
+
+/// Why corners seen so cannot be this board's; `None` where they can.
+pub fn no_such_board(look: &Look, board: &Board) -> Option<Reason> {
+    let rms_px = look.pnp_rms_px;
+    if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
+        return Some(implausible(format!(
+            "the corners lie {rms_px:.2} px rms from where this lens would see a flat board of squares, allowed are \
+             {MAX_PNP_RMS_PX} px: is the board flat, and is the picture this camera's?"
+        )));
+    }
+    let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
+    let differs = (measured_mm / square_mm - 1.0).abs();
+    (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
+        implausible(format!(
+            "the 3D camera measures squares of {measured_mm:.2} mm, the board's are said to be {square_mm} mm, allowed is a \
+             difference of {:.0} %: measure the board, and correct its size",
+            100.0 * MAX_SQUARE_SHARE
+        ))
+    })
+}
+
+/// Why a look says nothing of the calibration: it is of another board, of one that stands elsewhere, or from another pose
+/// of the flange; `None` where it can be kept.
+///
+/// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and turned by less
+/// than 20°.
+pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &Look, board: &Board) -> Option<Reason> {
+    if let Some(reason) = no_such_board(look, board) {
+        return Some(reason);
+    }
+    let turn_deg = (known.inverse() * look.base_from_board).turn().0;
+    if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
+        return Some(implausible(format!(
+            "the board appears turned by {turn_deg:.0}°, allowed are {MAX_TURN_DEG:.0}°: are its corners counted as in the \
+             target's file, does it stand as it stood, is --flange the pose at this picture?"
+        )));
+    }
+    let (middle, first) = (board.middle(), Point::at(0.0, 0.0, 0.0));
+    let (off_mm, allowed_mm) = (known.distance_at_mm(look.base_from_board, middle), middle.distance_mm(first));
+    (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
+        implausible(format!(
+            "the board appears {off_mm:.0} mm from its place, allowed is half of its diagonal, {allowed_mm:.0} mm: does it \
+             stand where it stood, is its size right in the target's file, is --flange the pose at this picture?"
+        ))
+    })
+}
+
+fn implausible(what: String) -> Reason {
+    let message = format!(
+        "{what} Nothing was kept of this look, and the last verification counts as before; if the camera was moved as far as \
+         this, calibrate it again before the next cycle"
+    );
+    Reason::new("implausible", message)
 }
 
 /// Was a look, or a touch, farther off than the cell's file allows today? A NaN is beyond every limit.
@@ -76,6 +162,11 @@ pub fn health(
         let message = format!("{subject} was never verified; {}", advice(subject));
         return Judgement::of(vec![Reason::new("not_verified", message)], vec![]);
     };
+    if let Some(Strike { by, why, .. }) = &last.struck {
+        let message =
+            format!("the last verification of {subject} was struck out by {by} ({why}); {}", advice(subject));
+        return Judgement::of(vec![Reason::new("verification_struck", message)], vec![]);
+    }
     let mut reject = Vec::new();
     let age_h = (now_unix_s - last.at_unix_s) as f64 / 3600.0;
     if age_h < 0.0 {
@@ -107,7 +198,14 @@ mod tests {
 
     fn verified(error_mm: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();
-        Verification { subject, error_mm, limit_mm: 0.5, calibration_hash: "ab".to_owned(), at_unix_s }
+        Verification {
+            subject,
+            error_mm,
+            limit_mm: 0.5,
+            calibration_hash: "ab".to_owned(),
+            at_unix_s,
+            struck: None,
+        }
     }
 
     #[test]
@@ -115,8 +213,11 @@ mod tests {
         let now = 1_700_000_000;
         let judge = |last: Option<Verification>, hash: &str| health("scanner", last.as_ref(), hash, now, DEMANDS);
         assert_eq!(judge(Some(verified(0.2, now - 3600)), "ab").verdict, Verdict::Accept);
+        let strike = Strike { by: "A. Smith".to_owned(), why: "another board".to_owned(), at_unix_s: now };
+        let struck = Verification { struck: Some(strike), ..verified(0.2, now - 60) };
         for (last, hash, code) in [
             (None, "ab", "not_verified"),
+            (Some(struck), "ab", "verification_struck"),
             (Some(verified(0.2, now - 25 * 3600)), "ab", "verification_old"),
             (Some(verified(0.2, now + 60)), "ab", "verification_ahead"),
             (Some(verified(0.6, now - 60)), "ab", "verification_limit"),
@@ -129,6 +230,31 @@ mod tests {
             assert!(
                 judged.reasons.iter().all(|reason| reason.message.contains("verify") || code.ends_with("ahead"))
             );
+        }
+    }
+
+    /// By hand, a board of 5 × 4 corners and squares of 40 mm: its middle is 100 mm from its first corner; 40 mm and 2 % are
+    /// 40.8 mm. Each limit at its two sides.
+    #[test]
+    fn a_look_that_cannot_be_the_board_is_told_from_a_bumped_camera() {
+        let board = Board::parse("5x4", 40.0).expect("a board");
+        let known: Rigid<Base, BoardFrame> = Rigid::claim(Isometry3::translation(500.0, 0.0, 0.0));
+        let look = |x_mm: f64, turn_deg: f64, pnp_rms_px: f64, measured_square_mm: Option<f64>| {
+            let middle = Isometry3::translation(80.0, 60.0, 0.0);
+            let turned = middle * Isometry3::rotation(Vector3::z() * turn_deg.to_radians()) * middle.inverse();
+            let base_from_board = Rigid::claim(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
+            no_look_at(&known, &Look { base_from_board, pnp_rms_px, measured_square_mm }, &board)
+        };
+        for (kept, refused, words) in [
+            (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its place"),
+            (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "turned by 21°"),
+            (look(0.0, 0.0, 0.9, None), look(0.0, 0.0, 1.1, None), "1.10 px rms"),
+            (look(0.0, 0.0, 0.1, Some(40.7)), look(0.0, 0.0, 0.1, Some(40.9)), "squares of 40.90 mm"),
+            (look(0.0, 0.0, 0.1, Some(39.3)), look(f64::NAN, 0.0, 0.1, None), "NaN"),
+        ] {
+            let reason = refused.expect(words);
+            assert!(kept.is_none(), "{words}: {kept:?}");
+            assert!(reason.code == "implausible" && reason.message.contains(words), "{reason:?}");
         }
     }
 

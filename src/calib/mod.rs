@@ -3,7 +3,8 @@
 //! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`, `charuco`, `saddle`: what is looked at, and where its corners are in a picture
+//! - `board`, `detect`, `chessboard`, `charuco`, `placing`, `saddle`: what is looked at, and where its corners are in a
+//!   picture
 //! - `intrinsics`, `lens_covariance`: the lens (thesis 3.6) · `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
@@ -16,6 +17,7 @@ mod board;
 pub mod budget;
 mod chain;
 mod charuco;
+mod chessboard;
 mod consensus;
 pub mod detect;
 mod error;
@@ -26,6 +28,7 @@ pub mod health;
 mod influence;
 pub mod intrinsics;
 mod lens_covariance;
+mod placing;
 mod pose;
 mod quantile;
 mod saddle;

@@ -3,6 +3,7 @@
 //! The numbers travel through TOML without loss. The file says where they come from (date, serial, residuals);
 //! whether they are good enough is judged where they are used.
 
+use super::board_size::BoardSize;
 use super::date::Date;
 use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
@@ -241,6 +242,8 @@ pub trait Mount {
     const TABLE: &'static str;
     /// Has this mount an axis that a calibration may or may not have measured?
     const HAS_AXIS: bool = false;
+    /// Is it a board, whose size its file states?
+    const IS_BOARD: bool = false;
 }
 
 /// `[base_from_camera]`: where the fixed 3D camera stands (thesis 3.7, eye-to-hand).
@@ -282,6 +285,7 @@ impl Mount for TargetMount {
     type To = Base;
     type From = geometry::Board;
     const TABLE: &'static str = "base_from_board";
+    const IS_BOARD: bool = true;
 }
 
 /// A mounted pose as its file holds it.
@@ -297,6 +301,8 @@ pub struct MountedPose<M: Mount> {
     pub uncertainty_mm: Option<f64>,
     /// Tool only: was the axis measured, or only the point?
     pub axis_measured: Option<bool>,
+    /// Board only: which one it is.
+    pub board: Option<BoardSize>,
     /// Serial number of what is mounted.
     pub serial: Option<String>,
     /// Program, pictures and their residuals.
@@ -316,6 +322,7 @@ impl<M: Mount> MountedPose<M> {
             rms_mm: None,
             uncertainty_mm: None,
             axis_measured: None,
+            board: None,
             serial: None,
             provenance: Provenance::default(),
             mount: PhantomData,
@@ -346,13 +353,15 @@ impl<M: Mount> MountedPose<M> {
         let rms_mm = section.take("rms_mm", RESIDUAL, Some(None));
         let uncertainty_mm = section.take("uncertainty_mm", RESIDUAL, Some(None));
         let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
+        let board = if M::IS_BOARD { BoardSize::take(section).map(Some) } else { Some(None) };
         let serial = section.take("serial", (), Some(None));
         let provenance = Provenance::take(section, "residuals_mm");
         section.done();
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
-        let (serial, provenance) = (serial?, provenance?);
-        Some(MountedPose { date, rms_mm, uncertainty_mm, axis_measured, serial, provenance, ..Self::of(pose) })
+        let (board, serial, provenance) = (board?, serial?, provenance?);
+        let mounted = MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::of(pose) };
+        Some(MountedPose { board, serial, provenance, ..mounted })
     }
 
     /// The file that [`MountedPose::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -366,6 +375,9 @@ impl<M: Mount> MountedPose<M> {
         line(&mut text, "rms_mm", self.rms_mm.map(|number| format!("{number:?}")));
         line(&mut text, "uncertainty_mm", self.uncertainty_mm.map(|number| format!("{number:?}")));
         line(&mut text, "axis_measured", self.axis_measured);
+        let board = self.board.as_ref();
+        line(&mut text, "board", board.map(|board| toml::Value::from(board.board.as_str())));
+        line(&mut text, "square_mm", board.map(|board| format!("{:?}", board.square_mm)));
         line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
         self.provenance.write(&mut text, "residuals_mm");
         text

@@ -5,6 +5,7 @@
 //! does not need (offline work has no poses); who needs it says so. Reading the disk is the caller's work.
 
 mod arm;
+mod board_size;
 mod calibration;
 mod date;
 mod devices;
@@ -18,6 +19,7 @@ mod zivid;
 mod tests;
 
 pub use arm::{Arm, ArmAxes, ArmGeometry, ArmModel, ArmTable, KeepOut, PerAxis};
+pub use board_size::BoardSize;
 pub use calibration::{
     FlangeCameraMount, Intrinsics, LensCovariance, Mount, MountedPose, Provenance, ScannerMount, TargetMount,
     ToolMount,

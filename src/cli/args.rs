@@ -76,10 +76,15 @@ pub enum Command {
         panelprep run --cell target/cell/cell.toml"
     )]
     Run(Run),
+    /// After an abort of a cell without a service: says that the cause is gone. Asks the robot whether it stands, and proves
+    /// tool and water off. Beside a service it is `panelprep ctl clear`.
+    #[command(after_help = "Example:\n  panelprep clear --cell target/cell/cell.toml")]
+    Clear,
     /// Ask the service that runs on this cell: start a cycle, hold it, stop it, see how it stands.
     #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
+        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait\n  \
         panelprep ctl state --cell target/cell/cell.toml --json")]
     Ctl(Ctl),
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
@@ -101,34 +106,33 @@ pub enum Command {
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
+    /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
+    #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
+        panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
+    Look(Look),
     /// Find where the panel stands now, from a scan.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
-        panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd --json")]
+        panelprep locate --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/scan.pcd \
+        --out target/cell/located.json")]
     Locate(Locate),
     /// Correct the place found by what a corner picture shows.
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep refine --cell target/cell/cell.toml --recipe target/cell/recipe.toml --located target/cell/located.json \
-        --corner target/cell/corner.png --flange target/cell/flange.json"
-    )]
+        --corner target/cell/corner.png --flange target/cell/flange.json --out target/cell/refined.json")]
     Refine(Refine),
     /// Test a clip of the wet panel for broken film.
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
         --located target/cell/located.json --pictures target/cell/pictures\n\
         A labelled set, after `panelprep render --clips 6 --out target/cell` and the examples up to `locate`:\n  \
         panelprep inspect --cell target/cell/cell.toml --recipe target/cell/recipe.toml --truth target/cell/set \
-        --located target/cell/located.json"
-    )]
+        --located target/cell/located.json")]
     Inspect(Inspect),
-    /// From a clip, labelled or clean: how well each colour channel tells wet from dry, how even the light is, and which
-    /// weights and thresholds fit (thesis 4.2, 4.3).
-    #[command(
-        after_help = "Example, after the one of `panelprep locate --help` with `> target/cell/located.json`:\n  \
+    /// From a clip, labelled or clean: how well channels and grids tell wet from dry, how even the light is, which breaks are
+    /// surely found, and what fits the recipe's method (thesis 4.2, 4.3).
+    #[command(after_help = "Example, after the one of `panelprep locate --help`:\n  \
         panelprep tune --cell target/cell/cell.toml --recipe target/cell/recipe.toml --clip target/cell/clip \
-        --located target/cell/located.json --truth target/cell/truth"
-    )]
+        --located target/cell/located.json --truth target/cell/truth")]
     Tune(Tune),
     /// Plan the sanding path over grids.
     #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
@@ -428,6 +432,12 @@ pub enum CtlAsk {
         /// gigabyte at full size.
         #[arg(long, value_name = "FILE", num_args = 0..=1)]
         record: Option<Option<PathBuf>>,
+        /// The part that stands in the cell: kept with the cycle and shown on its page.
+        #[command(flatten)]
+        part: PartArguments,
+        /// Wait for the cycle's end, tell each change, and end with the cycle's exit code. A cycle that is held waits on.
+        #[arg(long)]
+        wait: bool,
     },
     /// Leave what is going on: no further waypoint, tool off, retract.
     Hold,
@@ -449,8 +459,24 @@ pub enum CtlAsk {
     Accept,
     /// A new disc is mounted: its wear is counted from zero. Where the cell rests.
     NewDisc,
-    /// How the cell stands.
+    /// How the cell stands: state, panel, pass, phase, seconds of film, waypoint, the last page.
     State,
+    /// Follow the cell until this command is interrupted: a line for each change, with --json one object a line.
+    Watch,
+}
+
+/// Which part a cycle is about, as far as it is told.
+#[derive(Debug, Clone, Args)]
+pub struct PartArguments {
+    /// The part's serial number.
+    #[arg(long = "part", value_name = "SERIAL")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[arg(long, value_name = "WORK_ORDER")]
+    pub order: Option<String>,
+    /// Who operates the cell.
+    #[arg(long, value_name = "NAME")]
+    pub operator: Option<String>,
 }
 
 /// Options of `check`.
@@ -491,9 +517,20 @@ pub struct Teach {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Vec<PathBuf>,
-    /// Folder for pictures of what was learnt.
+    /// Folder for pictures of what was learnt; where nothing could be, of what was given.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+}
+
+/// Options of `look`.
+#[derive(Debug, Clone, Args)]
+pub struct Look {
+    /// The scan: organised PCD or PLY.
+    #[arg(long, value_name = "FILE")]
+    pub scan: PathBuf,
+    /// Folder for the picture.
+    #[arg(long, value_name = "DIR")]
+    pub pictures: PathBuf,
 }
 
 /// Options of `locate`.
@@ -505,6 +542,9 @@ pub struct Locate {
     /// The scan: organised PCD or PLY.
     #[arg(long, value_name = "FILE")]
     pub scan: PathBuf,
+    /// File for the place found, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Folder for a picture of the place found.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -525,6 +565,9 @@ pub struct Refine {
     /// The flange's pose at that picture.
     #[arg(long, value_name = "POSE.json", required = true)]
     pub flange: Vec<PathBuf>,
+    /// File for the corrected place, as `--json` prints it: what `--located` of other commands takes.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
     /// Folder for pictures of the corner before and after.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
@@ -539,7 +582,8 @@ pub struct Inspect {
     /// Folder with numbered pictures and `clip.csv`.
     #[arg(long, value_name = "DIR", required_unless_present = "truth")]
     pub clip: Option<PathBuf>,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask, to score against; it changes no result. Without `--clip` a labelled set: a folder of
@@ -560,7 +604,8 @@ pub struct Tune {
     /// Folder with numbered pictures and `clip.csv`, a dry one among them.
     #[arg(long, value_name = "DIR")]
     pub clip: PathBuf,
-    /// A pose, or what `locate` or `refine` printed; without it the panel stands at its nominal place.
+    /// A pose, or what `locate` or `refine` printed; without it the panel must stand in its nominal place, and where the dry
+    /// picture shows it elsewhere the test is invalid.
     #[arg(long, value_name = "POSE.json")]
     pub located: Option<PathBuf>,
     /// Folder with the true mask of the clip's end.

@@ -5,10 +5,11 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
+use super::part;
 use super::zivid;
 use crate::calib::budget;
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, Job, Order, Task};
+use crate::daemon::{Calibrations, Job, Order, PartNames, Task};
 use crate::recipe::Recipe;
 use crate::store::CycleStart;
 use std::path::Path;
@@ -60,6 +61,7 @@ pub struct Assignment {
     recipe_text: String,
     /// What was taught of its panel.
     pub taught: Taught,
+    part: Option<(&'static str, String)>,
 }
 
 impl Assignment {
@@ -78,7 +80,17 @@ impl Assignment {
     pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
         let taught = load::taught(files, recipe_file, &recipe)?;
-        Ok(Assignment { recipe, recipe_text, taught })
+        Ok(Assignment { recipe, recipe_text, taught, part: None })
+    }
+
+    /// The same for this part, whose names are kept with the cycle.
+    ///
+    /// # Errors
+    /// Where they cannot be kept as they stand.
+    pub fn about(self, part: Option<PartNames>) -> Result<Self, Fault> {
+        let part = part::checked(part.unwrap_or_default())?;
+        let part = part.map(|part| Ok::<_, Fault>((part::PART, part::text(&part)?))).transpose()?;
+        Ok(Assignment { part, ..self })
     }
 
     /// A cycle for the service to begin.
@@ -103,11 +115,12 @@ impl Assignment {
 
     /// What the record of its cycle begins with.
     pub fn start(&self, calibrated: &Calibrated) -> CycleStart {
+        let texts = calibrated.texts.iter().chain(&self.part);
         CycleStart {
             panel: self.recipe.panel().to_owned(),
             taught_version: self.taught.version.clone(),
             recipe_text: self.recipe_text.clone(),
-            file_texts: calibrated.texts.iter().map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
+            file_texts: texts.map(|(name, text)| ((*name).to_owned(), text.clone())).collect(),
         }
     }
 

@@ -1,19 +1,25 @@
-//! `panelprep ctl`: one question to the service, and its answer.
+//! `panelprep ctl`: questions to the service, and its answers.
 
-use super::args::{Common, Ctl, CtlAsk};
+use super::args::{Common, Ctl, CtlAsk, PartArguments};
 use super::disk;
 use super::fault::Fault;
+use super::follow;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::daemon::{MOST_BYTES, RecordIn, Reply, Wish};
-use serde_json::{Map, json};
+use super::part;
+use crate::daemon::{Exit, MOST_BYTES, PartNames, RecordIn, Reply, Wish};
+use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
-use std::time::Duration;
+use std::thread;
+use std::time::{Duration, Instant};
 
 /// The service answers a start once it has loaded what was taught.
 const PATIENCE: Duration = Duration::from_secs(60);
+/// A stop or an abort that met a service without a place for it is asked again for so long.
+const INSISTS: Duration = Duration::from_secs(5);
+const AGAIN: Duration = Duration::from_millis(20);
 
 /// Asks, and tells what was answered.
 ///
@@ -21,8 +27,19 @@ const PATIENCE: Duration = Duration::from_secs(60);
 /// Where a file is not what it must be, or no service answers.
 pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let reply = ask(&files.socket(), &wish(&args.ask)?)?;
-    Ok(outcome(&reply))
+    let socket = files.socket();
+    if matches!(args.ask, CtlAsk::Watch) {
+        return follow::watch(&socket, common.json);
+    }
+    let wish = wish(&args.ask)?;
+    let reply = match wish {
+        Wish::Stop {} | Wish::Abort {} => insist(&socket, &wish)?,
+        _ => ask(&socket, &wish)?,
+    };
+    match args.ask {
+        CtlAsk::Start { wait: true, .. } if reply.answer == Exit::Done => follow::to_the_end(&socket, &reply),
+        _ => Ok(outcome(&reply)),
+    }
 }
 
 /// How the service stands, where one answers.
@@ -32,10 +49,11 @@ pub(super) fn state_of(socket: &Path) -> Option<String> {
 
 fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
     Ok(match ask {
-        CtlAsk::Start { recipe, record } => Wish::Start {
+        CtlAsk::Start { recipe, record, part, .. } => Wish::Start {
             recipe: recipe.display().to_string(),
             text: disk::read_text(recipe)?,
             record: record.as_ref().map(|file| record_in(file.as_deref())).transpose()?,
+            part: part::checked(names(part))?,
         },
         CtlAsk::Hold => Wish::Hold {},
         CtlAsk::Unhold { dried } => Wish::Unhold { dried: *dried },
@@ -45,17 +63,42 @@ fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
         CtlAsk::Reset => Wish::Reset {},
         CtlAsk::Accept => Wish::Accept {},
         CtlAsk::NewDisc => Wish::NewDisc {},
-        CtlAsk::State => Wish::State {},
+        CtlAsk::State | CtlAsk::Watch => Wish::State {},
     })
+}
+
+fn names(part: &PartArguments) -> PartNames {
+    let PartArguments { serial, order, operator } = part.clone();
+    PartNames { serial, order, operator }
 }
 
 /// The service stands in a folder of its own, so a file goes to it by its whole path.
 fn record_in(file: Option<&Path>) -> Result<RecordIn, Fault> {
     let Some(file) = file else { return Ok(RecordIn::Store) };
-    Ok(RecordIn::File(std::path::absolute(file).map_err(|error| Fault::file(file, error))?))
+    let whole = std::path::absolute(file).map_err(|error| Fault::file(file, error))?;
+    // Without .. and links, as far as the folder is there; where it is not, the service says so.
+    let folder = whole.parent().and_then(|folder| folder.canonicalize().ok());
+    Ok(RecordIn::File(folder.zip(whole.file_name()).map_or(whole.clone(), |(folder, name)| folder.join(name))))
 }
 
-fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
+/// Asks for a stop again and again while the service, or the way to it, is too busy to take it.
+fn insist(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
+    let since = Instant::now();
+    loop {
+        let answered = ask(socket, wish);
+        let is_busy = match &answered {
+            Ok(reply) => reply.reasons.iter().any(|reason| reason.code == "busy"),
+            Err(Fault::NoService { .. }) => false,
+            Err(_) => true,
+        };
+        if !is_busy || since.elapsed() >= INSISTS {
+            return answered;
+        }
+        thread::sleep(AGAIN);
+    }
+}
+
+pub(super) fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     let named = |error: std::io::Error| Fault::file(socket, error);
     let mut stream = UnixStream::connect(socket).map_err(|error| match error.kind() {
         ErrorKind::NotFound | ErrorKind::ConnectionRefused => Fault::NoService { socket: socket.to_owned() },
@@ -74,21 +117,33 @@ fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
     serde_json::from_slice(&answer).map_err(|error| Fault::file(socket, error))
 }
 
-fn outcome(reply: &Reply) -> Outcome {
-    let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons } = reply;
+/// What scripts read of an answer.
+pub(super) fn object(reply: &Reply) -> Map<String, Value> {
+    let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons, done, .. } = reply;
+    let Reply { panel, pass, film_s, waypoint, of, page, .. } = reply;
     let json = json!({
         "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch,
-        "cycle_id": cycle_id, "recording": recording,
+        "cycle_id": cycle_id, "recording": recording, "panel": panel, "pass": pass, "film_s": film_s,
+        "waypoint": waypoint, "of": of, "page": page, "done": done,
     });
-    let mut outcome =
-        Outcome { exit: answer.code(), json: json.as_object().cloned().unwrap_or_else(Map::new), words: vec![] };
-    if let Some(state) = state {
-        let phase = phase.as_ref().map_or(String::new(), |phase| format!(", {phase}"));
-        outcome.say(format!("state: {state}{phase}"));
+    json.as_object().cloned().unwrap_or_else(Map::new)
+}
+
+/// An answer, for scripts and for people.
+pub(super) fn outcome(reply: &Reply) -> Outcome {
+    let Reply { state, cycle_id, verdict, recording, reasons, panel, page, done, .. } = reply;
+    let mut outcome = Outcome { exit: reply.answer.code(), json: object(reply), words: vec![] };
+    outcome.words.extend(done.clone());
+    if state.is_some() {
+        outcome.say(format!("state: {}", place(reply)));
     }
     if let Some(cycle) = cycle_id {
+        let panel = panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
         let verdict = verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
-        outcome.say(format!("cycle {cycle}{verdict}"));
+        outcome.say(format!("cycle {cycle}{panel}{verdict}"));
+    }
+    if let Some(page) = page {
+        outcome.say(format!("page: {}", page.display()));
     }
     if let Some(recorded) = recording {
         outcome.say(&recorded.message);
@@ -97,4 +152,14 @@ fn outcome(reply: &Reply) -> Outcome {
         outcome.say(format!("  {} ({})", reason.message, reason.code));
     }
     outcome
+}
+
+/// State and phase, and how far the work in it is.
+pub(super) fn place(reply: &Reply) -> String {
+    let Reply { state, phase, pass, film_s, waypoint, of, .. } = reply;
+    let mut parts: Vec<String> = state.iter().chain(phase).cloned().collect();
+    parts.extend(pass.filter(|pass| *pass > 0 && phase.is_some()).map(|pass| format!("pass {pass}")));
+    parts.extend(film_s.map(|seconds| format!("{seconds:.0} s of film")));
+    parts.extend(waypoint.zip(*of).map(|(waypoint, of)| format!("waypoint {waypoint} of {of}")));
+    parts.join(", ")
 }

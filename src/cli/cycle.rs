@@ -144,7 +144,7 @@ pub fn one(
     let ended = run_cycle_from((state, Begin::Boot), &job, ports);
     // What a cycle came to before it failed is worth most.
     let recorded = taping.finish();
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
     Ok(Ran {
         ended,

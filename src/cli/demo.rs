@@ -45,7 +45,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0 };
     progress("verifying both cameras and the tool on their boards");
     for camera in [CameraName::Scanner, CameraName::FlangeCamera] {
-        verify::run(&rendered.verification(camera), &common)?;
+        verify::run(&rendered.verification(camera), &common, &|_| {})?;
     }
     verify::touch(&rendered.touch(), &common)?;
     let health = health::judge(&files)?;

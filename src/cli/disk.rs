@@ -1,21 +1,22 @@
 //! Files in and out: whole or not at all.
 
 use super::fault::Fault;
+use crate::disk;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 /// The bytes of a file.
 ///
 /// # Errors
-/// Where it cannot be read, with its name.
+/// Where it is no regular file, is too large or cannot be read, with its name.
 pub fn read(file: &Path) -> Result<Vec<u8>, Fault> {
-    fs::read(file).map_err(|error| Fault::file(file, error))
+    disk::read(file).map_err(|error| Fault::file(file, error))
 }
 
 /// The text of a file.
 ///
 /// # Errors
-/// Where it cannot be read or is not UTF-8.
+/// As [`read`], and where it is not UTF-8.
 pub fn read_text(file: &Path) -> Result<String, Fault> {
     String::from_utf8(read(file)?).map_err(|error| Fault::file(file, error))
 }

@@ -1,10 +1,11 @@
 //! What stops a command, in words, and the one place where errors of all modules meet.
 
+use crate::daemon::DaemonError;
 use crate::requirements::{Purpose, Unmet};
 use std::error::Error;
 use std::path::{Path, PathBuf};
 
-/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2.
+/// Why a command could not do its work: bad input, or a disk that refuses. Exit code 2, where nothing else is said.
 #[derive(Debug, thiserror::Error)]
 pub enum Fault {
     /// Controller's files and cell's file that mean other ports.
@@ -73,15 +74,22 @@ pub enum Fault {
     /// A program ended while a motion was under way.
     #[error(
         "a motion is open in the store: a program ended while the robot moved, and nothing moves before a person has \
-         looked; start `panelprep run`, then `panelprep ctl clear`"
+         looked; look at the cell, jog the pad off the panel where it touches, then run `panelprep clear --cell {}`",
+        cell.display()
     )]
-    MotionOpen,
+    MotionOpen {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// The last cycle was aborted.
     #[error(
-        "the last cycle in this store was aborted and nobody has said that the cause is gone; start `panelprep run`, \
-         then `panelprep ctl clear`"
+        "the last cycle in this store was aborted and nobody has said that the cause is gone; look at the cell, then run \
+         `panelprep clear --cell {}`", cell.display()
     )]
-    NotCleared,
+    NotCleared {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// A simulated camera without a simulated world.
     #[error("a camera is simulated and there is no simulated world that it could look at")]
     NoWorld,
@@ -144,6 +152,15 @@ pub enum Fault {
         /// Flange poses named.
         flanges: usize,
     },
+    /// Corner pictures that show no corner: all of them.
+    #[error("{}", .0.join("; "))]
+    Corners(Vec<String>),
+    /// No corner picture for a cell that runs cycles.
+    #[error(
+        "a cycle of this cell looks at taught corners before each contact, and no corner picture was given: name one or, better, \
+         two with --corner FILE --flange POSE.json each (a cell without [calibration] flange_camera needs none)"
+    )]
+    NoCorner,
     /// More corner pictures than corners were taught.
     #[error("{found} corner pictures, but {taught} corners were taught of this panel; teach them with --corner")]
     CornersNotTaught {
@@ -167,6 +184,14 @@ pub enum Fault {
         /// Its taught version.
         version: String,
     },
+    /// A corner picture in the store that measures nothing.
+    #[error("the corner picture {number} that was taught: {cause}; then teach the panel again with it")]
+    TaughtCorner {
+        /// Which, from 1.
+        number: usize,
+        /// What is wrong with it.
+        cause: String,
+    },
     /// A grid that the region does not have.
     #[error("grid {grid} is not in the region of {rows} rows and {columns} columns, r1c1 to r{rows}c{columns}")]
     NoSuchGrid {
@@ -183,6 +208,35 @@ pub enum Fault {
         /// The folder.
         folder: PathBuf,
     },
+    /// A name of the part that cannot be kept as it stands.
+    #[error("{option} \"{found}\": {problem}; name it as it is to stand on the cycle's page")]
+    PartName {
+        /// The option.
+        option: &'static str,
+        /// What was given.
+        found: String,
+        /// What is wrong.
+        problem: &'static str,
+    },
+    /// The cycle that was waited for is not the service's last one any more.
+    #[error("{} was waited for, and the service runs {}; look at the cycle's page", shown(*waited_for), shown(*found))]
+    OtherCycle {
+        /// The one that was begun.
+        waited_for: Option<i64>,
+        /// The service's last one.
+        found: Option<i64>,
+    },
+    /// A recording where a client may not have one written.
+    #[error("--record \"{file}\": {words}")]
+    RecordName {
+        /// The name, with what cannot be printed as escapes.
+        file: String,
+        /// What is wrong with it, and what is allowed.
+        words: &'static str,
+    },
+    /// A thread of the program failed. Exit code 3.
+    #[error(transparent)]
+    Broken(#[from] crate::supervision::ThreadFault),
     /// A stage refused its input, in its own words.
     #[error(transparent)]
     Stage(Box<dyn Error + Send + Sync>),
@@ -197,13 +251,33 @@ fn each(cell: &Path, purpose: Purpose, unmet: &[Unmet]) -> String {
 }
 
 impl Fault {
+    /// The code by which a command ends, and the word for scripts.
+    pub fn code(&self) -> (u8, &'static str) {
+        match self {
+            Fault::Broken(_) => (3, "program_fault"),
+            _ => (2, "bad_input"),
+        }
+    }
+
     /// What is wrong with this file.
     pub fn file(file: &Path, cause: impl Into<Box<dyn Error + Send + Sync>>) -> Self {
         Fault::File { file: file.to_owned(), cause: cause.into() }
+    }
+
+    /// Why the loop had to end.
+    pub fn of_loop(error: DaemonError) -> Self {
+        match error {
+            DaemonError::Broken(fault) => Fault::Broken(fault),
+            other => Fault::stage(other),
+        }
     }
 
     /// What a stage says.
     pub fn stage(cause: impl Error + Send + Sync + 'static) -> Self {
         Fault::Stage(Box::new(cause))
     }
+}
+
+fn shown(cycle: Option<i64>) -> String {
+    cycle.map_or("no cycle".to_owned(), |cycle| format!("cycle {cycle}"))
 }

@@ -48,6 +48,8 @@ pub struct Placed {
     pub base_from_camera: Rigid<Base, Camera>,
     /// Where the panel stands.
     pub base_from_panel: Rigid<Base, Panel>,
+    /// Did nobody say where, so that it is taken to stand in its nominal place?
+    pub is_assumed: bool,
 }
 
 impl Placed {
@@ -60,6 +62,7 @@ impl Placed {
             camera: files.scanner()?.value,
             base_from_camera: files.base_from_camera()?.value,
             base_from_panel: load::located(located)?,
+            is_assumed: located.is_none(),
         })
     }
 }
@@ -128,6 +131,9 @@ pub fn stage(
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
         .map_err(Fault::stage)?;
+    if placed.is_assumed {
+        watch.assume_place();
+    }
     let (mut wet_ms, mut opened) = (Vec::with_capacity(shots.len()), false);
     for group in shots.chunks(DECODED_AT_ONCE) {
         let decoded: Vec<Result<ColorPicture, Fault>> =
@@ -275,6 +281,7 @@ impl Inspected {
         outcome.put("usable_frames", json!(quality.usable));
         outcome.put("never_wet_percent", json!(observation.never_wet_percent));
         outcome.put("detection_limit_mm2", json!(limit_mm2));
+        outcome.put("outline_off_px", json!(quality.off_px));
         outcome.put("light", json!(quality.light.map(|share| share.is_finite().then_some(share))));
         outcome.put("moved_px", json!(quality.moved_px));
         outcome.put("sharpness", json!(quality.sharpness));

@@ -95,10 +95,10 @@ impl CellFiles {
         let mut store = self.store_for_writing()?;
         let recovered = store.recover().map_err(Fault::stage)?;
         if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
-            return Err(Fault::MotionOpen);
+            return Err(Fault::MotionOpen { cell: self.file.clone() });
         }
         if matches!(recovered.at, At::Aborted { .. }) {
-            return Err(Fault::NotCleared);
+            return Err(Fault::NotCleared { cell: self.file.clone() });
         }
         Ok(store)
     }
@@ -196,10 +196,10 @@ impl CellFiles {
     }
 }
 
-/// The last touch check of this tool's calibration in a store; none where it was not touched.
+/// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
 pub fn last_touch(store: &Store, tool_text: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
+    (last.struck.is_none() && last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
 }
 
 /// Reads and checks a recipe.
@@ -219,18 +219,12 @@ pub fn scan(file: &Path, camera: &PinholeCamera) -> Result<OrganizedCloud<Camera
     files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))
 }
 
-/// Reads a picture and holds it against the camera's calibration.
+/// Reads a picture of a clip and holds it against the camera's calibration.
 ///
 /// # Errors
 /// Where the file is no picture, or its size is not the calibrated one.
 pub fn picture(file: &Path, camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
-    picture_of(file, &disk::read(file)?, camera)
-}
-
-fn picture_of(file: &Path, bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, Fault> {
-    let picture = files::read_color(bytes).map_err(|error| Fault::file(file, error))?;
-    files::check_picture_size(&picture, camera).map_err(|error| Fault::file(file, error))?;
-    Ok(picture)
+    files::read_color_of(&disk::read(file)?, camera).map_err(|error| Fault::file(file, error))
 }
 
 /// Reads where the panel is; without a file it stands at its nominal place.
@@ -277,7 +271,7 @@ pub fn corner_shots(
     }
     let read = |(file, flange): (&PathBuf, &PathBuf)| {
         let bytes = disk::read(file)?;
-        let picture = picture_of(file, &bytes, camera)?;
+        let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file(file, error))?;
         let pose = files::read_flange(&disk::read(flange)?).map_err(|error| Fault::file(flange, error))?;
         Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange: pose })
     };
@@ -309,27 +303,35 @@ pub fn taught(files: &CellFiles, recipe_file: &Path, recipe: &Recipe) -> Result<
             version: kept.version,
         });
     }
-    derive(&kept.teaching, &taught_recipe, kept.version)
+    derive(&kept.teaching, &taught_recipe, kept.version, &|index| format!("taught corner {}", index + 1))
 }
 
-/// Derives panel and corners from what a teaching holds.
+/// Derives panel and corners from what a teaching holds; `name` is a corner picture's in messages.
 ///
 /// # Errors
-/// Where the scan shows no panel under the region, or a picture no corner.
-pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<Taught, Fault> {
+/// Where the scan shows no panel under the region, or pictures no corner: all of these are named.
+pub fn derive(
+    teaching: &Teaching,
+    recipe: &Recipe,
+    version: String,
+    name: &dyn Fn(usize) -> String,
+) -> Result<Taught, Fault> {
     let kept = "the taught calibration";
     let camera = Intrinsics::check(kept, &teaching.scanner_calibration_text)?.camera;
     let base_from_camera = MountedPose::<ScannerMount>::check(kept, &teaching.base_from_camera_text)?.rigid();
     let cloud = files::read_cloud(&teaching.scan, &camera).map_err(Fault::stage)?;
     let panel = TaughtPanel::learn(&cloud, camera, base_from_camera, recipe).map_err(Fault::stage)?;
     let mut corners = Vec::with_capacity(teaching.corners.len());
+    let mut problems = Vec::new();
     for (index, shot) in teaching.corners.iter().enumerate() {
         let camera = Intrinsics::check(kept, &teaching.flange_camera_text)?.camera;
         let flange_from_camera =
             MountedPose::<FlangeCameraMount>::check(kept, &teaching.flange_from_camera_text)?.rigid();
         let base_from_flange: Rigid<Base, Flange> = shot.base_from_flange.to_rigid();
         let panel_from_camera = panel_from_base_at_teaching() * base_from_flange * flange_from_camera;
-        let picture = files::read_color(&shot.picture).map_err(Fault::stage)?;
+        let picture = files::read_measured(&shot.picture, &camera);
+        let picture =
+            picture.map_err(|error| Fault::TaughtCorner { number: index + 1, cause: error.to_string() })?;
         let gray = picture.to_gray();
         let seen_at = |scale_from: Point<Panel>| -> Result<TaughtCorner, Fault> {
             let expected = panel_from_camera.inverse() * scale_from;
@@ -339,8 +341,13 @@ pub fn derive(teaching: &Teaching, recipe: &Recipe, version: String) -> Result<T
         };
         // Where the corner is is known once it is found by the scale at the panel's middle; then by its own, as in a cycle:
         // the edges' ends depend on the scale, and where they meet by a tenth of a pixel.
-        let rough = seen_at(panel.centre())?;
-        corners.push(seen_at(rough.point)?);
+        match seen_at(panel.centre()).and_then(|rough| seen_at(rough.point)) {
+            Ok(corner) => corners.push(corner),
+            Err(fault) => problems.push(format!("{}: {fault}", name(index))),
+        }
+    }
+    if !problems.is_empty() {
+        return Err(Fault::Corners(problems));
     }
     Ok(Taught { panel, corners, version })
 }

@@ -49,7 +49,9 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
     if let (Some(folder), Ok(prepared)) = (&args.pictures, &prepared) {
         located.draw(prepared, (&taught, &view), folder)?;
     }
-    Ok(located.outcome())
+    let outcome = located.outcome();
+    outcome.write(args.out.as_deref())?;
+    Ok(outcome)
 }
 
 impl Located {

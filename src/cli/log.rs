@@ -1,12 +1,17 @@
 //! What the program tells while it works, on standard error. Under systemd the journal adds the time itself.
+//!
+//! An event is one line, whatever stands in it: names and texts come from files and from whoever asks, and a line feed in
+//! one of them must not begin a line that looks like another event.
 
+use std::io::{Result, Write};
 use tracing::level_filters::LevelFilter;
 use tracing_subscriber::fmt;
 
 /// Begins to log; `PANELPREP_LOG` may name another level than `usual`: `error`, `warn`, `info`, `debug`, `trace`, `off`.
 pub fn start(usual: LevelFilter) {
     let level = std::env::var("PANELPREP_LOG").ok().and_then(|word| word.parse().ok()).unwrap_or(usual);
-    let log = fmt().with_writer(std::io::stderr).with_ansi(false).with_target(false).with_max_level(level);
+    let out = || OneLine(std::io::stderr());
+    let log = fmt().with_writer(out).with_ansi(false).with_target(false).with_max_level(level);
     // It would be told by `eprintln!`, which panics where nobody reads.
     let log = log.log_internal_errors(false);
     // Set once for each process; a second one changes nothing.
@@ -14,4 +19,49 @@ pub fn start(usual: LevelFilter) {
         Some(_) => tracing::subscriber::set_global_default(log.without_time().finish()),
         None => tracing::subscriber::set_global_default(log.finish()),
     };
+}
+
+/// Writes each event, which comes whole, as one line: other control characters than its end are written as escapes.
+struct OneLine<W>(W);
+
+impl<W: Write> Write for OneLine<W> {
+    fn write(&mut self, event: &[u8]) -> Result<usize> {
+        let text = String::from_utf8_lossy(event);
+        let inside = text.strip_suffix('\n').unwrap_or(&text);
+        let is_plain = |c: char| !c.is_control() && !matches!(c, '\u{2028}' | '\u{2029}');
+        if inside.chars().all(is_plain) {
+            self.0.write_all(event)?;
+        } else {
+            let escaped: String = inside
+                .chars()
+                .map(|c| if is_plain(c) { c.to_string() } else { c.escape_default().to_string() })
+                .collect();
+            self.0.write_all(escaped.as_bytes())?;
+            self.0.write_all(&text.as_bytes()[inside.len()..])?;
+        }
+        Ok(event.len())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.0.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn written(event: &str) -> String {
+        let mut bytes = Vec::new();
+        OneLine(&mut bytes).write_all(event.as_bytes()).expect("memory");
+        String::from_utf8(bytes).expect("UTF-8")
+    }
+
+    #[test]
+    fn an_event_is_one_line_whatever_it_holds() {
+        assert_eq!(written("INFO anna (uid 7) asks: stop; 25 µm\n"), "INFO anna (uid 7) asks: stop; 25 µm\n");
+        let forged = "WARN refused: /tmp/a\n2026-11-22 INFO root (uid 0) asks: abort\r\x1b[2K\u{2028}\n";
+        let told = "WARN refused: /tmp/a\\n2026-11-22 INFO root (uid 0) asks: abort\\r\\u{1b}[2K\\u{2028}\n";
+        assert_eq!(written(forged), told);
+    }
 }

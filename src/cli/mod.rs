@@ -7,12 +7,14 @@ pub mod args;
 mod assignment;
 mod calibrate;
 mod check;
+mod clear;
 mod ctl;
 mod cycle;
 pub mod demo;
 mod disk;
 mod doctor;
 mod fault;
+mod follow;
 mod health;
 mod inspect;
 mod labels;
@@ -20,9 +22,11 @@ mod live;
 mod load;
 mod locate;
 mod log;
+mod look;
 mod mock_robot;
 mod outcome;
 mod output;
+mod part;
 mod person;
 mod pictures;
 mod plan;
@@ -67,9 +71,11 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Robot(args) => robot::run(args, common),
         Command::MockRobot(args) => mock_robot::run(args, common, &|line| output::tell_line(line)),
         Command::Run(args) => run::run(args, common),
+        Command::Clear => clear::run(common),
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| output::tell_line(line)),
         Command::Teach(args) => teach::run(args, common),
+        Command::Look(args) => look::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),
         Command::Inspect(args) => inspect::run(args, common),

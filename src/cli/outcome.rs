@@ -1,9 +1,11 @@
 //! What a command prints: words for a person, or one JSON object.
 
+use super::disk;
 use super::fault::Fault;
 use super::output::{print_line, tell_line};
 use crate::verdict::Judgement;
 use serde_json::{Map, Value, json};
+use std::path::Path;
 use std::process::ExitCode;
 
 /// What a command found, in both forms.
@@ -38,6 +40,14 @@ impl Outcome {
         self.words.push(line.into());
     }
 
+    /// Writes the object that `--json` prints to this file, where one is named.
+    ///
+    /// # Errors
+    /// Where the disk refuses.
+    pub fn write(&self, file: Option<&Path>) -> Result<(), Fault> {
+        file.map_or(Ok(()), |file| disk::write(file, format!("{}\n", Value::Object(self.json.clone()))))
+    }
+
     /// Prints it and gives the exit code.
     pub fn print(&self, as_json: bool) -> ExitCode {
         let text = if as_json { Value::Object(self.json.clone()).to_string() } else { self.words.join("\n") };
@@ -59,9 +69,10 @@ fn printed(text: &str, exit: u8) -> ExitCode {
 /// Prints what stopped a command: words on standard error, with `--json` an object too.
 pub fn print_fault(fault: &Fault, as_json: bool) -> ExitCode {
     tell_line(&format!("panelprep: {fault}"));
+    let (exit, code) = fault.code();
     if as_json {
-        let reason = json!([{"code": "bad_input", "message": fault.to_string()}]);
-        return printed(&json!({"verdict": null, "reasons": reason}).to_string(), 2);
+        let reason = json!([{"code": code, "message": fault.to_string()}]);
+        return printed(&json!({"verdict": null, "reasons": reason}).to_string(), exit);
     }
-    ExitCode::from(2)
+    ExitCode::from(exit)
 }

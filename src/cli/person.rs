@@ -56,6 +56,14 @@ impl<R: Requests> Requests for Person<R> {
         self.asks.concluded(verdict);
     }
 
+    fn filmed(&mut self, seconds: f64) {
+        self.asks.filmed(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.asks.disc_mounted();
+    }
+
     fn noted(&mut self, reasons: &[Reason]) {
         self.asks.noted(reasons);
     }

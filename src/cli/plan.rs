@@ -8,17 +8,18 @@ use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
 use crate::daemon::{self, Approached, Job};
-use crate::geometry::{Base, ColorPicture, KukaPose, Panel, Point, Rigid, Tool};
+use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::{self, Reached, Stand};
-use crate::path::{self, Kinematics, ProgramName};
+use crate::path::{self, Kinematics, Program, ProgramName, Spread, WaypointLimits};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map, surface_map};
 use crate::surface::{self, Deviation, Fit};
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// A plan with its verdict.
 pub struct Planned {
@@ -41,6 +42,7 @@ pub struct Planned {
 pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
+    let program = args.krl.as_ref().map(|file| Ok::<_, Fault>((file, program_name(file)?))).transpose()?;
     let base_from_panel = load::located(args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let grids = if args.grids.is_empty() {
@@ -59,18 +61,30 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     let worn_mm2 = files.store()?.disc_worn_mm2().map_err(Fault::stage)?;
     let disc = DiscUse::of(&planned.plan, recipe.path(), worn_mm2);
     planned.judge(Judgement::of(vec![], disc.change("this path").into_iter().collect()));
+    planned.judge(path::judge_pad(recipe.path(), files.cell.limits().tool_error_mm()));
+    if files.cell.limits().workspace().is_some() || program.is_some() {
+        let limits = WaypointLimits::from(files.cell.limits());
+        planned.judge(path::judge_in_base(&planned.plan, base_from_panel, &limits));
+    }
     let dwell = planned.dwell(&taught, &grids, &recipe);
     let mut outcome = planned.outcome();
     outcome.words.extend(planned.table(&dwell, &disc, &recipe));
     outcome.say(reach_words);
-    outcome.put("reach", json!(reached.map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))));
+    outcome.put(
+        "reach",
+        json!(reached.as_ref().map(|r| json!({"room_deg": r.travel.room_deg, "spin_deg": r.spin.0}))),
+    );
     outcome.put("disc_worn_before_mm2", json!(worn_mm2));
-    outcome.put("dwell", numbers(&dwell));
+    outcome.put("dwell", planned.numbers(&dwell));
+    outcome.put("dwell_ratio", json!(planned.plan.dwell_ratio().map(|(ratio, _)| ratio)));
+    outcome.put("max_dwell_ratio", json!(recipe.path().max_dwell_ratio()));
     let text = Value::Object(outcome.json.clone()).to_string();
-    if let Some(file) = &args.krl {
-        let name = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
-        let name: ProgramName = name.parse().map_err(|error| Fault::file(file, error))?;
-        disk::write(file, path::krl(&name, &planned.plan, Some(planned.base), recipe.path()))?;
+    if let Some((file, name)) = &program {
+        let start = reached.as_ref().and_then(|reached| reached.travel.joints.first()).copied();
+        let (is_written, words) =
+            planned.program((file, name), (start, files.flange_from_tool()?.value), &recipe)?;
+        outcome.say(words);
+        outcome.put("krl", json!(is_written.then_some(file)));
     }
     if let Some(file) = &args.out {
         disk::write(file, text)?;
@@ -90,6 +104,15 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
+/// The program that a file holds: a controller loads it by the file's name.
+fn program_name(file: &Path) -> Result<ProgramName, Fault> {
+    if file.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("src")) {
+        return Err(Fault::file(file, "a KRL program's file ends in .src"));
+    }
+    let name = file.file_stem().and_then(|stem| stem.to_str()).unwrap_or_default();
+    name.parse().map_err(|error| Fault::file(file, error))
+}
+
 /// Plans paths over these grids of a fitted surface.
 fn on_surface(
     fit: Fit,
@@ -104,16 +127,6 @@ fn on_surface(
     let plan = plan.map_err(Fault::stage)?;
     let judgement = path::judge(&plan, recipe.path());
     Ok(Planned { plan, judgement, deviation: fit.deviation, base: KukaPose::from_rigid(&base_from_panel), fit })
-}
-
-fn numbers(dwell: &Dwell) -> Value {
-    let grid = |grid: &GridDwell| {
-        json!({
-            "grid": grid.id.to_string(), "share": grid.share(), "overlap": grid.overlap(),
-            "left_mm2": grid.left_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
-        })
-    };
-    json!(dwell.grids.iter().map(grid).collect::<Vec<_>>())
 }
 
 impl Planned {
@@ -174,6 +187,33 @@ impl Planned {
         self.judgement = other.and(self.judgement.clone());
     }
 
+    /// Writes the plan as a program, unless it is rejected; comes with whether it did and what to say of it.
+    fn program(
+        &self,
+        (file, name): (&Path, &ProgramName),
+        (start, flange_from_tool): (Option<Joints>, Rigid<Flange, Tool>),
+        recipe: &Recipe,
+    ) -> Result<(bool, String), Fault> {
+        let shown = file.display();
+        let (Some(start), false) = (start, self.judgement.verdict == Verdict::Reject) else {
+            let earlier = if file.exists() { "; the file that is there is of an earlier plan" } else { "" };
+            return Ok((false, format!("no program was written to {shown}: this plan is rejected{earlier}")));
+        };
+        let remark = |reason: &Reason| format!("A person must decide: {}", reason.message);
+        let remarks: Vec<String> = self.judgement.reasons.iter().map(remark).collect();
+        let program = Program {
+            name,
+            plan: &self.plan,
+            flange_from_tool: KukaPose::from_rigid(&flange_from_tool),
+            base_from_panel: self.base,
+            start,
+            remarks: &remarks,
+        };
+        disk::write(file, path::krl(&program, recipe.path()))?;
+        let words = "it sets $TOOL and $BASE and begins with a PTP to the path's first place";
+        Ok((true, format!("the program is in {shown}; {words}")))
+    }
+
     /// What the disc does along the plan.
     fn dwell(&self, taught: &Taught, grids: &[GridId], recipe: &Recipe) -> Dwell {
         let radius_mm = recipe.path().disc_diameter_mm() / 2.0;
@@ -205,11 +245,15 @@ impl Planned {
                 100.0 * dwell.share(),
                 dwell.longest_s()
             ),
-            "grid      covered %   overlap %   left mm²   mean s".to_owned(),
+            self.evenness(recipe),
+            "grid      covered %   overlap %   left mm²   mean s    5 % s   95 % s   ratio".to_owned(),
         ];
         table.extend(dwell.grids.iter().map(|grid| {
+            let spread = self.grid_spread(grid.id).map_or("nothing treated".to_owned(), |spread| {
+                format!("{:6.2}   {:6.2}   {:5.2}", spread.low_s, spread.high_s, spread.ratio())
+            });
             format!(
-                "{:8}  {:9.2}   {:9.1}   {:8.1}   {:6.2}",
+                "{:8}  {:9.2}   {:9.1}   {:8.1}   {:6.2}   {spread}",
                 grid.id.to_string(),
                 100.0 * grid.share(),
                 100.0 * grid.overlap(),
@@ -218,6 +262,37 @@ impl Planned {
             )
         }));
         table
+    }
+
+    fn numbers(&self, dwell: &Dwell) -> Value {
+        let grid = |grid: &GridDwell| {
+            let spread = self.grid_spread(grid.id);
+            json!({
+                "grid": grid.id.to_string(), "share": grid.share(), "overlap": grid.overlap(),
+                "left_mm2": grid.left_mm2(), "mean_dwell_s": grid.mean_dwell_s(),
+                "p5_s": spread.map(|spread| spread.low_s), "p95_s": spread.map(|spread| spread.high_s),
+                "ratio": spread.map(|spread| spread.ratio()),
+            })
+        };
+        json!(dwell.grids.iter().map(grid).collect::<Vec<_>>())
+    }
+
+    fn grid_spread(&self, id: GridId) -> Option<Spread> {
+        self.plan.grid_dwell.iter().find(|(known, _)| *known == id).map(|(_, spread)| *spread)
+    }
+
+    /// How even the time under the disc is, in words.
+    fn evenness(&self, recipe: &Recipe) -> String {
+        let (Some(dwell), Some((ratio, grid))) = (self.plan.dwell, self.plan.dwell_ratio()) else {
+            return "under the disc     nothing is treated".to_owned();
+        };
+        let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
+        format!(
+            "under the disc     {:8.2} s at 5 % of the treated area, {:.2} s at 95 %; ratio {ratio:.2} ({whose}), allowed {}",
+            dwell.low_s,
+            dwell.high_s,
+            recipe.path().max_dwell_ratio()
+        )
     }
 
     /// The paths drawn over a view.

@@ -11,7 +11,7 @@ use crate::recipe::Recipe;
 use crate::report::page::{Row, Section};
 use crate::store::{TaughtCorner, Teaching};
 use crate::tape::Checked;
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
 /// What a recording of this cycle begins with.
 ///
@@ -40,9 +40,7 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
         let folder = file.parent().unwrap_or(Path::new("/"));
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
         if !folder.is_dir() {
-            let words = "no such folder for this program; make it, or record in another (the service's unit shows it no home \
-                         folders, and a /tmp of its own)";
-            return Err(Fault::file(folder, words));
+            return Err(no_folder(folder));
         }
         if rustix::fs::access(folder, rustix::fs::Access::WRITE_OK | rustix::fs::Access::EXEC_OK).is_err() {
             let words =
@@ -58,12 +56,62 @@ pub fn allowed(file: Option<&Path>, store: &Path) -> Result<(), Fault> {
     Ok(())
 }
 
+/// The place of a recording that a client of the service names: by its whole path, plain, and outside of the store, all
+/// links on the way resolved. A client may have the service write only what is the client's to ask for.
+///
+/// # Errors
+/// Where the name is not such a one, or its folder is not there.
+pub fn named_by_a_client(file: &Path, store: &Path) -> Result<PathBuf, Fault> {
+    let refused = |words: &'static str| {
+        let shown: String = file.to_string_lossy().chars().flat_map(char::escape_debug).take(MOST_SHOWN).collect();
+        Fault::RecordName { file: shown, words }
+    };
+    let Some(text) = file.to_str() else { return Err(refused("it is not UTF-8")) };
+    if text.chars().any(char::is_control) {
+        return Err(refused("it has control characters, such as a line feed"));
+    }
+    if !file.is_absolute() {
+        return Err(refused("it is relative, and the service stands in a folder of its own; name the whole path"));
+    }
+    let is_plain = file.components().all(|part| matches!(part, Component::RootDir | Component::Normal(_)));
+    let name = file.file_name().filter(|_| is_plain && !text.ends_with('/') && !text.contains("/./"));
+    let (Some(name), Some(folder)) = (name, file.parent()) else {
+        return Err(refused("it has . or .. in it, or ends in a folder; name the whole path of a new file"));
+    };
+    let resolved = |path: &Path| path.canonicalize().map_err(|error| Fault::file(path, error));
+    if !folder.is_dir() {
+        return Err(no_folder(folder));
+    }
+    let (folder, store) = (resolved(folder)?, resolved(store)?);
+    if folder.starts_with(&store) {
+        return Err(refused(
+            "it is inside the store, where only the service names files; name a file elsewhere, or record without a \
+             name, which keeps it in the store's recordings/",
+        ));
+    }
+    let file = folder.join(name);
+    // A link is no new file, wherever it leads, and if it leads nowhere.
+    match file.symlink_metadata() {
+        Ok(_) => Err(taken(&file)),
+        Err(_) => Ok(file),
+    }
+}
+
+/// Characters of a refused name that are told.
+const MOST_SHOWN: usize = 200;
+
 /// A recording in a new file, of which this is told where the disk refuses it.
 pub fn refused(file: &Path, error: std::io::Error) -> Fault {
     match error.kind() {
         std::io::ErrorKind::AlreadyExists => taken(file),
         _ => Fault::file(file, error),
     }
+}
+
+fn no_folder(folder: &Path) -> Fault {
+    let words = "no such folder for this program; make it, or record in another (the service's unit shows it no home \
+                 folders, and a /tmp of its own)";
+    Fault::file(folder, words)
 }
 
 fn taken(file: &Path) -> Fault {
@@ -196,6 +244,7 @@ impl Parts<'_> {
             flange_from_camera_text: text(4)?,
         };
         let taught_recipe = Recipe::check(TAUGHT[0], &teaching.recipe_text)?;
-        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned())
+        let name = |index: usize| format!("recorded corner {}", index + 1);
+        load::derive(&teaching, &taught_recipe, self.text(VERSION)?.to_owned(), &name)
     }
 }

@@ -63,7 +63,9 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
             pictures::save(folder, &format!("corner{}_after", index + 1), after)?;
         }
     }
-    Ok(place.outcome())
+    let outcome = place.outcome();
+    outcome.write(args.out.as_deref())?;
+    Ok(outcome)
 }
 
 /// What the localization and both cameras' mounts claim, 95 %, mm; `None` where one of them states nothing.

@@ -8,10 +8,13 @@ use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
 use super::render_boards;
-use crate::cell::{FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::files::{self, Clip, ClipEntry};
-use crate::geometry::{ColorPicture, Flange, KukaPose, Rigid, Tool};
+use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
+use crate::inspect::{Demands, Footprint};
+use crate::panel::TaughtPanel;
 use crate::phase::Phase;
+use crate::recipe::Recipe;
 use crate::sim::{self, Film, FilmSpec, Grease, Place, SEARCH_BOX_MM, Scene};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Judgement, Verdict};
@@ -150,10 +153,11 @@ fn write_taught_for(
 ) -> Result<Rendered, Fault> {
     claim(folder)?;
     let rendered = Rendered { folder: folder.to_owned(), seconds };
-    write_configuration(cell, &rendered)?;
-    render_boards::write_targets(cell, &rendered)?;
     progress("rendering the scan and the corner picture that the panel is taught by");
-    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&cell.taught_scan()))?;
+    let taught_scan = cell.taught_scan();
+    write_configuration(cell, &taught_scan, &rendered)?;
+    render_boards::write_targets(cell, &rendered)?;
+    disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
     write_corner(cell, &rendered, Place::Nominal)?;
     Ok(rendered)
 }
@@ -177,7 +181,11 @@ fn claim(folder: &Path) -> Result<(), Fault> {
     disk::write(&folder.join(MARK), "This folder is written anew by each `panelprep render`.\n")
 }
 
-fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault> {
+fn write_configuration(
+    cell: &sim::Cell,
+    taught_scan: &OrganizedCloud<Camera>,
+    rendered: &Rendered,
+) -> Result<(), Fault> {
     let mut base_from_camera =
         MountedPose::<ScannerMount>::of(KukaPose::from_rigid(&cell.calibrated_base_from_camera()));
     let mut flange_from_camera =
@@ -193,7 +201,7 @@ fn write_configuration(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Faul
         ("flange_from_camera.toml", flange_from_camera.to_toml()),
         ("flange_from_tool.toml", tool.to_toml()),
         ("cell.toml", format!("{CELL}verify_limit_mm = {:?}\n", verify_limit_mm(cell))),
-        ("recipe.toml", recipe(cell, rendered.seconds)),
+        ("recipe.toml", recipe(cell, taught_scan, rendered.seconds)?),
     ];
     texts.iter().try_for_each(|(name, text)| disk::write(&rendered.file(name), text))
 }
@@ -246,7 +254,29 @@ box_min_mm = [100.0, -450.0, 50.0]
 box_max_mm = [700.0, 450.0, 900.0]
 "#;
 
-fn recipe(cell: &sim::Cell, seconds: u32) -> String {
+/// A panel that was displaced may appear so much coarser than where it was taught.
+const DISPLACED: f64 = 1.2;
+
+/// The recipe, with the smallest break that the cell's pixels surely show where the cell's own limit is finer than they are.
+fn recipe(cell: &sim::Cell, taught_scan: &OrganizedCloud<Camera>, seconds: u32) -> Result<String, Fault> {
+    let text = plain_recipe(cell, seconds);
+    let plain = Recipe::check("recipe.toml", &text)?;
+    let demanded_mm2 = Demands::of(&plain, cell::Cell::check("cell.toml", CELL)?.limits()).min_break_mm2;
+    let panel = TaughtPanel::learn(taught_scan, *cell.scanner(), cell.calibrated_base_from_camera(), &plain);
+    let panel = panel.map_err(Fault::stage)?;
+    let limit_mm2 = Footprint::taught_detection_limit_mm2(&panel, plain.inspect()).map_err(Fault::stage)?;
+    let sure_mm2 = DISPLACED * limit_mm2;
+    if sure_mm2 <= demanded_mm2 {
+        return Ok(text);
+    }
+    Ok(format!(
+        "{text}# This camera's pixels are too coarse for the cell's {demanded_mm2} mm²: from {limit_mm2:.1} mm² on a break is surely found \
+         at the taught place.\nmin_break_mm2 = {:.1}\n",
+        sure_mm2.ceil()
+    ))
+}
+
+fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
     let region = cell.region();
     let corners: Vec<String> =
         region.corners_px.iter().map(|pixel| format!("[{:.1}, {:.1}]", pixel.u, pixel.v)).collect();
@@ -296,12 +326,18 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
             sim::Phase::Spray => Phase::Spray,
             sim::Phase::Wet => Phase::Wet,
         };
-        ClipEntry { file: format!("{:05}.jpg", index + 1), time_s, phase }
+        // All that follows is held against the dry pictures: those keep every pixel.
+        let kind = if phase == Phase::Dry { "png" } else { "jpg" };
+        ClipEntry { file: format!("{:05}.{kind}", index + 1), time_s, phase }
     };
     let entries: Vec<ClipEntry> = times_s.iter().enumerate().map(entry).collect();
     entries.par_iter().try_for_each(|entry| {
-        let jpeg = files::write_color_jpeg(&film.picture(entry.time_s)).map_err(Fault::stage)?;
-        disk::write(&folder.join(&entry.file), jpeg)
+        let picture = film.picture(entry.time_s);
+        let bytes = match entry.phase {
+            Phase::Dry => files::write_color_png(&picture),
+            Phase::Spray | Phase::Wet => files::write_color_jpeg(&picture),
+        };
+        disk::write(&folder.join(&entry.file), bytes.map_err(Fault::stage)?)
     })?;
     let clip = Clip::new(entries).map_err(Fault::stage)?;
     disk::write(&folder.join("clip.csv"), clip.to_csv())

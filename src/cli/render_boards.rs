@@ -7,7 +7,7 @@ use super::disk;
 use super::fault::Fault;
 use super::render::Rendered;
 use crate::calib::Board;
-use crate::cell::{MountedPose, TargetMount};
+use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files;
 use crate::geometry::{Base, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool};
 use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RobotNoise};
@@ -43,7 +43,7 @@ impl Rendered {
     /// A touch of the scanner's target, as `panelprep calibrate touch` takes it.
     pub fn touch(&self) -> Touch {
         Touch {
-            board: target_board(),
+            board: Some(target_board()),
             target: self.file("target/scanner.toml"),
             points: self.file("target/touched.toml"),
             pictures: None,
@@ -68,7 +68,8 @@ pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault>
     let (scanner, flange) = (cell.scanner_target(), cell.flange_target());
     for (name, target) in [("scanner", &scanner), ("flange_camera", &flange)] {
         save(rendered, &format!("target/{name}.png"), &target.picture)?;
-        let known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&target.known_base_from_board));
+        let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&target.known_base_from_board));
+        known.board = Some(BoardSize { board: TARGET.0.to_owned(), square_mm: TARGET.1 });
         disk::write(&rendered.file(&format!("target/{name}.toml")), known.to_toml())?;
     }
     let pose = KukaPose::from_rigid(&flange.base_from_flange);

@@ -48,7 +48,7 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
 }
 
 fn open(file: &Path) -> Result<BufReader<File>, Fault> {
-    File::open(file).map(BufReader::new).map_err(|error| Fault::file(file, error))
+    crate::disk::open(file).map(BufReader::new).map_err(|error| Fault::file(file, error))
 }
 
 fn outcome(checked: &Checked, played: &Played, verdict: Option<Verdict>) -> Outcome {

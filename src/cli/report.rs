@@ -2,6 +2,7 @@
 
 use super::disk;
 use super::fault::Fault;
+use super::part;
 use crate::record::{CycleId, CycleRecord};
 use crate::report::cycle_page;
 use crate::report::page::{Page, Section};
@@ -14,6 +15,8 @@ pub struct Kept {
     /// The record.
     pub record: CycleRecord,
     pictures: BTreeMap<String, Vec<u8>>,
+    /// What is told of the part, where it was named.
+    part: Option<Section>,
 }
 
 impl Kept {
@@ -26,7 +29,8 @@ impl Kept {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
-        Ok(Kept { record, pictures })
+        let part = part::section(store, &record);
+        Ok(Kept { record, pictures, part })
     }
 
     /// Writes the page, with `more` at its end.
@@ -35,7 +39,7 @@ impl Kept {
     /// Where the disk refuses.
     pub fn write(&self, file: &Path, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
-        let sections = page.sections.into_iter().chain(more).collect();
+        let sections = self.part.iter().cloned().chain(page.sections).chain(more).collect();
         disk::write(file, Page { sections, ..page }.html())
     }
 

@@ -11,18 +11,19 @@ use super::person::Person;
 use super::recording;
 use super::report::{self, Kept};
 use super::zivid;
-use crate::cycle::At;
+use crate::cycle::{At, State};
 use crate::daemon::{
-    self, Desk, EndedCycle, Letter, Loader, Order, RecordIn, Recorded, Recording, Robot as _, Service, Site,
-    Socket, StoreRecord, Taped, Taping,
+    self, Beside, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording, Robot as _,
+    Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::requirements::Purpose;
+use crate::supervision::Supervisor;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{self, Receiver, Sender};
+use std::sync::mpsc::{self, Receiver};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
@@ -32,7 +33,9 @@ use std::thread::JoinHandle;
 /// Where a file is not what it must be, another process writes to the store or answers on the socket, or the store
 /// does not write.
 pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
-    let (tell, letters) = mpsc::channel();
+    let supervisor = Supervisor::default();
+    supervisor.notice_panics();
+    let (tell, letters) = daemon::letters();
     signals(tell.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
     files.require(Purpose::Cycle)?;
@@ -49,14 +52,18 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.world.clone();
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
+    taping.watched_by(&supervisor);
     let path = files.socket();
-    let socket = Socket::listen(&path, tell, loader((files.clone(), common.clone()), taken_by, world.clone()))
-        .map_err(Fault::stage)?;
+    supervisor.watch(live.robot.watched());
+    let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
+    let socket = Socket::listen(&path, tell, loader, &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
-    let pages = write_pages(files.clone(), pages)?;
-    let desk = Desk::new(letters, ended, left_open, taping.clone());
+    let written = WrittenPage::default();
+    let pages = write_pages(files.clone(), pages, written.clone())?;
+    let beside = Beside { taping: taping.clone(), supervisor: supervisor.clone(), pages: ended, written };
+    let desk = Desk::new(letters, left_open, beside);
     let mut person = Person { asks: desk, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
@@ -68,22 +75,23 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         keep,
         record: &mut Taped::new(&mut record, taping.clone()),
         requests: &mut Taped::new(&mut person, taping.clone()),
+        supervisor,
     };
     let ended = daemon::serve(site, service, journal);
     // One that is still open belongs to a loop that failed: the very one to look at.
     if let Some(recorded) = taping.finish() {
         tracing::info!("{}", recorded.message);
     }
-    let ended = ended.map_err(Fault::stage)?;
+    let ended = ended.map_err(Fault::of_loop)?;
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());
-    Ok(outcome(ended.at))
+    Ok(outcome(&ended))
 }
 
 /// Signals come to the desk, however many there are.
-fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
+fn signals(tell: Letters) -> Result<(), Fault> {
     let mut signals = Signals::new([SIGTERM, SIGINT]).map_err(Fault::stage)?;
     let each = move || {
         for _ in signals.forever() {
@@ -97,7 +105,11 @@ fn signals(tell: Sender<Letter>) -> Result<(), Fault> {
 }
 
 /// Writes the page of each cycle that has ended, beside the loop, until nobody tells of more.
-fn write_pages(files: Arc<CellFiles>, ended: Receiver<EndedCycle>) -> Result<JoinHandle<()>, Fault> {
+fn write_pages(
+    files: Arc<CellFiles>,
+    ended: Receiver<EndedCycle>,
+    written: WrittenPage,
+) -> Result<JoinHandle<()>, Fault> {
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
         Kept::read(&files.store()?, cycle)?.write(&page, recorded.map(recording::section).into_iter().collect())?;
@@ -110,7 +122,10 @@ fn write_pages(files: Arc<CellFiles>, ended: Receiver<EndedCycle>) -> Result<Joi
                 tracing::info!("cycle {cycle}: {message}");
             }
             match page(cycle, recorded.as_ref()) {
-                Ok(page) => tracing::info!("page of cycle {cycle}: {}", page.display()),
+                Ok(page) => {
+                    written.is(cycle, &page);
+                    tracing::info!("page of cycle {cycle}: {}", page.display());
+                }
                 Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
             }
         }
@@ -142,7 +157,7 @@ fn loader(
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
-    Arc::new(move |name: &str, text: &str, record: Option<RecordIn>| {
+    Arc::new(move |Started { recipe: name, text, record, part }| {
         // A file on a disk that hangs must not take the places of those who ask for a stop.
         let Ok(_turn) = one_at_a_time.try_lock() else {
             return Err(vec![Reason::new("busy", "another start is being read; ask again when it was answered")]);
@@ -156,16 +171,16 @@ fn loader(
                 return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
-            let assignment = Assignment::of(&files, Path::new(name), text.to_owned())?;
+            let assignment = Assignment::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
             if let Some(world) = &world {
                 world.mount_disc(assignment.recipe.path().disc_diameter_mm());
             }
-            let record = match record {
+            let record = match &record {
                 None => None,
                 Some(place) => {
                     let file = match place {
                         RecordIn::Store => None,
-                        RecordIn::File(file) => Some(file),
+                        RecordIn::File(file) => Some(recording::named_by_a_client(file, files.store_folder())?),
                     };
                     recording::allowed(file.as_deref(), files.store_folder())?;
                     Some(recording::of(file, &files, (&assignment, &calibrated))?)
@@ -181,9 +196,10 @@ fn unreadable(fault: &Fault) -> Reason {
     Reason::new("calibration", fault.to_string())
 }
 
-fn outcome(at: At) -> Outcome {
+fn outcome(state: &State) -> Outcome {
+    let at = state.at;
     let verdict = if at == At::Stopped { Verdict::Accept } else { Verdict::Aborted };
-    let reasons = daemon::why(at).into_iter().collect();
+    let reasons = daemon::why(state);
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
     outcome.put("state", at.word().into());
     outcome.words[0] = format!("ended in state {}", at.word());

@@ -5,53 +5,56 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::geometry::Point;
-use crate::inspect::{Demands, Footprint};
+use crate::files;
+use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
+use crate::inspect::{Demands, Footprint, too_coarse};
 use crate::locate::{self, gate};
+use crate::panel::LearnError;
 use crate::recipe::Recipe;
-use crate::report::View;
+use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
-use crate::verdict::{Judgement, Verdict};
+use crate::verdict::{Judgement, Reason};
 use serde_json::json;
+use std::error::Error;
+use std::path::Path;
 
 /// Learns, keeps and tells what was learnt.
 ///
 /// # Errors
-/// Where a file is not what it must be, or the scan shows no panel under the region. Nothing is kept then.
+/// Where a file is not what it must be, the scan shows no panel under the region, or a cell that runs cycles is given no
+/// corner picture. Nothing is kept then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
-    let files = CellFiles::read(common)?;
+    let cell_files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
-    let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
+    let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
     let scan = load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
-    let mut teaching = Teaching {
-        name: recipe.panel().to_owned(),
-        scan: super::disk::read(&args.scan)?,
-        recipe_text: super::disk::read_text(&args.recipe)?,
-        scanner_calibration_text: scanner.text,
-        base_from_camera_text: base_from_camera.text,
-        corners: Vec::new(),
-        flange_camera_text: String::new(),
-        flange_from_camera_text: String::new(),
+    let teaching = given(args, &cell_files, &recipe)?;
+    let name =
+        |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
+    let mut taught = match load::derive(&teaching, &recipe, String::new(), &name) {
+        Ok(taught) => taught,
+        Err(fault) => {
+            if let Some(folder) = &args.pictures {
+                save_given(folder, (&scan, &recipe), &teaching, &fault)?;
+            }
+            return Err(fault);
+        }
     };
-    if !args.corner.is_empty() || !args.flange.is_empty() {
-        let flange_camera = files.flange_camera()?;
-        let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
-        let kept =
-            |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
-        teaching.corners = shots.into_iter().map(kept).collect();
-        teaching.flange_camera_text = flange_camera.text;
-        teaching.flange_from_camera_text = files.flange_from_camera()?.text;
-    }
-    let mut taught = load::derive(&teaching, &recipe, String::new())?;
     if let Some(folder) = &args.pictures {
         pictures::save(folder, "taught", &picture(&taught)?)?;
     }
-    taught.version = files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
-    let mut outcome = outcome(&taught, recipe.panel());
+    let min_break_mm2 = Demands::of(&recipe, cell_files.cell.limits()).min_break_mm2;
+    let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
+    taught.version = cell_files.store_for_writing()?.teach(&teaching).map_err(Fault::stage)?;
+    let review: Vec<Reason> = too_coarse(limit_mm2, min_break_mm2).into_iter().collect();
+    let mut outcome = outcome(&taught, recipe.panel(), &Judgement::of(vec![], review));
+    outcome.say(format!(
+        "the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²; a grid fails from {min_break_mm2:.1} mm²"
+    ));
+    outcome.put("detection_limit_mm2", json!(limit_mm2));
+    outcome.put("min_break_mm2", json!(min_break_mm2));
     let view = locate::View { scan: &scan, camera: &scanner.value, base_from_camera: base_from_camera.value };
-    let mut warnings = say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
-    let min_break_mm2 = Demands::of(&recipe, files.cell.limits()).min_break_mm2;
-    warnings.extend(say_what_is_detected(&taught, &recipe, min_break_mm2, &mut outcome)?);
+    let warnings = say_how_it_is_held(&taught, &view, &recipe, &mut outcome);
     for warning in &warnings {
         outcome.say(format!("warning: {warning}"));
     }
@@ -59,22 +62,63 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// Says how small a break the water-break test surely finds on this panel; a warning where a grid should fail by less.
-fn say_what_is_detected(
-    taught: &Taught,
-    recipe: &Recipe,
-    min_break_mm2: f64,
-    outcome: &mut Outcome,
-) -> Result<Option<String>, Fault> {
-    let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught.panel, recipe.inspect()).map_err(Fault::stage)?;
-    outcome.say(format!("the smallest break of a film that is surely found on it: {limit_mm2:.1} mm²"));
-    outcome.put("detection_limit_mm2", json!(limit_mm2));
-    Ok((limit_mm2 > min_break_mm2).then(|| {
-        format!(
-            "a grid should fail from {min_break_mm2:.1} mm² of broken film, and breaks below {limit_mm2:.1} mm² may be \
-             missed: bring the camera nearer, or allow more in min_break_mm2"
-        )
-    }))
+/// The files that are given, as the store keeps them.
+fn given(args: &Teach, cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
+    let mut teaching = Teaching {
+        name: recipe.panel().to_owned(),
+        scan: super::disk::read(&args.scan)?,
+        recipe_text: super::disk::read_text(&args.recipe)?,
+        scanner_calibration_text: cell_files.scanner()?.text,
+        base_from_camera_text: cell_files.base_from_camera()?.text,
+        corners: Vec::new(),
+        flange_camera_text: String::new(),
+        flange_from_camera_text: String::new(),
+    };
+    if args.corner.is_empty() && args.flange.is_empty() {
+        let calibration = cell_files.cell.calibration();
+        let runs_cycles = calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some();
+        return if runs_cycles { Err(Fault::NoCorner) } else { Ok(teaching) };
+    }
+    let flange_camera = cell_files.flange_camera()?;
+    let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
+    let kept =
+        |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
+    teaching.corners = shots.into_iter().map(kept).collect();
+    teaching.flange_camera_text = flange_camera.text;
+    teaching.flange_from_camera_text = cell_files.flange_from_camera()?.text;
+    Ok(teaching)
+}
+
+/// Pictures of what nothing could be learnt from: the scan with the region as the recipe has it, and where a corner was not
+/// found each corner picture as it was given.
+fn save_given(
+    folder: &Path,
+    (scan, recipe): (&OrganizedCloud<Camera>, &Recipe),
+    teaching: &Teaching,
+    fault: &Fault,
+) -> Result<(), Fault> {
+    let wrong: Vec<usize> = match fault {
+        Fault::Stage(error) => wrong_corners(error.as_ref()),
+        _ => vec![],
+    };
+    let corners_px = recipe.region().corners_px().map(|[u, v]| Pixel::at(u, v));
+    let drawn = report::region_in_scan(scan, &corners_px, &wrong).map_err(Fault::stage)?;
+    let mut files = vec![pictures::save(folder, "taught_region", &drawn)?];
+    if let Fault::Corners(_) = fault {
+        for (index, corner) in teaching.corners.iter().enumerate() {
+            let picture = files::read_color(&corner.picture).map_err(Fault::stage)?;
+            files.push(pictures::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);
+        }
+    }
+    files.iter().for_each(|file| eprintln!("{}: what was given", file.display()));
+    Ok(())
+}
+
+fn wrong_corners(error: &(dyn Error + Send + Sync + 'static)) -> Vec<usize> {
+    match error.downcast_ref() {
+        Some(LearnError::WrongCorners { corners }) => corners.iter().map(|wrong| wrong.corner).collect(),
+        _ => vec![],
+    }
 }
 
 /// Says how well the panel's shape holds it, by locating it in its own scan, and what its corners see of a move along the
@@ -147,8 +191,8 @@ pub fn picture(taught: &Taught) -> Result<crate::geometry::ColorPicture, Fault> 
     view.taught(panel, &corners).map_err(Fault::stage)
 }
 
-fn outcome(taught: &Taught, panel: &str) -> Outcome {
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+fn outcome(taught: &Taught, panel: &str, judgement: &Judgement) -> Outcome {
+    let mut outcome = Outcome::of(judgement);
     let points = taught.panel.mask.count();
     let grids: Vec<_> = taught
         .panel

@@ -61,8 +61,8 @@ pub enum Act {
         /// The last epoch that this table knows.
         above: u32,
     },
-    /// The abort frame: tool off, brake, discard, retract if in contact. `Stands` once the robot stands and the tool
-    /// is proven off.
+    /// The abort frame: tool and water off, brake, discard, retract if in contact. `Stands` once the robot stands, and tool
+    /// and water are proven off.
     EndEpoch {
         /// The epoch that ends.
         epoch: u32,

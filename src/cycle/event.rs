@@ -82,6 +82,14 @@ pub enum Report {
     Robot(Robot),
     /// Something went wrong that no act asked for.
     Trouble(Trouble),
+    /// The link has ended the epoch by itself: a refusal, a wrong count, silence, a stop by the controller's program. The
+    /// abort frame has been sent and is not yet answered.
+    EpochOver {
+        /// What it ended for; `None` where the robot's condition says it.
+        trouble: Option<Trouble>,
+    },
+    /// The feedbacks prove that tool and water are off.
+    OutputsOff,
 }
 
 /// What comes of an act; [`crate::cycle::Act`] says which answers each one has. Any may fail.

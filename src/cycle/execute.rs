@@ -35,7 +35,6 @@ impl Turn {
             }
             At::Completing { verdict } => Aim::Reach(&COMPLETING, At::Complete { verdict }),
             At::Stopping { .. } => Aim::Reach(&LEAVING, At::Stopped),
-            At::Aborting { shut_water: true, .. } => Aim::Now(Act::Switch(Switch::WaterOff)),
             At::Aborting { .. } => Aim::Now(Act::EndEpoch { epoch: state.epoch }),
             At::Clearing { .. } => Aim::Reach(&CLEARING, At::Stopped),
             At::Execute(phase) => match (phase, state.facts.water) {
@@ -61,7 +60,7 @@ impl Turn {
         use Answer as R;
         match (act, answer) {
             (Act::EndEpoch { .. }, R::Stands { done }) => self.epoch_ended(done),
-            _ if matches!(self.state.at, At::Aborting { .. }) => self.abort_went_on(act),
+            (Act::EndEpoch { .. }, _) if matches!(self.state.at, At::Aborting { .. }) => self.abort_failed(),
             (_, R::Failed(trouble)) => self.trouble(trouble),
             (Act::Stand, R::Stands { done }) => {
                 self.close_intent(Outcome::Cleared, done);
@@ -111,10 +110,10 @@ impl Turn {
     fn switched(&mut self, switch: Switch) {
         match switch {
             Switch::ToolOn => self.facts().tool = Tool::Running,
-            Switch::ToolOff => self.facts().tool = Tool::Off,
+            Switch::ToolOff => (self.facts().tool, self.facts().tool_may_run) = (Tool::Off, false),
             Switch::Rinse => self.facts().water = Water::Rinsing { until: self.arm(Deadline::Rinse) },
             Switch::Spray => self.facts().water = Water::Spraying { until: self.arm(Deadline::Spray) },
-            Switch::WaterOff => self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) },
+            Switch::WaterOff => self.water_is_off(),
             Switch::LightOn => self.facts().light = Light::Settling { until: self.arm(Deadline::Settle) },
             Switch::LightOff => self.facts().light = Light::Off,
             Switch::LensClear => self.facts().lens = Lens::Clear,
@@ -122,6 +121,12 @@ impl Turn {
             Switch::ExtractionOn => self.facts().extraction = Extraction::Flowing,
             Switch::ExtractionOff => self.facts().extraction = Extraction::Off,
         }
+    }
+
+    /// The water is proven off: from now on it drains.
+    fn water_is_off(&mut self) {
+        self.facts().water_may_run = false;
+        self.facts().water = Water::Draining { until: self.arm(Deadline::Drain) };
     }
 
     /// No corner pose follows this one.
@@ -153,30 +158,33 @@ impl Turn {
         }
     }
 
-    /// The abort frame is answered: the robot stands, its tool is off, nothing of the epoch is left.
+    /// The abort frame is answered: the robot stands, tool and water are off, nothing of the epoch is left.
     fn epoch_ended(&mut self, done: u32) {
         let (outcome, aborted) = match self.state.at {
             At::Holding(_) => (Outcome::Held, None),
-            At::Aborting { cause, .. } => (Outcome::Aborted, Some(cause)),
+            At::Aborting { cause } => (Outcome::Aborted, Some(cause)),
             _ => (Outcome::Stopped, None),
         };
+        let ran = !self.facts().water_off();
         let facts = self.facts();
-        (facts.epoch, facts.tool) = (Epoch::Closed, Tool::Off);
+        facts.end_epoch(Epoch::Closed);
+        (facts.tool, facts.tool_may_run) = (Tool::Off, false);
         // With the drives off nothing retracts: the pad is jogged off, and Clear says so.
         facts.touching &= facts.robot != Robot::Ready;
+        if ran {
+            self.water_is_off();
+        }
         self.close_intent(outcome, done);
         if let Some(cause) = aborted {
             self.aborted(cause);
         }
     }
 
-    /// An abort takes any answer: from shutting the water it goes on to the abort frame, from that to Aborted.
-    fn abort_went_on(&mut self, act: Act) {
-        let At::Aborting { cause, .. } = self.state.at else { return };
-        if matches!(act, Act::EndEpoch { .. }) {
+    /// An abort frame that was not answered, or could not be sent: nobody is left to stop but the controller itself. What
+    /// is not proven stays unknown, and is told.
+    fn abort_failed(&mut self) {
+        if let At::Aborting { cause } = self.state.at {
             self.aborted(cause);
-        } else {
-            self.state.at = At::Aborting { cause, shut_water: false };
         }
     }
 

@@ -1,4 +1,7 @@
 //! What is known of the cell: only what it told, and nothing of what is being changed.
+//!
+//! The facts equal the link's: an epoch that the link has ended is not open here, whatever the cycle was doing, and one
+//! of which that is not known for sure is ended before another is opened.
 
 use super::{Act, Frames, Id, Path, Robot, Switch};
 use serde::{Deserialize, Serialize};
@@ -20,6 +23,13 @@ pub struct Facts {
     pub arm: Option<Path>,
     /// The pad may touch the panel.
     pub touching: bool,
+    /// The tool, or water, was switched on and is not proven off: not by its feedback, and not by a person who cleared the
+    /// cell. Outlives a lost link and the program.
+    #[serde(default)]
+    pub tool_may_run: bool,
+    /// As `tool_may_run`.
+    #[serde(default)]
+    pub water_may_run: bool,
     /// The sanding tool.
     pub tool: Tool,
     /// Rinse and spray.
@@ -109,6 +119,8 @@ impl Facts {
         frames: None,
         arm: None,
         touching: false,
+        tool_may_run: false,
+        water_may_run: false,
         tool: Tool::Unknown,
         water: Water::Unknown,
         light: Light::Unknown,
@@ -132,8 +144,10 @@ impl Facts {
             Act::OpenEpoch { .. } | Act::EndEpoch { .. } => self.epoch = Epoch::Changing,
             Act::SetFrames(_) => self.frames = None,
             Act::Switch(switch) => match switch {
-                Switch::ToolOn | Switch::ToolOff => self.tool = Tool::Unknown,
-                Switch::Rinse | Switch::Spray | Switch::WaterOff => self.water = Water::Unknown,
+                Switch::ToolOn => (self.tool, self.tool_may_run) = (Tool::Unknown, true),
+                Switch::Rinse | Switch::Spray => (self.water, self.water_may_run) = (Water::Unknown, true),
+                Switch::ToolOff => self.tool = Tool::Unknown,
+                Switch::WaterOff => self.water = Water::Unknown,
                 Switch::LightOn | Switch::LightOff => self.light = Light::Unknown,
                 Switch::LensClear | Switch::LensGuard => self.lens = Lens::Unknown,
                 Switch::ExtractionOn | Switch::ExtractionOff => self.extraction = Extraction::Unknown,
@@ -142,10 +156,34 @@ impl Facts {
         }
     }
 
+    /// The epoch is over: the controller switches off by its own clock what was on, each output after its time, and the
+    /// next epoch has neither base nor tool.
+    pub(super) fn end_epoch(&mut self, epoch: Epoch) {
+        (self.epoch, self.frames) = (epoch, None);
+        if self.tool != Tool::Off {
+            self.tool = Tool::Unknown;
+        }
+        if !self.water_off() {
+            self.water = Water::Unknown;
+        }
+        if self.light != Light::Off {
+            self.light = Light::Unknown;
+        }
+        if self.extraction != Extraction::Off {
+            self.extraction = Extraction::Unknown;
+        }
+    }
+
+    /// What outlives the robot's link and the program.
+    pub(super) fn lasting(&self) -> Facts {
+        let Facts { touching, tool_may_run, water_may_run, .. } = *self;
+        Facts { touching, tool_may_run, water_may_run, ..Facts::UNKNOWN }
+    }
+
     /// The robot is not ready: arm and outputs may be moved by hand, and the localization is void.
     pub(super) fn forget(&mut self) {
         let lost = matches!(self.robot, Robot::Unknown | Robot::LinkLost | Robot::Restarted);
         let epoch = if lost { Epoch::Closed } else { self.epoch };
-        *self = Facts { robot: self.robot, touching: self.touching, epoch, ..Facts::UNKNOWN };
+        *self = Facts { robot: self.robot, epoch, ..self.lasting() };
     }
 }

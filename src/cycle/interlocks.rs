@@ -128,6 +128,8 @@ impl Need {
         Some(match self {
             Need::Standing => Act::Stand,
             Need::Tested => Act::SelfTest,
+            // Whether one is open is not known for sure: it is ended first.
+            Need::Epoch if state.facts.epoch == Epoch::Changing => Act::EndEpoch { epoch: state.epoch },
             Need::Epoch => Act::OpenEpoch { above: state.epoch },
             Need::EpochEnded => Act::EndEpoch { epoch: state.epoch },
             Need::Frames(frames) => Act::SetFrames(frames),

@@ -19,6 +19,14 @@
 //! the robot says when it stands. It never resumes by itself: after [`Report::Boot`] it rests, and a path that was
 //! left is planned again.
 //!
+//! What it keeps besides, and the walks and the search judge:
+//! - A stop in every state reaches the arm within its bound: a stop and an abort wait for nothing but the water, and the
+//!   abort for nothing at all. The bound itself is the link's (`eki`): obeyed within the watchdog, or disconnected.
+//! - After any end no output but the lens shutter stays on for longer than its time: the end of an epoch makes unknown
+//!   what the controller then switches off; tool and water count as on until that is proven, beyond the program's end.
+//! - The facts equal the link's: [`Report::EpochOver`] closes the epoch here in every state.
+//! - After the last fault `clear`, `reset` and `start` lead to a cycle within a bounded number of steps.
+//!
 //! Sources: `ANSI/ISA-TR88.00.02` for the names of the outer states; thesis Fig. 4.30 for the order.
 
 mod boot;

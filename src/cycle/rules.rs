@@ -67,6 +67,8 @@ pub(super) enum Rule {
     TroubleLeaves,
     /// An abort is sent to the robot.
     AbortIsSent,
+    /// An epoch that the link has ended is not open.
+    LinkEndsEpoch,
     /// A new program rests.
     BootRests,
     // What follows what: `execute`.

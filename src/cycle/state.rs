@@ -89,12 +89,10 @@ pub enum At {
         /// The deadline of it all.
         until: Id,
     },
-    /// The way to Aborted: the abort frame, whatever comes back.
+    /// The way to Aborted: the abort frame at once, which shuts the water too; whatever comes back.
     Aborting {
         /// Why.
         cause: Cause,
-        /// Water may run and nothing moves: it is shut first, since the abort frame ends the epoch.
-        shut_water: bool,
     },
     /// At rest after a fault; only Clear leads out.
     Aborted {
@@ -203,6 +201,8 @@ pub enum Cause {
     StopTimedOut,
     /// The program ended while a motion was open.
     Interrupted,
+    /// The program ended while tool or water was on.
+    OutputsOn,
 }
 
 /// One cycle's limits and counts.

@@ -78,6 +78,10 @@ impl Turn {
             Report::Boot => self.boot(),
             Report::Robot(robot) => self.condition(robot),
             Report::Trouble(trouble) => self.unasked(trouble),
+            Report::EpochOver { trouble } => self.epoch_over(trouble),
+            Report::OutputsOff => {
+                (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
+            }
             Report::Progress { id, done } => self.progressed(id, done),
             Report::Answered { id, answer } => {
                 let due = if self.rules.keep(Rule::AnswersMatch) { is_due(id) } else { due };
@@ -132,7 +136,7 @@ impl Turn {
             // Nothing moves, and a person opens the guard to dry the panel or to mend the trouble.
             At::Held(_) if !matches!(robot, Robot::EmergencyStop | Robot::Restarted) => {}
             // Nobody is left to answer the abort frame. Its intent stays open until the robot was asked.
-            At::Aborting { cause, .. } if gone => self.aborted(cause),
+            At::Aborting { cause } if gone => self.aborted(cause),
             At::Aborting { .. } => {}
             At::Clearing { .. } => self.aborted(Cause::Robot(robot)),
             _ if !self.rules.keep(Rule::ConditionAborts) => {}
@@ -170,6 +174,22 @@ impl Turn {
         }
     }
 
+    /// The link has ended the epoch by itself. Whatever the cycle is doing, it has none any more; what it did in it ends.
+    fn epoch_over(&mut self, trouble: Option<Trouble>) {
+        if self.rules.keep(Rule::LinkEndsEpoch) {
+            self.state.facts.end_epoch(Epoch::Changing);
+        }
+        let Some(trouble) = trouble else { return };
+        let ends = self.state.due.is_some_and(|due| matches!(due.act, Act::EndEpoch { .. }));
+        match self.state.at {
+            at if at.rests() => {}
+            At::Aborting { .. } => {}
+            // What it is about to bring about.
+            At::Stopping { .. } | At::Holding(_) if ends && trouble.holds() => {}
+            _ => self.trouble(trouble),
+        }
+    }
+
     /// Leaves what is going on as this trouble asks.
     pub fn trouble(&mut self, trouble: Trouble) {
         if !self.rules.keep(Rule::TroubleLeaves) {
@@ -194,9 +214,7 @@ impl Turn {
     pub fn abort(&mut self, cause: Cause) {
         self.conclude(Verdict::Aborted);
         self.state.due = None;
-        let facts = &self.state.facts;
-        let shut_water = facts.epoch == Epoch::Open && self.state.intent.is_none() && !facts.water_off();
-        self.state.at = At::Aborting { cause, shut_water };
+        self.state.at = At::Aborting { cause };
         if !self.rules.keep(Rule::AbortIsSent) {
             self.aborted(cause);
         }

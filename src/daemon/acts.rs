@@ -26,7 +26,7 @@ pub(super) enum Waits {
     Standing,
     /// The epoch that was asked for.
     Epoch,
-    /// The end of the epoch, and the tool proven off; waypoints executed, once it is told.
+    /// The end of the epoch, tool and water proven off; waypoints executed, once it is told.
     EpochEnd { done: Option<u32> },
     /// Base and tool, executed and echoed.
     Frames(CommandId),
@@ -105,7 +105,10 @@ impl Running<'_> {
         };
         self.keep(notes)?;
         match (found?, artifacts) {
-            (Found::Filming(filming), _) => self.wait(id, act, Waits::Film(filming)),
+            (Found::Filming(filming), _) => {
+                self.ports.requests.filmed(filming.seen_s);
+                self.wait(id, act, Waits::Film(filming));
+            }
             (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
             (Found::Answer(answer), artifacts) => {
                 match (act, artifacts) {
@@ -226,7 +229,9 @@ impl Running<'_> {
         let stands = !state.moving;
         match waits {
             Waits::Standing if stands => self.answer(id, Answer::Stands { done: 0 }),
-            Waits::EpochEnd { done: Some(done) } if stands && self.site.wiring.tool_is_off(state) => {
+            Waits::EpochEnd { done: Some(done) }
+                if stands && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) =>
+            {
                 self.answer(id, Answer::Stands { done });
             }
             Waits::Frames(last) if state.done >= last && state.base_set && state.tool_set => {

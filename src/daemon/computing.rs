@@ -14,6 +14,7 @@ use crate::files::ClipEntry;
 use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
 use crate::phase::Phase;
 use crate::record::{Budget, KeptFile, Picture};
+use crate::supervision::{Supervisor, supervised};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -195,6 +196,10 @@ fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(
     blind.chain(unreadable).collect()
 }
 
+/// No piece of work takes so long: the table has long given up its answer, the robot stands, and whatever hangs in there
+/// keeps every later act from being done.
+const LONGEST_WORK: Duration = Duration::from_secs(180);
+
 /// How far computing steps back.
 pub(super) const NICE: i32 = 19;
 
@@ -229,27 +234,32 @@ impl<'p> Computing<'p> {
     /// # Errors
     /// Where the system gives no thread.
     pub fn aside(
-        mut eyes: Box<dyn Eyes + Send>,
+        (mut eyes, mut readable, mut keep): (Box<dyn Eyes + Send>, Readable, Keeper),
         site: Site,
-        mut readable: Readable,
-        mut keep: Keeper,
         steps_back: bool,
+        supervisor: &Supervisor,
     ) -> std::io::Result<Self> {
         let (orders, taken) = mpsc::channel::<(Work, Option<Arc<Task>>)>();
         let (tell, results) = mpsc::channel();
+        let (sign, watched) = supervised("computing", LONGEST_WORK);
         let serve = move || {
             // Threads that this one starts inherit it.
             if steps_back && let Err(error) = rustix::process::setpriority_process(None, NICE) {
                 tracing::warn!("computing runs at the loop's priority: {error}");
             }
             for (work, task) in taken {
+                sign.works();
                 let job = task.as_deref().map(|task| task.job(&site));
-                if tell.send(work.perform(job.as_ref(), &mut *eyes, &mut *readable, Some(&mut keep))).is_err() {
-                    return;
+                let worked = work.perform(job.as_ref(), &mut *eyes, &mut *readable, Some(&mut keep));
+                sign.rests();
+                if tell.send(worked).is_err() {
+                    break;
                 }
             }
+            sign.done();
         };
         thread::Builder::new().name("computing".to_owned()).spawn(serve)?;
+        supervisor.watch(watched);
         let aside = Aside { orders, results, under_way: VecDeque::new(), result: None };
         Ok(Computing::Aside(Box::new(aside)))
     }

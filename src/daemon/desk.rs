@@ -1,19 +1,25 @@
 //! The service's desk: what people, signals and systemd ask of the loop, and what they are told.
 //!
-//! It is called by the loop each time it comes round, so what it sends systemd (`WATCHDOG=1`) proves that the loop
-//! works. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
+//! It is called by the loop each time it comes round, and asks the supervisor about the other threads, so what it sends
+//! systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
 
+use super::caller::Caller;
+use super::letters::Inbox;
 use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
 use super::replay::{Recording, Taping};
 use super::words;
-use crate::cycle::{At, Refusal, Request, State};
+use crate::cycle::{At, Path as PathKind, Phase, Refusal, Request, State};
 use crate::record::CycleId;
+use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
-use std::sync::mpsc::{Receiver, Sender, SyncSender};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::Sender;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+use tokio::sync::oneshot;
 
 /// What comes to the desk.
 #[derive(Debug)]
@@ -22,8 +28,10 @@ pub enum Letter {
     Asked {
         /// What.
         asked: Asked,
+        /// Who.
+        who: Caller,
         /// Where the answer goes.
-        reply: SyncSender<Reply>,
+        reply: oneshot::Sender<Reply>,
     },
     /// SIGTERM or SIGINT.
     Signal,
@@ -43,12 +51,7 @@ pub enum Asked {
 
 impl std::fmt::Debug for Asked {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Asked::State => f.write_str("state"),
-            Asked::For(request) => write!(f, "{request:?}"),
-            Asked::NewDisc => f.write_str("new disc"),
-            Asked::Begin(order) => write!(f, "start of {}", order.task.recipe.panel()),
-        }
+        f.write_str(&words::asked(self))
     }
 }
 
@@ -61,27 +64,80 @@ pub struct EndedCycle {
     pub recording: Option<Recording>,
 }
 
+/// What is beside the loop, as far as the desk has to do with it.
+#[derive(Debug)]
+pub struct Beside {
+    /// How cycles are recorded.
+    pub taping: Taping,
+    /// Who asks all threads whether they work.
+    pub supervisor: Supervisor,
+    /// Who writes the page of a cycle that has ended.
+    pub pages: Sender<EndedCycle>,
+    /// The page that was written last.
+    pub written: WrittenPage,
+}
+
+/// The page that was written last, and whose it is. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct WrittenPage(Arc<Mutex<Option<(CycleId, PathBuf)>>>);
+
+impl WrittenPage {
+    /// This cycle's page was written.
+    pub fn is(&self, cycle: CycleId, page: &Path) {
+        *self.lock() = Some((cycle, page.to_owned()));
+    }
+
+    fn of(&self, cycle: CycleId) -> Option<PathBuf> {
+        self.lock().as_ref().filter(|(written, _)| *written == cycle).map(|(_, page)| page.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Option<(CycleId, PathBuf)>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The phase inside Execute, and the one in which a cycle that is held goes on.
+fn phase(at: At) -> Option<Phase> {
+    match at {
+        At::Execute(phase) => Some(phase),
+        At::Holding(hold) | At::Held(hold) => Some(hold.resume),
+        At::Unholding { resume, .. } => Some(resume),
+        _ => None,
+    }
+}
+
 /// At rest nothing is urgent: so long the loop waits for a letter.
 const REST: Duration = Duration::from_millis(20);
+
+/// As many are told the state in one round of the loop.
+const MOST_ANSWERED: usize = 64;
 
 /// The desk.
 #[derive(Debug)]
 pub struct Desk {
-    letters: Receiver<Letter>,
+    letters: Inbox,
     /// Who asked last and is not answered yet.
-    waiting: Option<SyncSender<Reply>>,
+    waiting: Option<oneshot::Sender<Reply>>,
     signals: u8,
     /// How much of the signals the table was asked.
     obeyed: u8,
     told: Option<At>,
     /// How often systemd wants to hear from the loop, and when it last did.
     watchdog: Option<(Duration, Instant)>,
+    /// What is beside the loop; and the loop's own sign of life.
+    beside: Beside,
+    sign: Supervised,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// Who writes the page of a cycle that has ended, and the cycle whose page is due once the cell rests.
-    pages: Sender<EndedCycle>,
+    /// The panel of the cycle; of the order that is being taken.
+    panel: Option<String>,
+    ordered: Option<String>,
+    /// Seconds of the film that is under way.
+    film_s: Option<f64>,
+    /// What was done, for who asked for it.
+    done: Option<String>,
+    /// The cycle whose page is due once the cell rests.
     ended: Option<CycleId>,
-    taping: Taping,
     /// What was last found wrong; what was, before something new was asked.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
@@ -90,14 +146,10 @@ pub struct Desk {
 }
 
 impl Desk {
-    /// A desk where these letters come, and that tells `pages` which cycles have ended; `left` is the one that an
-    /// earlier process did not end. It tells how cycles are recorded by `taping`.
-    pub fn new(
-        letters: Receiver<Letter>,
-        pages: Sender<EndedCycle>,
-        left: Option<CycleId>,
-        taping: Taping,
-    ) -> Self {
+    /// A desk where these letters come; `left` is the cycle that an earlier process did not end. It tells systemd that the
+    /// loop works while the supervisor finds that all threads do.
+    pub fn new(letters: Inbox, left: Option<CycleId>, beside: Beside) -> Self {
+        let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
         Desk {
             letters,
@@ -106,11 +158,15 @@ impl Desk {
             obeyed: 0,
             told: None,
             watchdog,
+            beside,
+            sign,
             cycle: left,
             verdict: None,
-            pages,
+            panel: None,
+            ordered: None,
+            film_s: None,
+            done: None,
             ended: None,
-            taping,
             noted: Vec::new(),
             set_aside: Vec::new(),
             state: State::NEW,
@@ -118,31 +174,37 @@ impl Desk {
     }
 
     fn reply(&self, answer: Exit, reasons: Vec<Reason>, state: &State) -> Reply {
-        let phase = match state.at {
-            At::Execute(phase) => Some(words::phase(phase).to_owned()),
-            _ => None,
-        };
+        let counts = |path| matches!(path, PathKind::Contact | PathKind::Air);
+        let path = state.intent.filter(|intent| counts(intent.motion.path));
         Reply {
             answer,
             state: Some(state.at.word().to_owned()),
-            phase,
+            phase: phase(state.at).map(|phase| words::phase(phase).to_owned()),
+            panel: self.panel.clone(),
+            pass: self.cycle.map(|_| state.job.pass),
+            film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
+            waypoint: path.map(|intent| intent.done),
+            of: path.map(|intent| intent.motion.waypoints),
+            page: self.cycle.and_then(|cycle| self.beside.written.of(cycle)),
             epoch: Some(state.epoch),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
-            recording: self.taping.told(),
+            recording: self.beside.taping.told(),
+            done: None,
             reasons,
         }
     }
 
     /// Why the cell is in this state, and what was last found wrong.
     fn reasons(&self, state: &State) -> Vec<Reason> {
-        words::why(state.at).into_iter().chain(self.noted.iter().cloned()).collect()
+        words::why(state).into_iter().chain(self.noted.iter().cloned()).collect()
     }
 
     fn answer(&mut self, answer: Exit, reasons: Vec<Reason>, state: &State) {
+        let done = self.done.take();
         if let Some(waiting) = self.waiting.take() {
             // Whoever hung up does not want to know.
-            let _ = waiting.send(self.reply(answer, reasons, state));
+            let _ = waiting.send(Reply { done, ..self.reply(answer, reasons, state) });
         }
     }
 
@@ -169,6 +231,27 @@ impl Desk {
         {
             *last = Instant::now();
             Self::notify(&[NotifyState::Watchdog]);
+        }
+    }
+
+    /// A letter that the loop is to act on.
+    fn take(&mut self, asked: Asked, reply: oneshot::Sender<Reply>) -> Ask {
+        self.waiting = Some(reply);
+        match asked {
+            Asked::State => Ask::Nothing,
+            Asked::For(request) => {
+                // A refusal brings it back.
+                self.set_aside = self.noted.clone();
+                if matches!(request, Request::Reset | Request::Clear | Request::Unhold { .. } | Request::Accept) {
+                    self.noted.clear();
+                }
+                Ask::For(request)
+            }
+            Asked::Begin(order) => {
+                self.ordered = Some(order.task.recipe.panel().to_owned());
+                Ask::Begin(order)
+            }
+            Asked::NewDisc => Ask::NewDisc,
         }
     }
 
@@ -202,47 +285,38 @@ impl Desk {
 impl Requests for Desk {
     fn next(&mut self, state: &State) -> Ask {
         self.state = *state;
+        self.sign.works();
+        if let Err(fault) = self.beside.supervisor.check() {
+            return Ask::GiveUp(fault);
+        }
         // What was asked when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             // Without a writer the record stays; its page can be made of it.
-            let _ = self.pages.send(EndedCycle { id, recording: self.taping.take() });
+            let _ = self.beside.pages.send(EndedCycle { id, recording: self.beside.taping.take() });
         }
         if let Some(ask) = self.leaving(state) {
             return ask;
         }
-        let letter = match state.at.rests() {
-            true => self.letters.recv_timeout(REST).ok(),
-            false => self.letters.try_recv().ok(),
-        };
-        match letter {
-            None => Ask::Nothing,
-            Some(Letter::Signal) => {
-                self.signal();
-                Ask::Nothing
-            }
-            Some(Letter::Asked { asked, reply }) => {
-                self.waiting = Some(reply);
-                match asked {
-                    Asked::State => {
-                        self.answer(Exit::Done, self.reasons(state), state);
-                        Ask::Nothing
-                    }
-                    Asked::For(request) => {
-                        if matches!(
-                            request,
-                            Request::Reset | Request::Clear | Request::Unhold { .. } | Request::Accept
-                        ) {
-                            self.set_aside = std::mem::take(&mut self.noted);
-                        }
-                        Ask::For(request)
-                    }
-                    Asked::Begin(order) => Ask::Begin(order),
-                    Asked::NewDisc => Ask::NewDisc,
+        let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
+        // All who ask for the state are answered in one round: they take no turns from those who ask for more.
+        for _ in 0..MOST_ANSWERED {
+            match self.letters.next(patience) {
+                None => break,
+                Some(Letter::Asked { asked: Asked::State, reply, .. }) => {
+                    self.waiting = Some(reply);
+                    self.answer(Exit::Done, self.reasons(state), state);
+                    patience = Duration::ZERO;
                 }
+                Some(Letter::Signal) => {
+                    self.signal();
+                    break;
+                }
+                Some(Letter::Asked { asked, reply, .. }) => return self.take(asked, reply),
             }
         }
+        Ask::Nothing
     }
 
     fn refused(&mut self, request: Request, refusal: Refusal) {
@@ -270,6 +344,15 @@ impl Requests for Desk {
     fn begun(&mut self, cycle: CycleId, _: Begin) {
         self.noted.clear();
         (self.cycle, self.verdict) = (Some(cycle), None);
+        (self.panel, self.film_s) = (self.ordered.take(), None);
+    }
+
+    fn filmed(&mut self, seconds: f64) {
+        self.film_s = Some(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned());
     }
 
     fn concluded(&mut self, verdict: Verdict) {
@@ -283,90 +366,4 @@ impl Requests for Desk {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cycle::{Event, Phase, Report, Robot, step};
-    use std::sync::mpsc;
-
-    fn desk() -> (Sender<Letter>, Desk) {
-        let (letters, taken) = mpsc::channel();
-        (letters, Desk::new(taken, mpsc::channel().0, None, off()))
-    }
-
-    fn off() -> Taping {
-        Taping::new("store".as_ref(), true)
-    }
-
-    fn at(at: At) -> State {
-        State { at, ..step(State::NEW, Event::Told(Report::Robot(Robot::Ready))).0 }
-    }
-
-    fn asks(ask: &Ask) -> Option<Request> {
-        match ask {
-            Ask::For(request) => Some(*request),
-            _ => None,
-        }
-    }
-
-    /// Two signals: a stop, an abort; a third asks nothing. The service leaves once the cell is at rest.
-    #[test]
-    fn signals_stop_then_abort_and_leave_at_rest() {
-        let (letters, mut desk) = desk();
-        let busy = at(At::Execute(Phase::Inspect));
-        assert_eq!(asks(&desk.next(&busy)), None);
-        for wanted in [Some(Request::Stop), Some(Request::Abort), None] {
-            letters.send(Letter::Signal).expect("sent");
-            assert!(matches!(desk.next(&busy), Ask::Nothing), "it is read");
-            assert_eq!(asks(&desk.next(&busy)), wanted);
-        }
-        assert!(!matches!(desk.next(&at(At::Idle)), Ask::Leave), "idle is not an end");
-        assert!(matches!(desk.next(&at(At::Stopped)), Ask::Leave));
-    }
-
-    /// Its park move is still to come when the verdict is known.
-    #[test]
-    fn a_page_is_due_once_the_cell_rests() {
-        let (_letters, taken) = mpsc::channel();
-        let (tell, pages) = mpsc::channel();
-        let mut desk = Desk::new(taken, tell, None, off());
-        desk.begun(CycleId(7), Begin::Boot);
-        desk.concluded(Verdict::Fail);
-        desk.next(&at(At::Completing { verdict: Verdict::Fail }));
-        assert!(pages.try_recv().is_err());
-        for _ in 0..2 {
-            desk.next(&at(At::Complete { verdict: Verdict::Fail }));
-        }
-        assert_eq!(pages.try_iter().map(|ended| ended.id).collect::<Vec<_>>(), [CycleId(7)], "once");
-    }
-
-    #[test]
-    fn each_letter_has_one_answer() {
-        let (letters, mut desk) = desk();
-        let (idle, busy) = (at(At::Idle), at(At::Execute(Phase::Wet)));
-        let ask = |asked| {
-            let (reply, answer) = mpsc::sync_channel(1);
-            letters.send(Letter::Asked { asked, reply }).expect("sent");
-            answer
-        };
-        let state = ask(Asked::State);
-        assert!(matches!(desk.next(&busy), Ask::Nothing));
-        let reply = state.try_recv().expect("answered");
-        assert_eq!((reply.answer, reply.phase.as_deref()), (Exit::Done, Some("wet")));
-
-        let taken = ask(Asked::For(Request::Hold));
-        assert_eq!(asks(&desk.next(&busy)), Some(Request::Hold));
-        assert!(taken.try_recv().is_err(), "not before the table has taken it");
-        desk.next(&busy);
-        assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
-
-        desk.noted(&[Reason::new("film", "it broke")]);
-        let refused = ask(Asked::For(Request::Reset));
-        assert_eq!(asks(&desk.next(&idle)), Some(Request::Reset));
-        desk.refused(Request::Reset, Refusal::NotNow);
-        let reply = refused.try_recv().expect("answered");
-        assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
-        assert_eq!(desk.noted.len(), 1, "a refusal changes nothing");
-        desk.next(&idle);
-        assert!(refused.try_recv().is_err(), "answered once");
-    }
-}
+mod tests;

@@ -3,7 +3,7 @@
 use super::Job;
 use super::trace::Walked;
 use crate::geometry::KukaPose;
-use crate::inspect::{GridInspection, Inspection};
+use crate::inspect::{GridInspection, Inspection, MAX_OFF_PX};
 use crate::locate::refine::{self, CornerReport, Refined};
 use crate::locate::{self, gate};
 use crate::panel::GridId;
@@ -198,7 +198,14 @@ pub(super) fn filmed(inspection: &Inspection, pass: u8, counted: Counted, job: &
         Number::new("panel moved in the picture", "px", quality.moved_px),
         Number::new("least sharpness against the dry picture", "", quality.sharpness),
         Number::new("the film leaves of the dry brightness", "", observation.film_left),
-        Number::new("smallest break that is surely found", "mm²", observation.detection_limit_mm2),
+        at_most(
+            "smallest break that is surely found",
+            "mm²",
+            observation.detection_limit_mm2,
+            observation.min_break_mm2,
+        ),
+        Number::new("outline from where the panel was found, in the dry picture", "px", quality.off_px)
+            .within(Limit::AtMost(MAX_OFF_PX)),
         Number::new("places where the film broke", "", inspection.breaks.len() as f64),
         Number::new("of these, closed again", "", closed as f64),
         Number::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
@@ -278,6 +285,14 @@ pub(super) fn planned(
         Number::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
         Number::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
             .within(Limit::AtMost(settings.step_over_mm())),
+        Number::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
+        Number::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
+        Number::new(
+            "their ratio, all together or the worst grid's",
+            "",
+            plan.dwell_ratio().map(|(ratio, _)| ratio),
+        )
+        .within(Limit::AtMost(settings.max_dwell_ratio())),
         Number::new("disc beyond the panel's outline", "mm", plan.overhang.largest_mm)
             .within(Limit::AtMost(settings.edge_overhang_mm())),
         Number::new("paths", "", plan.paths.len() as f64),
@@ -316,6 +331,7 @@ pub(super) fn abraded(
         let message = format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}");
         doubts.push(Reason::new("off_path", message));
     }
+    let spread = dwell.spread();
     let finding =
         Finding::new(Kind::Abrade, pass, Judgement::of(vec![], doubts)).detail("grids", names(whole)).with([
             Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
@@ -324,6 +340,8 @@ pub(super) fn abraded(
             Number::new("farthest of them from the planned path", "mm", walked.off_mm)
                 .within(Limit::AtMost(off_limit_mm)),
             Number::new("way in contact", "mm", walked.contact_mm),
+            Number::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
+            Number::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
         ]);
     let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
         let id = grid.id;

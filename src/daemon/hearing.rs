@@ -37,14 +37,14 @@ impl Running<'_> {
             R::Standstill { done } => self.stood_still(done),
             R::Refused { refusal, id } => {
                 let words = Reason::new("refused", format!("the controller refused command {id}: {refusal}"));
-                self.trouble(Trouble::Refused, words)?;
+                self.epoch_over(Trouble::Refused, words)?;
             }
-            R::EchoMismatch(mismatch) => self.trouble(Trouble::Protocol, reason("echo", &*mismatch))?,
-            // The others come as a condition.
+            R::EchoMismatch(mismatch) => self.epoch_over(Trouble::Protocol, reason("echo", &*mismatch))?,
             R::Interrupted { cause: cause @ (StopCause::ByProgram | StopCause::Unattended) } => {
-                self.trouble(Trouble::Starved, reason("interrupted", &cause))?;
+                self.epoch_over(Trouble::Starved, reason("interrupted", &cause))?;
             }
-            R::Interrupted { .. } => {}
+            // Why comes as a condition.
+            R::Interrupted { .. } => self.events.push_back(Event::Told(Report::EpochOver { trouble: None })),
             R::Slow { id, contact, waited } => {
                 let waited_s = waited.as_secs_f64();
                 let words = format!(
@@ -52,17 +52,17 @@ impl Running<'_> {
                      100 %, or in T1 the start key released?"
                 );
                 if contact {
-                    self.trouble(Trouble::Slow, Reason::new("slow", words))?;
+                    self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
                 } else {
                     tracing::warn!("{words}");
                     self.ports.requests.noted(&[Reason::new("slow", words)]);
                     self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
                 }
             }
-            R::SequenceError(error) => self.trouble(Trouble::Sequence, reason("sequence", &error))?,
+            R::SequenceError(error) => self.epoch_over(Trouble::Sequence, reason("sequence", &error))?,
             R::WatchdogExpired { channel, silence } => {
                 let words = format!("the {channel} was silent for {} ms", silence.as_millis());
-                self.trouble(Trouble::Late, Reason::new("watchdog", words))?;
+                self.epoch_over(Trouble::Late, Reason::new("watchdog", words))?;
             }
         }
         Ok(())
@@ -72,6 +72,12 @@ impl Running<'_> {
         self.robot_state = Some(*state);
         self.follow(state);
         self.becomes(condition(state));
+        let facts = &self.state.facts;
+        // While the cell works the acts themselves prove it.
+        let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
+        if asks && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) {
+            self.events.push_back(Event::Told(Report::OutputsOff));
+        }
         self.look(state)
     }
 
@@ -89,9 +95,10 @@ impl Running<'_> {
         }
     }
 
-    fn trouble(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
+    /// The link has ended the epoch for this.
+    fn epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.note(Kind::Robot, vec![words])?;
-        self.events.push_back(Event::Told(Report::Trouble(trouble)));
+        self.events.push_back(Event::Told(Report::EpochOver { trouble: Some(trouble) }));
         Ok(())
     }
 

@@ -15,12 +15,13 @@
 //! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time; it
 //! stands while something is computed.
 //!
-//! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `desk` (requests, signals
-//! and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
+//! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `letters` (what waits, by its
+//! urgency) · `desk` (requests, signals and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
 //! loop and ports, and runs a cycle again on it.
 
 mod abrasion;
 mod acts;
+mod caller;
 mod cameras;
 mod computing;
 mod corners;
@@ -29,6 +30,7 @@ mod desk;
 mod figures;
 mod findings;
 mod hearing;
+mod letters;
 mod moves;
 mod ports;
 mod protocol;
@@ -47,13 +49,15 @@ mod words;
 #[cfg(test)]
 mod tests;
 
+pub use caller::Caller;
 pub use cameras::Cameras;
-pub use desk::{Desk, EndedCycle, Letter};
+pub use desk::{Beside, Desk, EndedCycle, Letter, WrittenPage};
+pub use letters::{Inbox, Letters, NotTaken, letters};
 pub use ports::{
     Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,
     Requests, Robot, SightError,
 };
-pub use protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
+pub use protocol::{Exit, MOST_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish};
 pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
@@ -62,7 +66,7 @@ pub use replay::{
 };
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
-pub use socket::{Loader, Socket, SocketError};
+pub use socket::{Loader, Socket, SocketError, Started};
 pub use wiring::Wiring;
 pub use words::{refusal, request_word, why};
 
@@ -71,6 +75,7 @@ use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera,
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::recipe::Recipe;
+use crate::supervision::ThreadFault;
 
 /// Where cameras and tool are, as calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -251,6 +256,9 @@ pub enum DaemonError {
     /// The system gives no thread to compute on.
     #[error("the thread that computes cannot start: {0}")]
     Thread(std::io::Error),
+    /// A thread of the program failed; the robot was told to stop.
+    #[error(transparent)]
+    Broken(#[from] ThreadFault),
     /// The store does not write.
     #[error(transparent)]
     Record(#[from] RecordError),

@@ -9,7 +9,7 @@ use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
 use crate::path::reach::{self, Things};
-use crate::path::{Kinematics, judge_joints};
+use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::Kind;
 use crate::verdict::Reason;
 use crate::words::apart;
@@ -183,7 +183,7 @@ impl Running<'_> {
             Path::Retract => {
                 let back = nalgebra::Vector3::z() * -settings.approach_mm();
                 let to = pad * Rigid::<Tool, Tool>::identity().displaced(crate::geometry::Vector::new(back));
-                let axis = self.abrasion.latest().and_then(routes::taught_axis);
+                let axis = self.abrasion.latest().and_then(taught_axis);
                 Some(routes::air(standing, place?, (pad, to), axis))
             }
         }

@@ -11,6 +11,7 @@ use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::phase::Phase;
 use crate::record::{Budget, CycleId, KeptFile, Picture};
 use crate::store::CycleStart;
+use crate::supervision::{ThreadFault, Watched};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::sync::Arc;
@@ -47,6 +48,13 @@ pub trait Robot {
     fn now(&self) -> Time;
     /// Whether time passes only in [`Robot::next`].
     fn is_lock_step(&self) -> bool;
+    /// Whether what drives it still works; without that nothing is ever told again.
+    ///
+    /// # Errors
+    /// Where its thread failed.
+    fn works(&self) -> Result<(), ThreadFault> {
+        Ok(())
+    }
 }
 
 /// The cameras. Each call exposes once, now.
@@ -224,6 +232,10 @@ pub trait Requests {
     }
     /// A cycle has its verdict.
     fn concluded(&mut self, _verdict: Verdict) {}
+    /// A film is under way: so many seconds of it were seen.
+    fn filmed(&mut self, _seconds: f64) {}
+    /// That a new disc was mounted is kept.
+    fn disc_mounted(&mut self) {}
     /// What was found last is not as it should be for these reasons, or for none.
     fn noted(&mut self, _reasons: &[Reason]) {}
 }
@@ -241,6 +253,8 @@ pub enum Ask {
     NewDisc,
     /// To leave; done where the state rests.
     Leave,
+    /// To stop the robot and end the program at once: a thread of it failed.
+    GiveUp(ThreadFault),
 }
 
 /// A cycle to begin.
@@ -275,6 +289,11 @@ impl LinkedRobot {
     /// reported as lost: nothing that is simulated may decide how a real arm moves.
     pub fn followed(self, follower: Follower) -> Self {
         LinkedRobot { follower: Some(follower), ..self }
+    }
+
+    /// The link's thread, for who supervises it.
+    pub fn watched(&self) -> Watched {
+        self.link.watched()
     }
 }
 
@@ -325,5 +344,9 @@ impl Robot for LinkedRobot {
 
     fn is_lock_step(&self) -> bool {
         self.pace == Pace::LockStep
+    }
+
+    fn works(&self) -> Result<(), ThreadFault> {
+        self.link.watched().check()
     }
 }

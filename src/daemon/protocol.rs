@@ -14,8 +14,17 @@ use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// The longest line, with its end: a recipe and its escapes.
+/// The longest line, with its end: a recipe and its escapes. Only a start is that long.
 pub const MOST_BYTES: usize = 256 * 1_024;
+/// The longest of any other line.
+pub(super) const MOST_SHORT_BYTES: usize = 4 * 1_024;
+
+/// Whether a line that begins so may be as long as a start.
+pub(super) fn may_be_long(beginning: &[u8]) -> bool {
+    let word = b"\"start\"";
+    let searched = &beginning[..beginning.len().min(MOST_SHORT_BYTES)];
+    searched.windows(word.len()).any(|part| part == word)
+}
 
 /// What may be asked.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -32,6 +41,9 @@ pub enum Wish {
         /// Where it is recorded, where it is.
         #[serde(default)]
         record: Option<RecordIn>,
+        /// The part that stands in the cell, by whose order and hand.
+        #[serde(default)]
+        part: Option<PartNames>,
     },
     /// See [`crate::cycle::Request`], likewise for the others.
     Hold {},
@@ -56,6 +68,21 @@ pub enum Wish {
     NewDisc {},
 }
 
+/// Which part a cycle is about, as far as it is told.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PartNames {
+    /// The part's serial number.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// The work order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub order: Option<String>,
+    /// Who operates the cell, as that person was named.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub operator: Option<String>,
+}
+
 /// Where a cycle is recorded.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -70,8 +97,19 @@ pub enum RecordIn {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ProtocolError {
     /// Too long.
-    #[error("the line is longer than {MOST_BYTES} bytes")]
-    TooLong,
+    #[error("the line is longer than {most} bytes")]
+    TooLong {
+        /// The longest that is read.
+        most: usize,
+    },
+    /// It took too long.
+    #[error("the line did not come whole in time; write it at once")]
+    Slow,
+    /// Others needed the place.
+    #[error(
+        "too many connections are open, and this one was silent for longest; write the line at once, and try again"
+    )]
+    GaveWay,
     /// It broke off.
     #[error("the line has no end")]
     NoEnd,
@@ -90,7 +128,7 @@ impl Wish {
     /// Where it is too long, has no end, or is not exactly one allowed object.
     pub fn read(line: &[u8]) -> Result<Self, ProtocolError> {
         if line.len() > MOST_BYTES {
-            return Err(ProtocolError::TooLong);
+            return Err(ProtocolError::TooLong { most: MOST_BYTES });
         }
         let Some((b'\n', object)) = line.split_last() else { return Err(ProtocolError::NoEnd) };
         serde_json::from_slice(object).map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })
@@ -121,15 +159,27 @@ impl Exit {
 }
 
 /// What is answered.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Reply {
     /// How it went.
     pub answer: Exit,
     /// The PackML word; none where the loop was not asked.
     pub state: Option<String>,
-    /// The phase inside Execute.
+    /// The phase inside Execute; where the cycle is held, the one in which it goes on.
     pub phase: Option<String>,
+    /// The panel of the cycle that runs or ran last.
+    pub panel: Option<String>,
+    /// Its abrasions so far.
+    pub pass: Option<u8>,
+    /// Seconds of the film that is under way.
+    pub film_s: Option<f64>,
+    /// Waypoints executed of the path that is under way.
+    pub waypoint: Option<u32>,
+    /// All of them.
+    pub of: Option<u32>,
+    /// The page of the last cycle, once it is written.
+    pub page: Option<PathBuf>,
     /// The robot's last epoch.
     pub epoch: Option<u32>,
     /// The cycle that runs, or ran last since the service started.
@@ -138,6 +188,8 @@ pub struct Reply {
     pub verdict: Option<Verdict>,
     /// Its recording, where it has one.
     pub recording: Option<Recorded>,
+    /// What was done, where the state does not say it.
+    pub done: Option<String>,
     /// Why it was refused, or why the cell is in this state.
     pub reasons: Vec<Reason>,
 }
@@ -149,10 +201,17 @@ impl Reply {
             answer,
             state: None,
             phase: None,
+            panel: None,
+            pass: None,
+            film_s: None,
+            waypoint: None,
+            of: None,
+            page: None,
             epoch: None,
             cycle_id: None,
             verdict: None,
             recording: None,
+            done: None,
             reasons,
         }
     }
@@ -165,8 +224,12 @@ mod tests {
 
     #[test]
     fn each_wish_reads_back() {
-        let start =
-            |record| Wish::Start { recipe: "panel.toml".to_owned(), text: "panel = \"a\\b\"\n".to_owned(), record };
+        let part =
+            PartNames { serial: Some("SN \"7\"".to_owned()), order: None, operator: Some("Ännä".to_owned()) };
+        let start = |record| {
+            let (recipe, text) = ("panel.toml".to_owned(), "panel = \"a\\b\"\n".to_owned());
+            Wish::Start { recipe, text, record, part: Some(part.clone()) }
+        };
         let file = RecordIn::File("/var/cycle 7.mcap".into());
         for wish in [
             start(None),
@@ -212,7 +275,7 @@ mod tests {
             assert!(error.contains(word), "{}: {error}", String::from_utf8_lossy(&line[..line.len().min(60)]));
         }
         let long = format!("{{\"ask\":\"start\",\"recipe\":\"a\",\"text\":\"{}\"}}\n", "x".repeat(MOST_BYTES));
-        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong));
+        assert_eq!(Wish::read(long.as_bytes()), Err(ProtocolError::TooLong { most: MOST_BYTES }));
     }
 
     proptest! {

@@ -87,12 +87,14 @@ pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
 fn cause(event: &Event) -> Option<Reason> {
     let asked = |words: &str| Some(Reason::new("asked", words));
     match event {
-        Event::Asked(Request::Stop) => asked("a stop was asked for before the cycle's end"),
+        Event::Asked(Request::Stop) => Some(words::stopped()),
         Event::Asked(Request::Abort) => asked("an abort was asked for"),
         Event::Told(Report::Boot) => Some(Reason::new("interrupted", "the program ended before the cycle did")),
-        Event::Told(Report::Trouble(trouble) | Report::Answered { answer: Answer::Failed(trouble), .. }) => {
-            Some(words::trouble(*trouble))
-        }
+        Event::Told(
+            Report::Trouble(trouble)
+            | Report::EpochOver { trouble: Some(trouble) }
+            | Report::Answered { answer: Answer::Failed(trouble), .. },
+        ) => Some(words::trouble(*trouble)),
         Event::Told(Report::Deadline { which: Deadline::Answer, .. }) => Some(words::trouble(Trouble::Late)),
         Event::Told(Report::Deadline { which: Deadline::Stop, .. }) => {
             Some(Reason::new("stop_timed_out", "the stop took longer than [limits] stop_deadline_s"))

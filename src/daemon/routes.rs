@@ -7,7 +7,7 @@ use crate::cell::{self, Limits};
 use crate::eki::{MoveLin, SetAccSpeed};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
 use crate::path::reach::{Leg, Things, follow};
-use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge_route};
+use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge, judge_pad, judge_route, taught_axis};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::apart;
@@ -59,15 +59,6 @@ impl Gated {
     pub fn is_good(&self) -> bool {
         self.judgement.verdict == Verdict::Accept
     }
-}
-
-/// The tool's Z on the panel at its nominal place: the mean over the plan.
-pub(super) fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
-    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
-    let z = |waypoint: &Waypoint| (waypoint.pose.to_rigid::<Panel, Tool>() * Vector::<Tool>::new(Vector3::z())).mm;
-    let mean: Vector3<f64> = waypoints.map(z).sum();
-    // At the nominal place the panel's frame is the base.
-    Vector::new(mean).direction()
 }
 
 /// The plan's waypoints, one path after the other.
@@ -122,7 +113,8 @@ pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
 }
 
 /// The path over the panel: all of the plan but its first point, the one in air where the arm already stands. Feed and
-/// rounding are each waypoint's own.
+/// rounding are each waypoint's own. A plan that its own gate rejects goes nowhere, whoever accepted what led to it; what
+/// that gate asks a person, it has asked before.
 pub(super) fn contact(
     standing: &Standing<'_>,
     base_from_panel: Rigid<Base, Panel>,
@@ -139,7 +131,13 @@ pub(super) fn contact(
     let points: Vec<MoveLin> = waypoints(plan).iter().skip(1).map(point).collect();
     let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
     let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
-    gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2))
+    let gated =
+        gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
+    let of_plan = judge(plan, settings).and(judge_pad(settings, standing.limits.tool_error_mm()));
+    if of_plan.verdict != Verdict::Reject {
+        return gated;
+    }
+    Gated { judgement: of_plan.and(gated.judgement), joints: None, ..gated }
 }
 
 fn gated<Active: crate::geometry::Frame>(

@@ -15,6 +15,7 @@ use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::record::Kind;
+use crate::supervision::Supervisor;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
@@ -47,6 +48,8 @@ pub struct Service<'a> {
     pub record: &'a mut dyn Journal,
     /// Who asks.
     pub requests: &'a mut dyn Requests,
+    /// Watches the thread that sees and computes.
+    pub supervisor: Supervisor,
 }
 
 /// How it ended.
@@ -105,9 +108,10 @@ pub fn serve(
     service: Service<'_>,
     journal: impl IntoIterator<Item = Event>,
 ) -> Result<State, DaemonError> {
-    let Service { robot, eyes, readable, keep, record, requests } = service;
-    let computing =
-        Computing::aside(eyes, site.clone(), readable, keep, !robot.is_lock_step()).map_err(DaemonError::Thread)?;
+    let Service { robot, eyes, readable, keep, record, requests, supervisor } = service;
+    let seeing = (eyes, readable, keep);
+    let computing = Computing::aside(seeing, site.clone(), !robot.is_lock_step(), &supervisor);
+    let computing = computing.map_err(DaemonError::Thread)?;
     let outside = Outside { robot, record, requests };
     let mut running = Running::new(site, Seat::Empty, computing, outside, fold(journal));
     running.live()?;
@@ -235,7 +239,13 @@ impl<'p> Running<'p> {
         self.state = state;
         // What is no longer due is abandoned.
         self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id));
+        let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
         effects.into_iter().try_for_each(|effect| self.perform(effect))?;
+        if ends && event == Event::Asked(cycle::Request::Stop) {
+            let stopped = words::stopped();
+            tracing::info!("{}", stopped.message);
+            self.ports.requests.noted(&[stopped]);
+        }
         if self.state.at.rests() && !self.state.job.running && !matches!(self.seat, Seat::Lent(_)) {
             self.ports.record.between_cycles();
         }
@@ -260,6 +270,7 @@ impl<'p> Running<'p> {
                 }
                 Ask::NewDisc if self.state.at.rests() => {
                     self.ports.record.mount_disc()?;
+                    self.ports.requests.disc_mounted();
                     continue;
                 }
                 Ask::NewDisc => {
@@ -268,6 +279,7 @@ impl<'p> Running<'p> {
                     continue;
                 }
                 Ask::Leave if self.state.at.rests() => return Ok(None),
+                Ask::GiveUp(fault) => return Err(DaemonError::Broken(fault)),
                 Ask::Leave | Ask::Nothing => {}
             }
             if let Some(report) = self.deadlines.over(self.ports.robot.now()) {
@@ -279,8 +291,9 @@ impl<'p> Running<'p> {
                 self.comes_in(GLANCE)?;
                 continue;
             }
-            if let Some(report) = self.ports.robot.next() {
-                self.hear(report)?;
+            match self.ports.robot.next() {
+                Some(report) => self.hear(report)?,
+                None => self.ports.robot.works()?,
             }
         }
     }

@@ -44,6 +44,8 @@ pub(super) struct Filming {
     place: Rigid<Base, Panel>,
     /// When its first picture was taken, by the camera's clock, s.
     first_s: Option<f64>,
+    /// From its first picture to its last one, s.
+    pub seen_s: f64,
     last: Option<Arc<ColorPicture>>,
     opened: bool,
     kept: Kept,
@@ -164,7 +166,7 @@ impl Sight {
         let begun = watch.and_then(|mut watch| {
             watch.push(dry, *dry_s, Phase::Dry)?;
             let (kept, elapsed_ms) = (Kept::default(), Vec::new());
-            Ok(Filming { watch, place, first_s: None, last: None, opened: false, kept, elapsed_ms })
+            Ok(Filming { watch, place, first_s: None, seen_s: 0.0, last: None, opened: false, kept, elapsed_ms })
         });
         match begun {
             Ok(mut filming) => {
@@ -219,6 +221,7 @@ impl Sight {
         }
         filming.last = Some(picture);
         let since_s = time_s - *filming.first_s.get_or_insert(time_s);
+        filming.seen_s = since_s;
         if since_s < job.demands().filmed_s() {
             return Ok(Ok(filming));
         }

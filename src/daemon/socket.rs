@@ -1,36 +1,69 @@
 //! The service's Unix socket: who may ask, and what is asked, one line for each connection.
 //!
 //! The file's mode is the only lock on the door: its owner and group may ask (0660). A file that a killed service left
-//! is replaced once nobody answers on it; any other file is not touched. Each connection has a thread, so that a slow
-//! or silent one keeps nobody waiting; there are at most a few of them. Recipes are read here too, beside the loop.
+//! is replaced once nobody answers on it; any other file is not touched.
+//!
+//! Whoever may ask may also be slow, silent or endless, by a fault or on purpose, and a stop must come through all of it.
+//! One thread reads all connections at once and never waits for one of them; each has one deadline for its whole line;
+//! where places run out, the connection that has been silent for longest gives up its own (`places`). Lines are short
+//! but for a start. What is read goes to the loop in the order of its urgency (`letters`). Recipes are read aside.
 
+mod places;
+
+use super::caller::Caller;
 use super::desk::{Asked, Letter};
+use super::letters::{Letters, NotTaken};
 use super::ports::Order;
-use super::protocol::{Exit, MOST_BYTES, ProtocolError, RecordIn, Reply, Wish};
+use super::protocol::{
+    Exit, MOST_BYTES, MOST_SHORT_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish, may_be_long,
+};
+use super::words;
 use crate::cycle::Request;
+use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
+use places::{Place, Places};
 use std::fs::{self, Permissions};
-use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
+use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net as system;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
+use tokio::net::{UnixListener, UnixStream};
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::oneshot;
+use tokio::time::{interval, sleep, timeout};
 
 /// Owner and group may ask.
 const MODE: u32 = 0o660;
-/// Connections at one time.
-const MOST_CONNECTIONS: usize = 8;
-/// A client says its line, and takes its answer, within this time.
-const CLIENT_PATIENCE: Duration = Duration::from_secs(5);
+/// A client says its whole line within this time, and takes its answer within the same time again.
+const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
 /// The loop answers within this time, or something is wrong with it.
 const LOOP_PATIENCE: Duration = Duration::from_secs(5);
+/// The socket's thread says so often that it works, and is silent for at most so long.
+const SIGN: Duration = Duration::from_millis(250);
+const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+/// Recipes that are read at one time: one, and one more thread that says so.
+const READERS: usize = 2;
+/// How far the socket's thread goes before what the machine does beside: it has little to do, and a stop may be in it.
+const NICE: i32 = -5;
 
-/// Makes an order of a recipe's name and text and of where it is recorded, or says why not.
-pub type Loader = dyn Fn(&str, &str, Option<RecordIn>) -> Result<Order, Vec<Reason>> + Send + Sync;
+/// A cycle that somebody asks for.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Started {
+    /// The recipe's name in messages.
+    pub recipe: String,
+    /// Its text.
+    pub text: String,
+    /// Where it is recorded, where it is.
+    pub record: Option<RecordIn>,
+    /// The part.
+    pub part: Option<PartNames>,
+}
+
+/// Makes an order of what was asked for, or says why not.
+pub type Loader = dyn Fn(Started) -> Result<Order, Vec<Reason>> + Send + Sync;
 
 /// Why there is no socket.
 #[derive(Debug, thiserror::Error)]
@@ -66,21 +99,36 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and hands what is asked to the desk.
+    /// Listens, and hands what is asked to the desk. The supervisor watches its thread.
     ///
     /// # Errors
     /// Where somebody answers on this socket already, the file is another, or the system refuses.
-    pub fn listen(path: &Path, letters: Sender<Letter>, loader: Arc<Loader>) -> Result<Self, SocketError> {
+    pub fn listen(
+        path: &Path,
+        letters: Letters,
+        loader: Arc<Loader>,
+        supervisor: &Supervisor,
+    ) -> Result<Self, SocketError> {
         let failed = |doing| {
             let path = path.to_owned();
             move |source| SocketError::System { doing, path, source }
         };
         clear_the_way(path)?;
-        let listener = UnixListener::bind(path).map_err(failed("make"))?;
+        let listener = system::UnixListener::bind(path).map_err(failed("make"))?;
         let socket = Socket { path: path.to_owned() };
         fs::set_permissions(path, Permissions::from_mode(MODE)).map_err(failed("set the mode of"))?;
+        listener.set_nonblocking(true).map_err(failed("serve"))?;
+        let runtime = Builder::new_current_thread().enable_io().enable_time().max_blocking_threads(READERS).build();
+        let runtime = runtime.map_err(failed("serve"))?;
+        let (sign, watched) = supervised("socket", LONGEST_SILENCE);
+        let served = {
+            let _context = runtime.enter();
+            UnixListener::from_std(listener).map_err(failed("serve"))?
+        };
         let thread = thread::Builder::new().name("socket".to_owned());
-        thread.spawn(move || accept(&listener, &letters, &loader)).map_err(failed("serve"))?;
+        let door = Door { letters, loader, places: Places::default() };
+        thread.spawn(move || serve(&runtime, &served, &door, &sign)).map_err(failed("serve"))?;
+        supervisor.watch(watched);
         Ok(socket)
     }
 }
@@ -94,118 +142,165 @@ impl Drop for Socket {
 
 /// Removes what a killed service left.
 fn clear_the_way(path: &Path) -> Result<(), SocketError> {
-    let system = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
+    let failed = |doing, source| SocketError::System { doing, path: path.to_owned(), source };
     match fs::symlink_metadata(path) {
         Err(error) if error.kind() == ErrorKind::NotFound => return Ok(()),
-        Err(error) => return Err(system("look at", error)),
+        Err(error) => return Err(failed("look at", error)),
         Ok(found) if !found.file_type().is_socket() => {
             return Err(SocketError::NotASocket { path: path.to_owned() });
         }
         Ok(_) => {}
     }
-    match UnixStream::connect(path) {
+    match system::UnixStream::connect(path) {
         Ok(_) => Err(SocketError::InUse { path: path.to_owned() }),
         Err(error) if error.kind() == ErrorKind::ConnectionRefused => {
-            fs::remove_file(path).map_err(|error| system("replace", error))
+            fs::remove_file(path).map_err(|error| failed("replace", error))
         }
-        Err(error) => Err(system("look at", error)),
+        Err(error) => Err(failed("look at", error)),
     }
 }
 
-fn accept(listener: &UnixListener, letters: &Sender<Letter>, loader: &Arc<Loader>) {
-    let open = Arc::new(AtomicUsize::new(0));
-    for stream in listener.incoming() {
-        let Ok(mut stream) = stream else {
-            // Such as no file descriptor left: whoever asks tries again.
-            thread::sleep(Duration::from_millis(50));
-            continue;
-        };
-        let place = Place::take(&open);
-        let (letters, loader) = (letters.clone(), loader.clone());
-        let Some(place) = place else {
-            let busy = format!("{MOST_CONNECTIONS} others are asking; try again");
-            answer(&mut stream, &Reply::refused(Exit::Fault, vec![Reason::new("busy", busy)]));
-            continue;
-        };
-        let serve = move || {
-            let _place = place;
-            let reply = hear(&stream, &letters, &*loader);
-            answer(&mut stream, &reply);
-        };
-        if let Err(error) = thread::Builder::new().name("connection".to_owned()).spawn(serve) {
-            tracing::warn!("a connection could not be served: {error}");
+/// What a connection needs.
+#[derive(Clone)]
+struct Door {
+    letters: Letters,
+    loader: Arc<Loader>,
+    places: Places,
+}
+
+fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervised) {
+    // Where it is not permitted, the system shares the processors out as it does among all.
+    let _ = rustix::process::setpriority_process(None, NICE);
+    runtime.block_on(async {
+        let mut signs = interval(SIGN);
+        loop {
+            let accepted = tokio::select! {
+                _ = signs.tick() => {
+                    sign.works();
+                    continue;
+                }
+                accepted = listener.accept() => accepted,
+            };
+            match accepted {
+                Ok((stream, _)) => {
+                    let caller = Caller::of(&stream);
+                    let place = door.places.take(caller.uid);
+                    tokio::spawn(attend(stream, caller, place, door.clone()));
+                }
+                // Such as no file descriptor left: whoever asks tries again.
+                Err(_) => sleep(Duration::from_millis(50)).await,
+            }
         }
-    }
+    });
 }
 
-/// One of the places for connections; free again when it is dropped.
-struct Place(Arc<AtomicUsize>);
-
-impl Place {
-    fn take(open: &Arc<AtomicUsize>) -> Option<Self> {
-        let place = Place(open.clone());
-        (open.fetch_add(1, Ordering::Relaxed) < MOST_CONNECTIONS).then_some(place)
-    }
-}
-
-impl Drop for Place {
-    fn drop(&mut self) {
-        self.0.fetch_sub(1, Ordering::Relaxed);
-    }
-}
-
-/// Reads one line and has it answered.
-fn hear(stream: &UnixStream, letters: &Sender<Letter>, loader: &Loader) -> Reply {
-    let wish = match read(stream) {
-        Ok(wish) => wish,
-        Err(error) => return Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
+/// Reads one line, has it answered, and tells the answer.
+async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door) {
+    let heard = tokio::select! {
+        heard = timeout(CLIENT_PATIENCE, read(&stream)) => heard.unwrap_or(Err(ProtocolError::Slow)),
+        () = place.is_wanted() => Err(ProtocolError::GaveWay),
     };
-    let asked = match wish {
-        Wish::State {} => Asked::State,
-        Wish::Start { recipe, text, record } => match loader(&recipe, &text, record) {
-            Ok(order) => Asked::Begin(Box::new(order)),
-            Err(reasons) => return Reply::refused(Exit::Refused, reasons),
-        },
-        Wish::Hold {} => Asked::For(Request::Hold),
-        Wish::Unhold { dried } => Asked::For(Request::Unhold { dried }),
-        Wish::Accept {} => Asked::For(Request::Accept),
-        Wish::Stop {} => Asked::For(Request::Stop),
-        Wish::Abort {} => Asked::For(Request::Abort),
-        Wish::Clear {} => Asked::For(Request::Clear),
-        Wish::Reset {} => Asked::For(Request::Reset),
-        Wish::NewDisc {} => Asked::NewDisc,
-    };
-    if !matches!(asked, Asked::State) {
-        let who = rustix::net::sockopt::socket_peercred(stream)
-            .ok()
-            .map(|who| (who.uid.as_raw(), who.pid.as_raw_nonzero()));
-        tracing::info!(?asked, ?who, "asked");
-    }
-    let (reply, answer) = mpsc::sync_channel(1);
-    let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
-    if letters.send(Letter::Asked { asked, reply }).is_err() {
-        return failed("ended", "the service has ended");
-    }
-    match answer.recv_timeout(LOOP_PATIENCE) {
-        Ok(reply) => reply,
-        Err(RecvTimeoutError::Disconnected) => failed("ended", "the service ended before it could answer"),
-        Err(RecvTimeoutError::Timeout) => {
-            failed("silent", "the service's loop does not answer; ask for the state, and look at its log")
+    drop(place);
+    let reply = match heard {
+        Ok(wish) => door.answer(wish, caller).await,
+        Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
+            Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
         }
-    }
-}
-
-fn read(stream: &UnixStream) -> Result<Wish, ProtocolError> {
-    let silent = |error: std::io::Error| ProtocolError::NotUnderstood { problem: error.to_string() };
-    stream.set_read_timeout(Some(CLIENT_PATIENCE)).map_err(silent)?;
-    let mut line = Vec::new();
-    BufReader::new(stream).take(MOST_BYTES as u64 + 1).read_until(b'\n', &mut line).map_err(silent)?;
-    Wish::read(&line)
-}
-
-/// Whoever hung up does not want to know.
-fn answer(stream: &mut UnixStream, reply: &Reply) {
-    let Ok(mut line) = serde_json::to_vec(reply) else { return };
+        Err(error) => Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
+    };
+    let Ok(mut line) = serde_json::to_vec(&reply) else { return };
     line.push(b'\n');
-    let _ = stream.set_write_timeout(Some(CLIENT_PATIENCE)).and_then(|()| stream.write_all(&line));
+    // Whoever hung up, or does not listen, does not want to know.
+    let _ = timeout(CLIENT_PATIENCE, write(&stream, &line)).await;
+}
+
+async fn read(stream: &UnixStream) -> Result<Wish, ProtocolError> {
+    let (mut line, mut bytes) = (Vec::new(), [0; 4 * 1_024]);
+    loop {
+        let most = if may_be_long(&line) { MOST_BYTES } else { MOST_SHORT_BYTES };
+        if line.len() > most {
+            return Err(ProtocolError::TooLong { most });
+        }
+        let ready = stream.readable().await.and_then(|()| stream.try_read(&mut bytes));
+        let count = match ready {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => continue,
+            other => other.map_err(|error| ProtocolError::NotUnderstood { problem: error.to_string() })?,
+        };
+        let part = &bytes[..count];
+        match part.iter().position(|byte| *byte == b'\n') {
+            Some(end) => {
+                line.extend_from_slice(&part[..=end]);
+                return Wish::read(&line);
+            }
+            None if count == 0 => return Wish::read(&line),
+            None => line.extend_from_slice(part),
+        }
+    }
+}
+
+async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
+    while !line.is_empty() {
+        stream.writable().await?;
+        match stream.try_write(line) {
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+            count => line = &line[count?..],
+        }
+    }
+    Ok(())
+}
+
+impl Door {
+    async fn answer(&self, wish: Wish, caller: Caller) -> Reply {
+        let asked = match wish {
+            Wish::State {} => Asked::State,
+            Wish::Start { recipe, text, record, part } => {
+                match self.load(Started { recipe, text, record, part }).await {
+                    Ok(order) => Asked::Begin(Box::new(order)),
+                    Err(refused) => return refused,
+                }
+            }
+            Wish::Hold {} => Asked::For(Request::Hold),
+            Wish::Unhold { dried } => Asked::For(Request::Unhold { dried }),
+            Wish::Accept {} => Asked::For(Request::Accept),
+            Wish::Stop {} => Asked::For(Request::Stop),
+            Wish::Abort {} => Asked::For(Request::Abort),
+            Wish::Clear {} => Asked::For(Request::Clear),
+            Wish::Reset {} => Asked::For(Request::Reset),
+            Wish::NewDisc {} => Asked::NewDisc,
+        };
+        let who = match &asked {
+            Asked::State => caller,
+            _ => caller.named(),
+        };
+        let told = (!matches!(asked, Asked::State)).then(|| (words::asked(&asked), who.clone()));
+        let (reply, answer) = oneshot::channel();
+        let failed = |code, message: &str| Reply::refused(Exit::Fault, vec![Reason::new(code, message)]);
+        if let Err(error) = self.letters.send(Letter::Asked { asked, who, reply }) {
+            let code = if error == NotTaken::Ended { "ended" } else { "busy" };
+            return failed(code, &error.to_string());
+        }
+        if let Some((what, who)) = told {
+            tracing::info!("{who} asks: {what}");
+        }
+        match timeout(LOOP_PATIENCE, answer).await {
+            Ok(Ok(reply)) => reply,
+            Ok(Err(_)) => failed("ended", "the service ended before it could answer"),
+            Err(_) => {
+                failed("silent", "the service's loop does not answer; ask for the state, and look at its log")
+            }
+        }
+    }
+
+    /// Reads what a cycle works by, on a thread of its own.
+    async fn load(&self, started: Started) -> Result<Order, Reply> {
+        let loader = self.loader.clone();
+        let loaded = tokio::task::spawn_blocking(move || loader(started)).await;
+        match loaded {
+            Ok(order) => order.map_err(|reasons| Reply::refused(Exit::Refused, reasons)),
+            Err(error) => {
+                let message = format!("the recipe could not be read: {error}");
+                Err(Reply::refused(Exit::Fault, vec![Reason::new("fault", message)]))
+            }
+        }
+    }
 }

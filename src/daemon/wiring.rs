@@ -88,6 +88,10 @@ impl Wiring {
         Setting { signals, feedback: self.spray.feedback.map(|bit| (bit, true)) }
     }
 
+    pub(super) fn water_is_off(&self, state: &State) -> bool {
+        self.spray.feedback.is_none_or(|bit| reads(state, bit))
+    }
+
     pub(super) fn tool_is_off(&self, state: &State) -> bool {
         self.tool.feedback.is_none_or(|bit| !reads(state, bit))
     }

@@ -1,6 +1,7 @@
 //! States, refusals and causes in words for the people at the cell: what is, and what to do.
 
-use crate::cycle::{At, Cause, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
+use super::desk::Asked;
+use crate::cycle::{At, Cause, Epoch, Hold, Phase, Refusal, Request, Robot, State, Trouble, Why, step};
 use crate::verdict::Reason;
 
 /// The word by which `panelprep ctl` asks for this.
@@ -15,6 +16,17 @@ pub fn request_word(request: Request) -> &'static str {
         Request::Stop => "stop",
         Request::Abort => "abort",
         Request::Clear => "clear",
+    }
+}
+
+/// What somebody asks, as it is told in the log.
+pub(super) fn asked(asked: &Asked) -> String {
+    match asked {
+        Asked::State => "state".to_owned(),
+        Asked::For(Request::Unhold { dried: true }) => "unhold --dried".to_owned(),
+        Asked::For(request) => request_word(*request).to_owned(),
+        Asked::NewDisc => "new-disc".to_owned(),
+        Asked::Begin(order) => format!("start of panel {}", order.task.recipe.panel()),
     }
 }
 
@@ -136,13 +148,41 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
     Reason::new(code, message)
 }
 
-/// Why the cycle stands in this state, where that is not plain, and the way out.
-pub fn why(at: At) -> Option<Reason> {
-    match at {
-        At::Aborting { cause, .. } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
+/// A cycle that was ended on request: no fault, and nobody has to clear anything.
+pub(super) fn stopped() -> Reason {
+    Reason::new("stopped", "stopped on request before the cycle's end; this is no fault")
+}
+
+/// Why the cycle stands in this state, where that is not plain, and the way out; and what may still run or move.
+pub fn why(state: &State) -> Vec<Reason> {
+    let why = match state.at {
+        At::Aborting { cause } | At::Aborted { cause } | At::Clearing { cause } => Some(aborted(cause)),
         At::Held(hold) | At::Holding(hold) => Some(held(hold)),
         _ => None,
+    };
+    why.into_iter().chain(not_proven(state)).collect()
+}
+
+/// What was asked of the robot before it came to rest here, and is not confirmed by it.
+fn not_proven(state: &State) -> Vec<Reason> {
+    let At::Aborted { .. } = state.at else { return vec![] };
+    let mut reasons = Vec::new();
+    if state.facts.water_may_run {
+        let message = "water may be running: it was switched on and no feedback says that it is off; look, and close its \
+                       valve by hand if it runs";
+        reasons.push(Reason::new("water_may_run", message));
     }
+    if state.facts.tool_may_run {
+        let message = "the sanding tool may be running: it was switched on and no feedback says that it is off; do not \
+                       reach for it before it has stood still";
+        reasons.push(Reason::new("tool_may_run", message));
+    }
+    if state.intent.is_some() || state.facts.epoch == Epoch::Changing {
+        let message = "the robot has not confirmed that it stands; its controller stops it by its own rules. Where it \
+                       moves, press the emergency stop";
+        reasons.push(Reason::new("stop_not_confirmed", message));
+    }
+    reasons
 }
 
 fn aborted(cause: Cause) -> Reason {
@@ -152,6 +192,7 @@ fn aborted(cause: Cause) -> Reason {
         Cause::Trouble(what) => trouble(what),
         Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took too long"),
         Cause::Interrupted => Reason::new("interrupted", "the program ended while a motion was open"),
+        Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
     };
     let message = format!(
         "aborted: {}; look at the cell, jog the pad off the panel where it touches, then `panelprep ctl clear`",
@@ -205,9 +246,23 @@ mod tests {
 
     #[test]
     fn an_abort_names_its_cause_and_the_way_out() {
-        let reason = why(At::Aborted { cause: Cause::Interrupted }).expect("words");
+        let state = State { at: At::Aborted { cause: Cause::Interrupted }, ..State::NEW };
+        let [reason] = &why(&state)[..] else { panic!("{:?}", why(&state)) };
         assert_eq!(reason.code, "interrupted");
         assert!(reason.message.contains("while a motion was open") && reason.message.contains("ctl clear"));
-        assert_eq!(why(At::Idle), None);
+        assert_eq!(why(&State { at: At::Idle, ..State::NEW }), []);
+    }
+
+    /// Told until a feedback or a person says otherwise, beside the cause.
+    #[test]
+    fn what_is_not_proven_is_told() {
+        let mut state = State { at: At::Aborted { cause: Cause::OutputsOn }, ..State::NEW };
+        (state.facts.water_may_run, state.facts.epoch) = (true, Epoch::Changing);
+        let told = why(&state);
+        let codes: Vec<&str> = told.iter().map(|reason| &*reason.code).collect();
+        assert_eq!(codes, ["outputs_on", "water_may_run", "stop_not_confirmed"]);
+        assert!(told[1].message.starts_with("water may be running"), "{}", told[1].message);
+        state = step(state, Event::Told(Report::OutputsOff)).0;
+        assert_eq!(why(&state).len(), 2);
     }
 }

@@ -1,6 +1,6 @@
 //! Why bytes are not an organised cloud.
 
-use crate::geometry::CloudError;
+use crate::geometry::{CloudError, PinholeCamera};
 
 /// Why a PCD or PLY file was refused: where, what was found, what is allowed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,7 +51,10 @@ pub enum CloudFileError {
         height: u64,
     },
     /// More data than any camera delivers.
-    #[error("the header asks for {points} points of {point_bytes} bytes; allowed are {limit_bytes} bytes in all")]
+    #[error(
+        "the header asks for {points} points of {point_bytes} bytes; allowed are {limit_point_bytes} bytes a point and \
+         {limit_bytes} bytes in all; export the cloud with positions and colours alone"
+    )]
     TooLarge {
         /// Points counted.
         points: u64,
@@ -59,6 +62,8 @@ pub enum CloudFileError {
         point_bytes: u64,
         /// Largest data section.
         limit_bytes: u64,
+        /// Largest point.
+        limit_point_bytes: u64,
     },
     /// The file ends early.
     #[error("the file is truncated: {needed} bytes of points from byte {start} on were expected, found {found}")]
@@ -102,6 +107,12 @@ pub enum CloudFileError {
         /// What is wrong with them.
         problem: String,
     },
+    /// A list of points that does not say how wide its picture is.
+    #[error(
+        "the file does not say how wide and high its picture is, and no calibration says it: write the lines 'comment width W' \
+         and 'comment height H' into its header, or name a cell whose [calibration] has this scanner"
+    )]
+    NoSize,
     /// The cloud is not from the calibrated camera.
     #[error("the cloud is {width}×{height}, the camera's calibration says {width_px}×{height_px}")]
     Size {
@@ -114,4 +125,15 @@ pub enum CloudFileError {
         /// Rows of the calibrated camera.
         height_px: usize,
     },
+}
+
+/// Refuses a cloud that is not from the calibrated camera, by the size in its header.
+pub(super) fn check_cloud_size((width, height): (u64, u64), camera: &PinholeCamera) -> Result<(), CloudFileError> {
+    let (width, height) = (width as usize, height as usize);
+    match (width, height) == (camera.width_px, camera.height_px) {
+        true => Ok(()),
+        false => {
+            Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
+        }
+    }
 }

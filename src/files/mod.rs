@@ -1,7 +1,8 @@
 //! Files as bytes: 3D shots, pictures, clips and poses, read strictly and written.
 //!
 //! Bytes in, bytes out: nothing here touches a disk. What cannot be read is refused with the line or byte, what was
-//! found there and what is allowed; nothing is repaired, and a reader never allocates much more than it was given.
+//! found there and what is allowed; nothing is repaired, and sizes are judged by a file's
+//! first bytes, so that a small file never takes much memory.
 
 mod clip;
 mod cloud_error;
@@ -17,8 +18,9 @@ pub use cloud_error::CloudFileError;
 pub use hash::content_hash;
 pub use pcd::{read_pcd, write_pcd};
 pub use picture::{
-    PictureError, check_picture_size, read_color, read_gray, write_color_jpeg, write_color_png, write_gray_png,
+    PictureError, read_color, read_color_of, read_gray, read_measured, read_measured_gray, write_color_jpeg,
+    write_color_png, write_gray_png,
 };
 pub use ply::{read_ply, write_ply};
 pub use pose::{PoseError, read_flange, read_located, read_located_mm, write_pose};
-pub use shot::{check_cloud_size, read_cloud};
+pub use shot::{read_any_cloud, read_cloud};

@@ -9,26 +9,43 @@
 //! are allowed, because PCL fills its files up to a memory page. Its writer panics when dropped before its end;
 //! the twelve lines of a binary header are written here.
 
-use super::cloud_error::CloudFileError;
-use crate::geometry::{Camera, CloudError, OrganizedCloud};
+use super::cloud_error::{CloudFileError, check_cloud_size};
+use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use pcd_rs::{DataKind, FieldDef, PcdDeserialize, PcdMeta, Reader, Schema, ValueKind};
 use std::io::{BufRead, Error as IoError, ErrorKind};
 
 /// Longest header that is searched for its end; real ones have 200 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section: thirty times that of our camera.
-const MAX_DATA_BYTES: u64 = 1 << 30;
+/// Largest data section: seven times that of our camera, three times that of one with five million points.
+const MAX_DATA_BYTES: u64 = 1 << 28;
+/// Largest point: x, y, z and colour take 16 bytes, with a normal, curvature and padding 48.
+const MAX_POINT_BYTES: u64 = 64;
 /// LZF makes at most 264 bytes of 3.
 const MAX_LZF_RATIO: usize = 88;
 
-/// Reads an organised cloud.
+/// Reads an organised cloud of the camera with this calibration.
 ///
 /// # Errors
-/// Where the bytes are not an organised PCD file with colours, whole to its last point.
-pub fn read_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+/// Where the bytes are not an organised PCD file with colours, whole to its last point, or its size is not the camera's.
+pub fn read_pcd(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, Some(camera))
+}
+
+/// Reads an organised cloud of any camera, by the size that it states.
+///
+/// # Errors
+/// As [`read_pcd`], whatever its size.
+pub(super) fn read_any_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, None)
+}
+
+fn read(bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = header(bytes)?;
     let meta = PcdMeta::from_reader(header).map_err(|error| header_error(header, &error))?;
     let (points, point_bytes) = checked_size(&meta)?;
+    if let Some(camera) = camera {
+        check_cloud_size((meta.width, meta.height), camera)?;
+    }
     check_fields(&meta.field_defs)?;
     let data_start = header.len();
     match meta.data {
@@ -128,8 +145,15 @@ fn checked_size(meta: &PcdMeta) -> Result<(usize, usize), CloudFileError> {
     let field_bytes = |field: &FieldDef| (field.kind.byte_size() as u64).saturating_mul(field.count);
     let point_bytes = meta.field_defs.iter().map(field_bytes).fold(0, u64::saturating_add);
     match points.checked_mul(point_bytes) {
-        Some(data_bytes) if data_bytes <= MAX_DATA_BYTES => Ok((points as usize, point_bytes as usize)),
-        _ => Err(CloudFileError::TooLarge { points, point_bytes, limit_bytes: MAX_DATA_BYTES }),
+        Some(data_bytes) if data_bytes <= MAX_DATA_BYTES && point_bytes <= MAX_POINT_BYTES => {
+            Ok((points as usize, point_bytes as usize))
+        }
+        _ => Err(CloudFileError::TooLarge {
+            points,
+            point_bytes,
+            limit_bytes: MAX_DATA_BYTES,
+            limit_point_bytes: MAX_POINT_BYTES,
+        }),
     }
 }
 

@@ -1,17 +1,32 @@
 //! Pictures from and to bytes: PNG, JPEG and TIFF read, PNG and JPEG written.
 //!
-//! Read are 8 bits a channel, grey or RGB; grey becomes colour by repeating it, colour becomes grey by BT.601
-//! ([`ColorPicture::to_gray`]). An alpha channel is allowed where it hides nothing. 16 bits a channel are refused:
-//! how to scale them is the camera's business. What a picture says about its own turn (EXIF) is not used, since a
-//! calibration holds for the pixels as they were taken.
+//! Which picture may come in which format:
+//!
+//! | The picture | Read | Why |
+//! |---|---|---|
+//! | says where something stands: a corner of the panel, a board or a point for a camera's mount, a verification | PNG | every part of a PNG has a checksum, so damage is found; in JPEG and TIFF a changed byte is other pixels and no error, and JPEG moves edges besides |
+//! | a clip of the wet panel, live from a recorded scanner or as files | PNG, JPEG, TIFF | a verdict on a place needs many pictures that agree, and no pose comes from them |
+//! | a board for a lens (`calibrate intrinsics`) | PNG, JPEG, TIFF | the residual of each picture is held against those of all the others |
+//!
+//! [`read_measured`] holds the first row. Read are 8 bits a channel, grey or RGB; grey becomes colour by repeating it,
+//! colour becomes grey by BT.601 ([`ColorPicture::to_gray`]). An alpha channel is allowed where it hides nothing. 16 bits
+//! a channel are refused: how to scale them is the camera's business. What a picture says about its own turn (EXIF) is
+//! not used, since a calibration holds for the pixels as they were taken.
+//!
+//! Size and kind of the pixels stand in a picture's first bytes and are judged there, before memory is taken for pixels:
+//! a small file may unpack to a thousand times its length.
 
 use crate::geometry::{ColorPicture, GrayPicture, PinholeCamera};
 use image::codecs::png::{CompressionType, FilterType, PngEncoder};
-use image::{DynamicImage, ExtendedColorType, ImageEncoder, ImageFormat, ImageReader};
+use image::{DynamicImage, ExtendedColorType, ImageDecoder, ImageEncoder, ImageFormat, ImageReader, Limits};
 use jpeg_encoder::{ColorType, Encoder, SamplingFactor};
 use std::io::Cursor;
 
 const JPEG_QUALITY: u8 = 95;
+/// The largest picture that is unpacked where no calibration says its size: above any camera for such a cell.
+const MOST_PIXELS: u64 = 32 << 20;
+/// What a decoder may take beside the pixels that it gives.
+const MOST_DECODER_BYTES: u64 = 128 << 20;
 
 /// Why bytes are not a picture, or a picture not bytes.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -31,6 +46,28 @@ pub enum PictureError {
         bytes: usize,
         /// What the decoder met.
         problem: String,
+    },
+    /// Damage could not be found, and a measurement depends on it.
+    #[error(
+        "this is a {format} picture, and the place of something is measured in it: a {format} file has no checksum, so \
+         damaged pixels would move what is measured without a word; take the picture again and let the camera's \
+         program save it as PNG (a JPEG that is converted keeps what JPEG has lost)"
+    )]
+    Unchecked {
+        /// JPEG or TIFF.
+        format: &'static str,
+    },
+    /// More pixels than are unpacked.
+    #[error("the picture is {width}×{height}, {pixels} pixels; at most {allowed} are unpacked")]
+    TooLarge {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Pixels.
+        pixels: u64,
+        /// Pixels that are allowed.
+        allowed: u64,
     },
     /// Channels that cannot be taken over as they are.
     #[error("the pixels are {found}; allowed are 8 bits a channel, grey or RGB, opaque")]
@@ -66,27 +103,59 @@ pub enum PictureError {
     },
 }
 
-/// Reads a colour picture; a grey one becomes grey colours.
+/// Reads a colour picture of any size; a grey one becomes grey colours.
 ///
 /// # Errors
-/// Where the bytes are not a whole PNG, JPEG or TIFF with 8 bits a channel.
+/// Where the bytes are not a whole PNG, JPEG or TIFF with 8 bits a channel, or it is larger than any camera's.
 pub fn read_color(bytes: &[u8]) -> Result<ColorPicture, PictureError> {
-    let picture = decode(bytes)?.into_rgb8();
-    let (width, height) = (picture.width() as usize, picture.height() as usize);
-    Ok(ColorPicture { width, height, rgb: picture.into_raw().as_chunks().0.to_vec() })
+    Ok(color(decode(Kind::of(bytes)?, bytes, None)?))
 }
 
-/// Reads a grey picture; a colour one is weighed as [`ColorPicture::to_gray`] does.
+/// Reads a grey picture of any size; a colour one is weighed as [`ColorPicture::to_gray`] does.
 ///
 /// # Errors
 /// As [`read_color`].
 pub fn read_gray(bytes: &[u8]) -> Result<GrayPicture, PictureError> {
-    match decode(bytes)? {
+    Ok(gray(decode(Kind::of(bytes)?, bytes, None)?))
+}
+
+/// Reads a colour picture of the camera with this calibration.
+///
+/// # Errors
+/// As [`read_color`], and where its size is not the camera's.
+pub fn read_color_of(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
+    Ok(color(decode(Kind::of(bytes)?, bytes, Some(camera))?))
+}
+
+/// Reads a picture of the camera with this calibration in which the place of something is measured.
+///
+/// # Errors
+/// As [`read_color_of`], and where it is no PNG.
+pub fn read_measured(bytes: &[u8], camera: &PinholeCamera) -> Result<ColorPicture, PictureError> {
+    Ok(color(decode(Kind::of(bytes)?.with_checksum()?, bytes, Some(camera))?))
+}
+
+/// The same in grey, as [`read_gray`] gives it.
+///
+/// # Errors
+/// As [`read_measured`].
+pub fn read_measured_gray(bytes: &[u8], camera: &PinholeCamera) -> Result<GrayPicture, PictureError> {
+    Ok(gray(decode(Kind::of(bytes)?.with_checksum()?, bytes, Some(camera))?))
+}
+
+fn color(picture: DynamicImage) -> ColorPicture {
+    let picture = picture.into_rgb8();
+    let (width, height) = (picture.width() as usize, picture.height() as usize);
+    ColorPicture { width, height, rgb: picture.into_raw().as_chunks().0.to_vec() }
+}
+
+fn gray(picture: DynamicImage) -> GrayPicture {
+    match picture {
         DynamicImage::ImageLuma8(picture) => {
             let (width, height) = (picture.width() as usize, picture.height() as usize);
-            Ok(GrayPicture { width, height, gray: picture.into_raw() })
+            GrayPicture { width, height, gray: picture.into_raw() }
         }
-        _ => read_color(bytes).map(|picture| picture.to_gray()),
+        other => color(other).to_gray(),
     }
 }
 
@@ -125,36 +194,51 @@ pub fn write_color_jpeg(picture: &ColorPicture) -> Result<Vec<u8>, PictureError>
     written.map(|()| file).map_err(|error| unwritable(error.to_string()))
 }
 
-/// Refuses a picture that is not from the calibrated camera.
-///
-/// # Errors
-/// Where width or height differ from the calibration's.
-pub fn check_picture_size(picture: &ColorPicture, camera: &PinholeCamera) -> Result<(), PictureError> {
-    let (width, height) = (picture.width, picture.height);
-    match (width, height) == (camera.width_px, camera.height_px) {
-        true => Ok(()),
-        false => Err(PictureError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px }),
+/// One of the formats that are read.
+#[derive(Clone, Copy)]
+struct Kind {
+    format: ImageFormat,
+    name: &'static str,
+}
+
+impl Kind {
+    fn of(bytes: &[u8]) -> Result<Self, PictureError> {
+        let found = match image::guess_format(bytes) {
+            Ok(format @ ImageFormat::Png) => return Ok(Kind { format, name: "PNG" }),
+            Ok(format @ ImageFormat::Jpeg) => return Ok(Kind { format, name: "JPEG" }),
+            Ok(format @ ImageFormat::Tiff) => return Ok(Kind { format, name: "TIFF" }),
+            Ok(other) => format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
+            Err(_) => first_bytes(bytes),
+        };
+        Err(PictureError::Format { found })
+    }
+
+    fn with_checksum(self) -> Result<Self, PictureError> {
+        match self.format {
+            ImageFormat::Png => Ok(self),
+            _ => Err(PictureError::Unchecked { format: self.name }),
+        }
     }
 }
 
-fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
-    let (format, name) = match image::guess_format(bytes) {
-        Ok(ImageFormat::Png) => (ImageFormat::Png, "PNG"),
-        Ok(ImageFormat::Jpeg) => (ImageFormat::Jpeg, "JPEG"),
-        Ok(ImageFormat::Tiff) => (ImageFormat::Tiff, "TIFF"),
-        Ok(other) => {
-            return Err(PictureError::Format {
-                found: format!("it looks like {}", other.extensions_str().first().unwrap_or(&"another format")),
-            });
-        }
-        Err(_) => return Err(PictureError::Format { found: first_bytes(bytes) }),
-    };
-    let damaged = |problem: String| PictureError::Damaged { format: name, bytes: bytes.len(), problem };
-    if format == ImageFormat::Jpeg && !jpeg_has_its_end(bytes) {
+fn decode(kind: Kind, bytes: &[u8], camera: Option<&PinholeCamera>) -> Result<DynamicImage, PictureError> {
+    let damaged = |problem: String| PictureError::Damaged { format: kind.name, bytes: bytes.len(), problem };
+    if kind.format == ImageFormat::Jpeg && !jpeg_has_its_end(bytes) {
         return Err(damaged("its end marker FF D9 is missing".to_owned()));
     }
-    let reader = ImageReader::with_format(Cursor::new(bytes), format);
-    let picture = reader.decode().map_err(|error| damaged(error.to_string()))?;
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), kind.format);
+    let mut limits = Limits::no_limits();
+    limits.max_alloc = Some(MOST_DECODER_BYTES);
+    reader.limits(limits);
+    let decoder = reader.into_decoder().map_err(|error| damaged(error.to_string()))?;
+    check_size(decoder.dimensions(), camera)?;
+    let channels = decoder.color_type();
+    if channels.bytes_per_pixel() > channels.channel_count() {
+        let (count, bits) =
+            (channels.channel_count(), channels.bits_per_pixel() / u16::from(channels.channel_count()));
+        return Err(PictureError::Pixels { found: format!("{count} channels of {bits} bits") });
+    }
+    let picture = DynamicImage::from_decoder(decoder).map_err(|error| damaged(error.to_string()))?;
     let opaque = match &picture {
         DynamicImage::ImageLuma8(_) | DynamicImage::ImageRgb8(_) => true,
         DynamicImage::ImageLumaA8(pixels) => pixels.pixels().all(|pixel| pixel.0[1] == 255),
@@ -169,6 +253,23 @@ fn decode(bytes: &[u8]) -> Result<DynamicImage, PictureError> {
     match opaque {
         true => Ok(picture),
         false => Err(PictureError::Pixels { found: "partly transparent".to_owned() }),
+    }
+}
+
+/// Refuses a picture that is not from the calibrated camera, and without one what no camera delivers.
+fn check_size((width, height): (u32, u32), camera: Option<&PinholeCamera>) -> Result<(), PictureError> {
+    let found = (width as usize, height as usize);
+    match camera {
+        Some(&PinholeCamera { width_px, height_px, .. }) if found != (width_px, height_px) => {
+            Err(PictureError::Size { width: found.0, height: found.1, width_px, height_px })
+        }
+        Some(_) => Ok(()),
+        None => match u64::from(width) * u64::from(height) {
+            pixels if pixels > MOST_PIXELS => {
+                Err(PictureError::TooLarge { width, height, pixels, allowed: MOST_PIXELS })
+            }
+            _ => Ok(()),
+        },
     }
 }
 
@@ -217,108 +318,4 @@ fn unwritable(format: &'static str, width: usize, height: usize, pixels: usize, 
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    /// Smooth in two directions, so that JPEG may be compared.
-    fn picture(width: usize, height: usize) -> ColorPicture {
-        let rgb = (0..width * height).map(|i| [(i % width * 3) as u8, (i / width * 5) as u8, 90]).collect();
-        ColorPicture { width, height, rgb }
-    }
-
-    fn as_file(picture: DynamicImage, format: ImageFormat) -> Vec<u8> {
-        let mut file = Cursor::new(Vec::new());
-        picture.write_to(&mut file, format).expect("written");
-        file.into_inner()
-    }
-
-    #[test]
-    fn png_keeps_every_pixel() {
-        let color = picture(40, 30);
-        assert_eq!(read_color(&write_color_png(&color).expect("written")), Ok(color.clone()));
-        let gray = color.to_gray();
-        assert_eq!(read_gray(&write_gray_png(&gray).expect("written")), Ok(gray.clone()));
-        assert_eq!(read_gray(&write_color_png(&color).expect("written")), Ok(gray));
-    }
-
-    #[test]
-    fn tiff_is_read() {
-        let color = picture(40, 30);
-        let pixels = image::RgbImage::from_raw(40, 30, color.rgb.as_flattened().to_vec()).expect("counts agree");
-        assert_eq!(read_color(&as_file(pixels.into(), ImageFormat::Tiff)), Ok(color));
-    }
-
-    /// Quality 95 moves a smooth picture by a few grey values of 255.
-    #[test]
-    fn jpeg_keeps_a_smooth_picture_nearly() {
-        let color = picture(64, 48);
-        let back = read_color(&write_color_jpeg(&color).expect("written")).expect("read");
-        let steps = color.rgb.as_flattened().iter().zip(back.rgb.as_flattened()).map(|(a, b)| a.abs_diff(*b));
-        assert!(steps.max().expect("pixels") <= 6);
-    }
-
-    /// All three decoders must notice; JPEG's would not.
-    #[test]
-    fn a_truncated_picture_is_refused_wherever_it_is_cut() {
-        let color = picture(64, 48);
-        let pixels = image::RgbImage::from_raw(64, 48, color.rgb.as_flattened().to_vec()).expect("counts agree");
-        let tiff = as_file(pixels.into(), ImageFormat::Tiff);
-        let files = [write_color_png(&color).expect("written"), write_color_jpeg(&color).expect("written"), tiff];
-        for file in files {
-            for tenth in 1..10 {
-                let error = read_color(&file[..file.len() * tenth / 10]).expect_err("truncated").to_string();
-                assert!(error.contains("is damaged or truncated"), "{error}");
-            }
-        }
-    }
-
-    #[test]
-    fn what_is_not_a_picture_says_what_it_is() {
-        let refusal = |bytes: &[u8]| read_color(bytes).expect_err("no picture").to_string();
-        assert!(refusal(b"").contains("it is empty"));
-        assert!(refusal(b"VERSION .7\n").contains("it begins with 'VERSION '"));
-        assert!(refusal(b"GIF89a,,,").contains("it looks like gif; allowed are PNG, JPEG and TIFF"));
-    }
-
-    #[test]
-    fn deep_and_transparent_pixels_are_refused_and_opaque_alpha_is_dropped() {
-        let deep = as_file(DynamicImage::new_rgb16(3, 2), ImageFormat::Png);
-        assert!(read_color(&deep).expect_err("deep").to_string().contains("3 channels of 16 bits; allowed are 8 bits"));
-        let rgba = |alpha| {
-            let pixels = image::RgbaImage::from_pixel(3, 2, image::Rgba([10, 20, 30, alpha]));
-            read_color(&as_file(pixels.into(), ImageFormat::Png))
-        };
-        assert_eq!(rgba(255), Ok(ColorPicture::filled(3, 2, [10, 20, 30])));
-        assert!(rgba(254).expect_err("transparent").to_string().contains("partly transparent"));
-    }
-
-    #[test]
-    fn sizes_that_do_not_fit_are_refused() {
-        let broken = ColorPicture { width: 3, height: 3, rgb: vec![[0; 3]; 8] };
-        let error = write_color_png(&broken).expect_err("8 pixels").to_string();
-        assert!(error.contains("3×3 cannot be written from 8 pixels"), "{error}");
-        assert!(write_color_jpeg(&ColorPicture::filled(0, 0, [0; 3])).is_err());
-        assert!(write_color_jpeg(&ColorPicture::filled(65_536, 1, [0; 3])).is_err());
-    }
-
-    proptest! {
-        #[test]
-        fn spoilt_pictures_never_panic(
-            which in 0_usize..2, cut in 0.0..1.2_f64, spoilt in prop::collection::vec((any::<u16>(), any::<u8>()), 0..4),
-        ) {
-            let color = picture(24, 16);
-            let mut file = [write_color_png(&color), write_color_jpeg(&color)][which].clone().expect("written");
-            file.truncate((cut * file.len() as f64) as usize);
-            for (place, byte) in spoilt {
-                if !file.is_empty() {
-                    let place = usize::from(place) % file.len();
-                    file[place] = byte;
-                }
-            }
-            if let Ok(read) = read_color(&file) {
-                prop_assert_eq!(read.rgb.len(), read.width * read.height);
-            }
-        }
-    }
-}
+mod tests;

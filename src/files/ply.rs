@@ -6,17 +6,37 @@
 
 mod header;
 
-use super::cloud_error::CloudFileError;
+use super::cloud_error::{CloudFileError, check_cloud_size};
 use crate::geometry::{Camera, CloudError, OrganizedCloud, PinholeCamera};
 use header::{Header, NAMES, Number, Place, Places};
 
 /// Reads an organised cloud; `camera` says its size where the file does not.
 ///
 /// # Errors
-/// Where the bytes are not an organised PLY file with colours, whole to its last point.
+/// Where the bytes are not an organised PLY file with colours, whole to its last point, or its size is not the camera's.
 pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, Some((camera.width_px, camera.height_px)), Some(camera))
+}
+
+/// Reads an organised cloud of any camera; `size_px` is the picture's width and height where the file does not say them.
+///
+/// # Errors
+/// As [`read_ply`], whatever its size, and where nobody says the size.
+pub(super) fn read_any_ply(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    read(bytes, size_px, None)
+}
+
+fn read(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+    camera: Option<&PinholeCamera>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let header = Header::parse(bytes)?;
-    let (width, height) = header.size()?.unwrap_or((camera.width_px as u64, camera.height_px as u64));
+    let known = size_px.map(|(width, height)| (width as u64, height as u64));
+    let (width, height) = header.size()?.or(known).ok_or(CloudFileError::NoSize)?;
     if width < 2 || height < 2 {
         return Err(CloudError::NotOrganized { width: width as usize, height: height as usize }.into());
     }
@@ -25,6 +45,9 @@ pub fn read_ply(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<C
     }
     let places = header.places()?;
     let points = header.checked_points()?;
+    if let Some(camera) = camera {
+        check_cloud_size((width, height), camera)?;
+    }
     let (points_mm, colors) = match header.is_text {
         true => read_text(bytes, &header, points, &places)?,
         false => read_binary(bytes, &header, points, &places)?,

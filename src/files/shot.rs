@@ -1,7 +1,8 @@
 //! A 3D shot from a file of either form.
 
 use super::cloud_error::CloudFileError;
-use super::{read_pcd, read_ply};
+use super::pcd::{read_any_pcd, read_pcd};
+use super::ply::{read_any_ply, read_ply};
 use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 
 /// Reads a PCD or PLY file, told apart by its first line, of the camera with this calibration.
@@ -10,23 +11,19 @@ use crate::geometry::{Camera, OrganizedCloud, PinholeCamera};
 /// Where the bytes are not an organised cloud with colours, or its size is not the camera's.
 pub fn read_cloud(bytes: &[u8], camera: &PinholeCamera) -> Result<OrganizedCloud<Camera>, CloudFileError> {
     let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
-    let cloud = if is_ply { read_ply(bytes, camera)? } else { read_pcd(bytes)? };
-    check_cloud_size(&cloud, camera)?;
-    Ok(cloud)
+    if is_ply { read_ply(bytes, camera) } else { read_pcd(bytes, camera) }
 }
 
-/// Refuses a cloud that is not from the calibrated camera.
+/// Reads an organised cloud of any camera, by the size that it states; `size_px` is that of a PLY file that states none.
 ///
 /// # Errors
-/// Where width or height differ from the calibration's.
-pub fn check_cloud_size(cloud: &OrganizedCloud<Camera>, camera: &PinholeCamera) -> Result<(), CloudFileError> {
-    let (width, height) = (cloud.width(), cloud.height());
-    match (width, height) == (camera.width_px, camera.height_px) {
-        true => Ok(()),
-        false => {
-            Err(CloudFileError::Size { width, height, width_px: camera.width_px, height_px: camera.height_px })
-        }
-    }
+/// Where the bytes are not an organised cloud with colours, or nobody says how wide it is.
+pub fn read_any_cloud(
+    bytes: &[u8],
+    size_px: Option<(usize, usize)>,
+) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    let is_ply = bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r\n");
+    if is_ply { read_any_ply(bytes, size_px) } else { read_any_pcd(bytes) }
 }
 
 #[cfg(test)]

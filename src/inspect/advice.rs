@@ -10,6 +10,7 @@ use super::score::{Score, score};
 use super::thesis;
 use crate::geometry::{ColorPicture, Mask};
 use crate::recipe;
+use std::collections::BTreeMap;
 
 /// One channel of the region.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -107,6 +108,22 @@ impl Sampler {
         }
     }
 
+    /// Mean dry brightness by pixel of the picture, the channels by weights that add up to 1.
+    pub(super) fn dry_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
+        means(&self.region, &self.dry, self.dry_pictures, weights)
+    }
+
+    /// The same under a whole film.
+    pub(super) fn wet_means(&self, weights: [f64; 3]) -> BTreeMap<usize, f64> {
+        means(&self.region, &self.wet, self.wet_pictures, weights)
+    }
+
+    /// Noise of one picture by channel, grey levels.
+    pub(super) fn noise_levels(&self) -> [f64; 3] {
+        // The difference of two pictures has twice the variance of one.
+        self.squares.map(|square| (square / self.differences.max(1.0) / 2.0).sqrt())
+    }
+
     /// What fits; `None` without a dry and a wet picture, or without a pixel.
     pub fn advice(&self, settings: &recipe::Inspect) -> Option<Advice> {
         if self.dry_pictures == 0 || self.wet_pictures == 0 || self.region.is_empty() {
@@ -116,11 +133,11 @@ impl Sampler {
         let mean = |sums: &[[u32; 3]], pictures: u32, i: usize| {
             sums.iter().map(|sum| f64::from(sum[i])).sum::<f64>() / count / f64::from(pictures)
         };
+        let noise = self.noise_levels();
         let mut channels: [Channel; 3] = std::array::from_fn(|i| Channel {
             dry: mean(&self.dry, self.dry_pictures, i),
             wet: mean(&self.wet, self.wet_pictures, i),
-            // The difference of two pictures has twice the variance of one.
-            noise: (self.squares[i] / self.differences.max(1.0) / 2.0).sqrt(),
+            noise: noise[i],
             weight: 0.0,
         });
         let raw = channels.map(|channel| ((channel.dry - channel.wet) / channel.noise.max(0.1).powi(2)).max(0.0));
@@ -141,6 +158,12 @@ impl Sampler {
             channels,
         })
     }
+}
+
+fn means(region: &[usize], sums: &[[u32; 3]], pictures: u32, weights: [f64; 3]) -> BTreeMap<usize, f64> {
+    let count = f64::from(pictures.max(1));
+    let mean = |sum: &[u32; 3]| (0..3).map(|i| weights[i] * f64::from(sum[i]) / count).sum();
+    region.iter().copied().zip(sums.iter().map(mean)).collect()
 }
 
 fn add(sums: &mut [[u32; 3]], region: &[usize], picture: &ColorPicture) {

@@ -66,6 +66,7 @@ impl Watch {
             film_left: model.film(),
             dry_levels: model.mean_dry_levels(),
             detection_limit_mm2: self.footprint.detection_limit_mm2(),
+            is_place_assumed: self.is_place_assumed,
             quality: self.quality.clone(),
         };
         let judgement = judge(&observation, &grids, &self.demands, &self.settings);

@@ -1,12 +1,14 @@
 //! The gate: what was seen of the film becomes pass, fail or invalid.
 //!
 //! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
-//! them, pictures that cannot be judged by, too little ever wet, or a grid out of sight. That outranks fail, since a
+//! them, pictures that cannot be judged by, a panel that stands elsewhere, pixels too coarse for the break that must not be
+//! missed, too little ever wet, or a grid out of sight. That outranks fail, since a
 //! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
 //! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
 //! do not pass. A break always stays in the reasons.
 
 use super::model::FILM_ASSUMED;
+use super::place::{elsewhere, too_coarse};
 use super::quality::{Flaw, Flawed, MIN_FIRST_SHARPNESS, MIN_SHARPNESS, MIN_TOLD, Quality, most_brighter_percent};
 use crate::cell::Limits;
 use crate::panel::GridId;
@@ -118,6 +120,8 @@ pub struct Observation {
     pub dry_levels: f64,
     /// The smallest break that is surely found, mm².
     pub detection_limit_mm2: f64,
+    /// Did nobody say where the panel stands?
+    pub is_place_assumed: bool,
     /// Which pictures could be judged by.
     pub quality: Quality,
 }
@@ -188,6 +192,9 @@ fn invalid(
         let message = format!("two wet pictures lie {gap} s apart; allowed are {allowed} s: repeat the test");
         reasons.push(Reason::new("gap", message));
     }
+    let place = (observation.is_place_assumed, observation.has_dry);
+    reasons.extend(elsewhere(observation.quality.off_px, place));
+    reasons.extend(too_coarse(observation.detection_limit_mm2, demands.min_break_mm2));
     reasons.extend(unclear(observation, demands, settings));
     let allowed_percent = settings.max_never_wet_percent();
     if observation.has_dry && observation.never_wet_percent > allowed_percent {
@@ -342,6 +349,7 @@ mod tests {
             film_left: Some(0.6),
             dry_levels: 70.0,
             detection_limit_mm2: 3.0,
+            is_place_assumed: false,
             quality: Quality::default(),
         };
         observation.quality.usable = 10;
@@ -366,6 +374,11 @@ mod tests {
             observation.quality.first_sharpness = Some(sharpness);
             observation
         };
+        let off = |is_place_assumed: bool, off_px: Option<f64>| {
+            let mut observation = Observation { is_place_assumed, ..good() };
+            observation.quality.off_px = off_px;
+            observation
+        };
         let pairs = [
             (good(), Observation { has_dry: false, ..good() }, "no_dry_picture"),
             (Observation { observed_s: 9.0, ..good() }, Observation { observed_s: 8.9, ..good() }, "too_short"),
@@ -378,6 +391,15 @@ mod tests {
                 "never_wet",
             ),
             (first(0.2), first(0.19), "focus"),
+            (
+                Observation { detection_limit_mm2: 5.0, ..good() },
+                Observation { detection_limit_mm2: 5.1, ..good() },
+                "detection_limit",
+            ),
+            (good(), Observation { detection_limit_mm2: f64::NAN, ..good() }, "detection_limit"),
+            (off(false, Some(1.5)), off(false, Some(1.6)), "elsewhere"),
+            (off(true, Some(1.5)), off(true, None), "elsewhere"),
+            (off(false, None), off(true, Some(8.0)), "elsewhere"),
             (usable(8, 5.0), usable(7, 5.0), "light"),
             (usable(8, 5.0), usable(8, 5.1), "light"),
         ];

@@ -5,7 +5,7 @@
 //! "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn broken pixels into mm² of
 //! each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`], [`steady`]); what broke is put
 //! together at the end ([`conclude`], [`settle`], [`pieces`]), without what the dry picture makes doubtful ([`doubt`]). One
-//! gate turns all of it into a verdict ([`gate`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
+//! gate turns all of it into a verdict ([`gate`], [`place`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
 //!
 //! A dry picture before the spray is part of the test: by it a pixel is wet or not. A place that never becomes wet, or
 //! dries under the spray, is a break at 0 s.
@@ -17,10 +17,12 @@ mod conclude;
 mod connected;
 mod doubt;
 mod film;
+mod film_advice;
 mod footprint;
 mod gate;
 mod model;
 mod pieces;
+mod place;
 mod quality;
 #[cfg(test)]
 mod rendered;
@@ -35,9 +37,11 @@ mod watch;
 pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use conclude::Inspection;
 pub use connected::pieces_of;
+pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
 pub use pieces::Break;
+pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
 pub use watch::{Step, Watch};

@@ -73,6 +73,8 @@ pub struct Quality {
     pub sharpness: Option<f64>,
     /// The first picture's own sharpness.
     pub first_sharpness: Option<f64>,
+    /// How far the outline in the dry picture lies from where the pose puts it, px; `None` where it has no contrast.
+    pub off_px: Option<f64>,
     last_usable_s: f64,
     last_s: f64,
 }
@@ -87,6 +89,7 @@ impl Default for Quality {
             moved_px: None,
             sharpness: None,
             first_sharpness: None,
+            off_px: None,
             last_usable_s: 0.0,
             last_s: 0.0,
         }

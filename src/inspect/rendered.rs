@@ -1,17 +1,20 @@
 //! The test on rendered films of a displaced panel: a quarter of the camera's size, and once at full size.
 
 use super::*;
-use crate::geometry::Mask;
+use crate::geometry::{Camera, Mask, Panel, Rigid};
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::sim::{self, Cell, Film, FilmSpec, Grease, SEARCH_BOX_MM, Scene, Spot, SpotKind, WET_FROM_S};
 use crate::verdict::Verdict;
+use nalgebra::Translation3;
 
 const FRAMES_PER_SECOND: f64 = 5.0;
 
 struct Test {
     cell: Cell,
+    taught: TaughtPanel,
+    camera_from_panel: Rigid<Camera, Panel>,
     watch: Watch,
     filmed_s: f64,
     truth_s: f64,
@@ -34,11 +37,21 @@ impl Test {
         let taught = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), truth.base_from_camera, &recipe)
             .expect("a panel to learn");
         let camera_from_panel = truth.base_from_camera.inverse() * truth.base_from_panel;
+        // No less than what pixels of this size show surely, also of a panel that was displaced.
+        let limit_mm2 = Footprint::taught_detection_limit_mm2(&taught, recipe.inspect()).expect("in view");
+        let min_break_mm2 = (1.2 * limit_mm2).max(5.0);
         let demands =
-            Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2: 5.0, persist_s: 1.0 };
+            Demands { observation_s, frames_per_second: FRAMES_PER_SECOND, min_break_mm2, persist_s: 1.0 };
         let watch =
             Watch::new(&taught, cell.scanner(), camera_from_panel, recipe.inspect(), demands).expect("in view");
-        Test { cell, watch, filmed_s: demands.filmed_s(), truth_s: WET_FROM_S + observation_s }
+        Test {
+            cell,
+            taught,
+            camera_from_panel,
+            watch,
+            filmed_s: demands.filmed_s(),
+            truth_s: WET_FROM_S + observation_s,
+        }
     }
 
     fn inspect(mut self, film: &Film) -> (Inspection, Mask) {
@@ -131,6 +144,36 @@ fn a_panel_that_is_hardly_wet_is_no_test() {
     let (inspection, _) = test.inspect(&film);
     assert_eq!(inspection.judgement.verdict, Verdict::Invalid);
     assert!(inspection.judgement.reasons.iter().any(|reason| reason.code == "never_wet"));
+}
+
+/// A panel that stands in its place is seen there within a fraction of a pixel, in any light; one that is taken to stand in
+/// its nominal place and does not is told, and so is a place that is a few millimetres off.
+#[test]
+fn a_panel_that_stands_elsewhere_is_no_test() {
+    for seed in [1, 3, 7] {
+        let test = Test::new(seed, 4, 5.0);
+        let film = test.cell.film_as(&[], &FilmSpec::hard(seed), 0);
+        let off_px = test.inspect(&film).0.observation.quality.off_px;
+        assert!(off_px.is_none_or(|off_px| off_px < 0.7), "{seed}: {off_px:?}");
+    }
+    for off_mm in [0.0, 5.0] {
+        let mut test = Test::new(9, 4, 5.0);
+        let film = test.cell.film_as(&[], &FilmSpec::USUAL, 0);
+        let nominal = test.taught.panel_from_camera.inverse();
+        let placed = Rigid::claim(Translation3::new(off_mm, 0.0, 0.0) * test.camera_from_panel.isometry());
+        let (assumed, place) = if off_mm > 0.0 { (false, placed) } else { (true, nominal) };
+        let demands = Demands { observation_s: 5.0, ..test.watch.demands };
+        test.watch = Watch::new(&test.taught, test.cell.scanner(), place, &test.watch.settings.clone(), demands)
+            .expect("in view");
+        if assumed {
+            test.watch.assume_place();
+        }
+        let (inspection, _) = test.inspect(&film);
+        let reason = inspection.judgement.reasons.iter().find(|reason| reason.code == "elsewhere");
+        let reason = reason.unwrap_or_else(|| panic!("{off_mm}: {:?}", inspection.judgement));
+        assert_eq!(inspection.judgement.verdict, Verdict::Invalid);
+        assert_eq!(reason.message.contains("give --located"), assumed, "{reason:?}");
+    }
 }
 
 /// At full size for 5 s: small places of every kind, and how much surface broke.

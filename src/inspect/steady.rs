@@ -4,6 +4,9 @@
 //! sharp; neither changes with light, nor with the film inside. For edges at normals nᵢ that moved by δᵢ, the panel moved
 //! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without those that lie far from it.  (1)
 //! An outline without contrast tells nothing, and is said to.
+//!
+//! Does it stand where the pose puts it? The same profiles in the taught picture say where on each the edge is when the
+//! panel is in its place. In the dry picture of a panel that stands there each edge is at the same place of its profile.
 
 use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid};
 use crate::panel::TaughtPanel;
@@ -15,6 +18,8 @@ const REACH_PX: i32 = 8;
 /// A profile needs this much contrast in the dry picture, and a peak of this share of it, to tell anything.
 const MIN_CONTRAST: f32 = 12.0;
 const MIN_PROFILES: usize = 40;
+/// A profile of the taught picture is expected again where it keeps so many times the least contrast in today's light.
+const SURE_CONTRAST: f32 = 1.5;
 /// Of a profile's gradient, what is below this share of its largest step is noise.
 const NOISE_SHARE: f32 = 0.25;
 
@@ -39,7 +44,17 @@ struct Edge {
 #[derive(Debug)]
 pub struct Outline {
     places: Vec<Place>,
+    /// What the taught picture shows at each place, with the panel where it was taught.
+    taught: Vec<Profile>,
     first: Vec<Option<Edge>>,
+}
+
+/// What a picture shows across one place.
+#[derive(Debug, Clone, Copy, Default)]
+struct Profile {
+    edge: Option<Edge>,
+    /// Mean grey level along it; none beyond the picture.
+    mean: Option<f32>,
 }
 
 /// The outline against the first picture.
@@ -54,12 +69,16 @@ pub struct Steadiness {
 impl Outline {
     /// The taught outline where the panel stands now.
     pub fn new(taught: &TaughtPanel, camera: &PinholeCamera, camera_from_panel: Rigid<Camera, Panel>) -> Self {
-        let project = |&point| camera.project_inside(camera_from_panel * point);
-        let pixels: Vec<Pixel> = taught.outline.iter().filter_map(project).collect();
+        let nominal = taught.panel_from_camera.inverse();
+        let project = |&point| {
+            let now = camera.project_inside(camera_from_panel * point)?;
+            Some((now, taught.camera.project_inside(nominal * point)?))
+        };
+        let (pixels, then): (Vec<Pixel>, Vec<Pixel>) = taught.outline.iter().filter_map(project).unzip();
         let step = (pixels.len() / PLACES).max(1);
         // The normal over some pixels to both sides: the taught outline goes from pixel to pixel.
         let reach = (pixels.len() / 100).max(2);
-        let place = |i: usize| {
+        let place = |pixels: &[Pixel], i: usize| {
             let [from, at, to] = [i + pixels.len() - reach, i, i + reach].map(|i| pixels[i % pixels.len()]);
             let along = Vector2::new((to.u - from.u) as f32, (to.v - from.v) as f32);
             let length = along.norm();
@@ -68,12 +87,34 @@ impl Outline {
                 normal: Vector2::new(-along.y, along.x) / length,
             })
         };
-        let places = if pixels.len() > 4 * reach {
-            (0..pixels.len()).step_by(step).filter_map(place).collect()
-        } else {
-            vec![]
-        };
-        Outline { places, first: Vec::new() }
+        let both = |i: usize| Some((place(&pixels, i)?, place(&then, i)?));
+        let is_long = pixels.len() > 4 * reach;
+        let chosen = if is_long { (0..pixels.len()).step_by(step).filter_map(both).collect() } else { vec![] };
+        let picture = taught.scan.picture();
+        let (places, then): (Vec<Place>, Vec<Place>) = chosen.into_iter().unzip();
+        let taught = then.iter().map(|place| Profile::of(place, &picture)).collect();
+        Outline { places, taught, first: Vec::new() }
+    }
+
+    /// How far the panel's outline in this dry picture lies from where the pose puts it, px: the median of its profiles.
+    /// Where most of the outline is not within reach of them, it is farther than they reach. `None` where the outline has
+    /// too little contrast to tell.
+    pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
+        let now: Vec<Profile> = self.places.iter().map(|place| Profile::of(place, picture)).collect();
+        let both = || self.taught.iter().zip(&now);
+        let mut light: Vec<f32> =
+            both().filter_map(|(then, now)| Some(now.mean? / then.mean.filter(|mean| *mean > 1.0)?)).collect();
+        let light = median(&mut light);
+        let expected = |edge: &Edge| edge.contrast * light >= SURE_CONTRAST * MIN_CONTRAST;
+        let pairs: Vec<(Edge, Option<Edge>)> =
+            both().filter_map(|(then, now)| Some((then.edge.filter(expected)?, now.edge))).collect();
+        if pairs.len() < MIN_PROFILES {
+            return None;
+        }
+        let mut off: Vec<f32> =
+            pairs.iter().filter_map(|(then, now)| Some((now.as_ref()?.offset_px - then.offset_px).abs())).collect();
+        let is_seen = 2 * off.len() >= pairs.len();
+        Some(if is_seen { f64::from(median(&mut off)) } else { f64::from(REACH_PX) })
     }
 
     /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
@@ -127,12 +168,26 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
     d
 }
 
-fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
-    const COUNT: usize = 2 * REACH_PX as usize + 1;
+const COUNT: usize = 2 * REACH_PX as usize + 1;
+
+/// The grey levels across a place; `None` where they leave the picture.
+fn profile_of(place: &Place, picture: &ColorPicture) -> Option<[f32; COUNT]> {
     let mut profile = [0.0_f32; COUNT];
     for (value, step) in profile.iter_mut().zip(-REACH_PX..) {
         *value = gray(picture, place.at + place.normal * step as f32)?;
     }
+    Some(profile)
+}
+
+impl Profile {
+    fn of(place: &Place, picture: &ColorPicture) -> Self {
+        let mean = profile_of(place, picture).map(|profile| profile.iter().sum::<f32>() / COUNT as f32);
+        Profile { edge: edge(place, picture), mean }
+    }
+}
+
+fn edge(place: &Place, picture: &ColorPicture) -> Option<Edge> {
+    let profile = profile_of(place, picture)?;
     let steps: [f32; COUNT - 1] = std::array::from_fn(|i| profile[i + 1] - profile[i]);
     let contrast = (profile[..4].iter().sum::<f32>() - profile[COUNT - 4..].iter().sum::<f32>()).abs() / 4.0;
     let largest = steps.iter().fold(0.0_f32, |largest, step| largest.max(step.abs()));
@@ -197,7 +252,31 @@ mod tests {
                 place(side(i), 80.0, 0.0, 1.0),
             ]
         });
-        Outline { places: places.collect(), first: Vec::new() }
+        let places: Vec<Place> = places.collect();
+        let taught = places.iter().map(|place| Profile::of(place, &square(0.0, 1.0, 70.0))).collect();
+        Outline { places, taught, first: Vec::new() }
+    }
+
+    /// By hand: a square that is 3 px farther right and farther down shows it on all four sides.
+    #[test]
+    fn a_panel_that_stands_elsewhere_is_told_from_one_in_its_place() {
+        let outline = outline();
+        let off = |picture: &ColorPicture| outline.off_px(picture);
+        assert!(off(&square(0.0, 1.0, 70.0)).expect("contrast") < 0.05);
+        assert!(off(&square(0.0, 3.0, 42.0)).expect("contrast") < 0.2, "a film and a blur are no other place");
+        let mut dimmed = square(0.0, 1.0, 70.0);
+        dimmed.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| gray / 2));
+        assert!(off(&dimmed).expect("contrast") < 0.05, "nor is another light");
+        let diagonal = |px: usize| {
+            let mut picture = square(px as f32, 1.0, 70.0);
+            picture.rgb.rotate_right(100 * px);
+            picture
+        };
+        let found = off(&diagonal(3)).expect("contrast");
+        assert!((found - 3.0).abs() < 0.2, "{found}");
+        assert_eq!(off(&diagonal(14)), Some(f64::from(REACH_PX)), "farther than the profiles reach");
+        dimmed.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| gray / 6));
+        assert_eq!(off(&dimmed), None, "too dark to tell");
     }
 
     #[test]

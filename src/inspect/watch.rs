@@ -4,6 +4,7 @@ use super::film::NEVER;
 use super::footprint::Footprint;
 use super::gate::Demands;
 use super::model::{MOST_PICTURES, Model};
+use super::place::elsewhere;
 use super::quality::Quality;
 use super::steady::Outline;
 use super::{InspectError, thesis};
@@ -11,6 +12,7 @@ use crate::geometry::{Camera, ColorPicture, Mask, Panel, PinholeCamera, Rigid};
 use crate::panel::{GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::{self, Method};
+use crate::verdict::Reason;
 
 /// Watches a film break.
 #[derive(Debug)]
@@ -24,6 +26,7 @@ pub struct Watch {
     /// Where the recipe asks for the thesis's method, which then says what broke.
     pub(super) thesis: Option<thesis::OverTime>,
     pub(super) quality: Quality,
+    pub(super) is_place_assumed: bool,
     pub(super) last: Option<(f64, Phase)>,
     pub(super) begins_s: Option<f64>,
     pub(super) first_wet_s: Option<f64>,
@@ -70,6 +73,7 @@ impl Watch {
             thesis: is_thesis.then(|| thesis::OverTime::new(pixels, settings)),
             outline: Outline::new(taught, camera, camera_from_panel),
             quality: Quality::default(),
+            is_place_assumed: false,
             settings: settings.clone(),
             demands,
             picture_px: (camera.width_px, camera.height_px),
@@ -96,6 +100,7 @@ impl Watch {
             Phase::Dry => {
                 self.model.dry(picture);
                 self.quality.first_sharpness = self.outline.begin(picture);
+                self.quality.off_px = self.outline.off_px(picture);
                 if let Some(thesis) = &mut self.thesis {
                     thesis.dry(picture, self.footprint.window())?;
                 }
@@ -108,6 +113,11 @@ impl Watch {
             // One way into the pool for all that follows: each way wakes a thread that sleeps.
             Phase::Wet => rayon::scope(|_| self.wet(picture, time_s)),
         }
+    }
+
+    /// Nobody said where the panel stands: it is taken to stand in its nominal place, which the dry picture must confirm.
+    pub fn assume_place(&mut self) {
+        self.is_place_assumed = true;
     }
 
     /// The film begins at this time, on the clock of its pictures: what is missing before its first one is a gap too.
@@ -191,6 +201,21 @@ impl Watch {
             Some(thesis) => thesis.times_s()[index],
             None => self.model.broke_s(index).unwrap_or(NEVER),
         }
+    }
+
+    /// Why the panel is not where the grids are looked for, by the dry pictures so far; `None` where it is.
+    pub fn stands_elsewhere(&self) -> Option<Reason> {
+        elsewhere(self.quality.off_px, (self.is_place_assumed, self.model.has_dry()))
+    }
+
+    /// The pixels of the picture that each grid holds, row by row.
+    pub fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
+        self.footprint.grid_pixels()
+    }
+
+    /// The smallest break that is surely found where the panel stands, mm².
+    pub fn detection_limit_mm2(&self) -> f64 {
+        self.footprint.detection_limit_mm2()
     }
 
     /// The region's pixels in the picture.

@@ -24,19 +24,11 @@ const SURFACE_HALF_WIDTH_PX: usize = 5;
 /// Why a scan does not teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LearnError {
-    /// The region leaves the picture.
-    #[error("corner {corner} of the region, ({u:.0}, {v:.0}) px, lies outside of the picture, {width}×{height} px")]
-    RegionOutsidePicture {
-        /// Which corner, from 1.
-        corner: usize,
-        /// Its column, px.
-        u: f64,
-        /// Its row, px.
-        v: f64,
-        /// The picture's width, px.
-        width: usize,
-        /// The picture's height, px.
-        height: usize,
+    /// Corners of the region that are not on the panel: all of them.
+    #[error("{}; choose all four corners of the region inside the panel's outline", list(corners))]
+    WrongCorners {
+        /// The wrong ones.
+        corners: Vec<WrongCorner>,
     },
     /// Nothing of the scan under the region's centre lies in the search box.
     #[error(
@@ -66,18 +58,6 @@ pub enum LearnError {
         /// Points needed.
         needed: usize,
     },
-    /// A corner of the region lies beside the panel.
-    #[error(
-        "corner {corner} of the region, ({u:.0}, {v:.0}) px, is not on the panel; choose it inside the outline"
-    )]
-    RegionOffPanel {
-        /// Which corner, from 1.
-        corner: usize,
-        /// Its column, px.
-        u: f64,
-        /// Its row, px.
-        v: f64,
-    },
     /// A grid has a hole where its edge should be.
     #[error("grid {grid} has no scan points at its edge, ({u:.0}, {v:.0}) px; scan again or move the region")]
     GridWithoutPoints {
@@ -104,6 +84,32 @@ pub enum LearnError {
     /// OpenCV refused the mask.
     #[error(transparent)]
     Imaging(#[from] ImagingError),
+}
+
+/// A corner of the region that is not on the panel.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WrongCorner {
+    /// Which one, from 1.
+    pub corner: usize,
+    /// Where the recipe has it.
+    pub at: Pixel,
+    /// The size of the picture, px, where it lies outside of that.
+    pub outside_of: Option<[usize; 2]>,
+}
+
+impl std::fmt::Display for WrongCorner {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let WrongCorner { corner, at: Pixel { u, v }, outside_of } = self;
+        write!(f, "corner {corner} of the region, ({u:.0}, {v:.0}) px, ")?;
+        match outside_of {
+            Some([width, height]) => write!(f, "lies outside of the picture, {width}×{height} px"),
+            None => f.write_str("is not on the panel"),
+        }
+    }
+}
+
+fn list(corners: &[WrongCorner]) -> String {
+    corners.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// One grid of the region on the panel's surface.
@@ -226,12 +232,12 @@ fn elsewhere(largest: usize) -> String {
 fn panel_mask(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Mask, LearnError> {
     let (width, height) = (scan.width(), scan.height());
     let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| region.pixel(Point2::new(s, t)));
-    for (index, pixel) in corners.iter().enumerate() {
-        if pixel.whole(width, height).is_none() {
-            let corner = index + 1;
-            return Err(LearnError::RegionOutsidePicture { corner, u: pixel.u, v: pixel.v, width, height });
-        }
-    }
+    let wrong = |which: &dyn Fn(&Pixel) -> bool, outside_of: Option<[usize; 2]>| -> Vec<WrongCorner> {
+        let numbered = corners.iter().enumerate().filter(|(_, pixel)| which(pixel));
+        numbered.map(|(index, &at)| WrongCorner { corner: index + 1, at, outside_of }).collect()
+    };
+    let is_outside = |pixel: &Pixel| pixel.whole(width, height).is_none();
+    let mut wrong_corners = wrong(&is_outside, Some([width, height]));
     let (low, high) = (recipe.locate().box_min_mm(), recipe.locate().box_max_mm());
     let in_box =
         |index: usize| scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])));
@@ -241,17 +247,18 @@ fn panel_mask(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) ->
     let is_there = |piece: &&Vec<usize>| {
         piece.iter().any(|&i| Pixel::at((i % width) as f64, (i / width) as f64).distance_px(centre) < 3.0)
     };
-    let Some(piece) = pieces.iter().find(is_there) else {
-        return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) });
+    let piece = match pieces.iter().find(is_there) {
+        Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
+        // Corners outside of the picture move the centre: they are what has to be mended first.
+        _ if !wrong_corners.is_empty() => return Err(LearnError::WrongCorners { corners: wrong_corners }),
+        Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
+        None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
     };
-    if piece.len() < MIN_PANEL_POINTS {
-        return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS });
-    }
     let mask = segment::mask_of(scan, piece);
-    for (index, pixel) in corners.iter().enumerate() {
-        if !near_mask(&mask, *pixel) {
-            return Err(LearnError::RegionOffPanel { corner: index + 1, u: pixel.u, v: pixel.v });
-        }
+    wrong_corners.extend(wrong(&|pixel| !is_outside(pixel) && !near_mask(&mask, *pixel), None));
+    if !wrong_corners.is_empty() {
+        wrong_corners.sort_by_key(|wrong| wrong.corner);
+        return Err(LearnError::WrongCorners { corners: wrong_corners });
     }
     Ok(mask)
 }

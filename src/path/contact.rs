@@ -3,12 +3,14 @@
 //! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
 //! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The
 //! landing's way runs over the area's own middle, so nothing outside of it is touched. Over a hole it goes on at the
-//! landing height. In contact the tool's point goes into the panel by the press-in, which the pad takes up. The feed is the recipe's, or less where the controller
-//! could not plan lines so short in time (`eki` 4.2); corners are rounded by a share of the shorter line beside them,
+//! landing height. In contact the tool's point goes into the panel by the press-in, which the pad takes up. The feed is the one
+//! that makes the times under the disc even, in the air the recipe's, or less where the controller could not plan lines so
+//! short in time (`eki` 4.2); corners are rounded by a share of the shorter line beside them,
 //! at least never by more than half of it. A path stops at its ends alone, and on the panel where it comes straight down.
 
 use super::orientation::{OrientationError, Stance, panel_from_tool};
-use super::plan::{Piece, ToolPath, Waypoint};
+use super::piece::Piece;
+use super::plan::{ToolPath, Waypoint};
 use super::raster::{between, mix};
 use crate::geometry::{KukaPose, Panel, Rigid, Tool};
 use crate::recipe;
@@ -20,12 +22,14 @@ struct Station {
     at: Parameter,
     height_mm: f64,
     contact: bool,
+    /// The highest feed on the way there, mm/s.
+    feed_mm_s: f64,
 }
 
-/// The path over one piece of work, from above where the one before ended; and where it ends itself.
+/// The path over one piece of work, its feeds being those on the way to each place of its track, from above where the one before ended; and where it ends itself.
 pub(super) fn tool_path(
     surface: &BSplineSurface,
-    piece: &Piece,
+    (piece, feeds_mm_s): (&Piece, &[f64]),
     before: Option<Parameter>,
     settings: &recipe::Path,
 ) -> Result<(ToolPath, Option<Parameter>), OrientationError> {
@@ -34,18 +38,20 @@ pub(super) fn tool_path(
         return Ok((ToolPath { grids, waypoints: Vec::new() }, before));
     };
     let (down, up) = (beside(surface, piece, first, settings), beside(surface, piece, last, settings));
-    let air = |at: Parameter| Station { at, height_mm: settings.approach_mm(), contact: false };
-    let low = |at: Parameter| Station { at, height_mm: settings.landing_height_mm(), contact: false };
-    let on = |(at, contact): (&Parameter, &bool)| {
-        let height_mm = if *contact { -settings.press_in_mm() } else { settings.landing_height_mm() };
-        Station { at: *at, height_mm, contact: *contact }
+    let lifted =
+        |at: Parameter, height_mm: f64| Station { at, height_mm, contact: false, feed_mm_s: settings.feed_mm_s() };
+    let air = |at: Parameter| lifted(at, settings.approach_mm());
+    let low = |at: Parameter| lifted(at, settings.landing_height_mm());
+    let on = |((at, contact), feed_mm_s): ((&Parameter, &bool), &f64)| match contact {
+        true => Station { at: *at, height_mm: -settings.press_in_mm(), contact: true, feed_mm_s: *feed_mm_s },
+        false => low(*at),
     };
     let mut stations: Vec<Station> = Vec::with_capacity(piece.track.len() + 8);
     let flown = before.into_iter().flat_map(|from| between(surface, from, down.unwrap_or(first), piece.spacing_mm));
     stations.extend(flown.map(air));
     stations.push(air(down.unwrap_or(first)));
     stations.extend(down.map(low));
-    stations.extend(piece.track.iter().zip(&piece.contact).map(on));
+    stations.extend(piece.track.iter().zip(&piece.contact).zip(feeds_mm_s).map(on));
     stations.extend(up.map(low));
     stations.push(air(up.unwrap_or(last)));
     Ok((ToolPath { grids, waypoints: waypoints(surface, &stations, settings)? }, Some(up.unwrap_or(last))))
@@ -80,7 +86,7 @@ fn waypoints(
     let waypoint = |(index, station): (usize, &Station)| {
         let before_mm = index.checked_sub(1).and_then(|before| lengths_mm.get(before)).copied();
         let after_mm = lengths_mm.get(index).copied();
-        let feed_mm_s = before_mm.map_or(settings.feed_mm_s(), |mm| settings.feed_mm_s().min(mm / planning_s));
+        let feed_mm_s = before_mm.map_or(station.feed_mm_s, |mm| station.feed_mm_s.min(mm / planning_s));
         let touches_down = |other: Option<&Station>| other.is_some_and(|other| other.contact != station.contact);
         let straight_down = settings.landing_mm() == 0.0
             && station.contact

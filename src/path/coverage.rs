@@ -33,11 +33,11 @@ impl GridCoverage {
 /// A straight piece of track in contact.
 pub(super) type Stroke = (Point<Panel>, Point<Panel>);
 
-/// The pieces between neighbouring places that are both in contact; a single place is its own piece.
+/// The pieces between neighbouring places that are both in contact. One place alone is none: the disc abrades while it
+/// moves, and the dwell counts no other time.
 pub(super) fn strokes(track: &[Point<Panel>], contact: impl Fn(usize) -> bool) -> Vec<Stroke> {
-    let single = track.first().filter(|_| track.len() == 1 && contact(0)).map(|at| (*at, *at));
     let pairs = track.windows(2).enumerate().filter(|(index, _)| contact(*index) && contact(index + 1));
-    pairs.map(|(_, pair)| (pair[0], pair[1])).chain(single).collect()
+    pairs.map(|(_, pair)| (pair[0], pair[1])).collect()
 }
 
 /// What strokes of the disc reach of a grid.

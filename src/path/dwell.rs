@@ -7,6 +7,7 @@
 //! contact: a compliant pad.
 
 use super::plan::Plan;
+use super::spread::Spread;
 use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
 use crate::surface::{BSplineSurface, Parameter, Patch};
@@ -60,6 +61,16 @@ impl GridDwell {
         self.share_of(|passes| passes > 0)
     }
 
+    /// How even the time under the disc is; `None` where it reached nothing.
+    pub fn spread(&self) -> Option<Spread> {
+        Spread::of(self.times())
+    }
+
+    /// Time under the disc, s, and area, mm², sample by sample.
+    fn times(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        self.dwell_s.iter().zip(&self.area_mm2).map(|(dwell_s, area)| (f64::from(*dwell_s), f64::from(*area)))
+    }
+
     /// Share of the grid that the disc passed more than once, 0…1.
     pub fn overlap(&self) -> f64 {
         self.share_of(|passes| passes > 1)
@@ -67,7 +78,7 @@ impl GridDwell {
 
     /// What the disc did not reach, mm².
     pub fn left_mm2(&self) -> f64 {
-        (1.0 - self.share()) * self.area()
+        self.area_of(|passes| passes == 0)
     }
 
     /// Mean time under the disc, s, of what was reached.
@@ -82,8 +93,13 @@ impl GridDwell {
     }
 
     fn share_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
+        self.area_of(counts) / self.area()
+    }
+
+    fn area_of(&self, counts: impl Fn(u16) -> bool) -> f64 {
         let counted = self.passes.iter().zip(&self.area_mm2).filter(|(passes, _)| counts(**passes));
-        counted.map(|(_, area)| f64::from(*area)).sum::<f64>() / self.area()
+        // The sum of nothing is −0.
+        counted.fold(0.0, |sum, (_, area)| sum + f64::from(*area))
     }
 }
 
@@ -233,8 +249,15 @@ fn grid_dwell(
 impl Dwell {
     /// Covered share of all grids, 0…1.
     pub fn share(&self) -> f64 {
-        let area: f64 = self.grids.iter().map(GridDwell::area).sum();
-        1.0 - self.grids.iter().map(GridDwell::left_mm2).sum::<f64>() / area
+        let (covered, all) = self.grids.iter().fold((0.0, 0.0), |(covered, all), grid| {
+            (covered + grid.area_of(|passes| passes > 0), all + grid.area())
+        });
+        covered / all
+    }
+
+    /// How even the time under the disc is over all of them; `None` where it reached nothing.
+    pub fn spread(&self) -> Option<Spread> {
+        Spread::of(self.grids.iter().flat_map(GridDwell::times))
     }
 
     /// The longest time that any place was under the disc, s.

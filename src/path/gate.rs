@@ -7,10 +7,12 @@
 
 use super::coverage::MIN_COVERAGE;
 use super::plan::{Plan, ToolPath, Waypoint};
-use crate::geometry::{Degrees, Panel, Rigid, Tool};
+use super::waypoint_gate::{Route, WaypointLimits, judge_route};
+use crate::geometry::{Base, Degrees, Panel, Rigid, Tool, Vector};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed, percent_apart};
+use nalgebra::{Isometry3, Vector3};
 
 /// Largest turn of the tool from one waypoint to the next.
 const MAX_TURN: Degrees = Degrees(15.0);
@@ -22,8 +24,30 @@ const OVERHANG_TOLERANCE_MM: f64 = 0.02;
 
 /// Accepts a plan, asks a person, or rejects it, with reasons.
 pub fn judge(plan: &Plan, settings: &recipe::Path) -> Judgement {
-    let reject = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
+    let mut reject: Vec<Reason> = plan.paths.iter().flat_map(|path| motion_faults(path, settings)).collect();
+    if reject.is_empty() && !plan.is_finite() {
+        reject.push(Reason::new("not_finite", "the length, the time or the reach of the path is not a number"));
+    }
     Judgement::of(reject, shortfalls(plan, settings))
+}
+
+/// The tool's Z on the panel at its nominal place: the mean over the plan.
+pub fn taught_axis(plan: &Plan) -> Option<Vector<Base>> {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let z = |waypoint: &Waypoint| (waypoint.pose.to_rigid::<Panel, Tool>() * Vector::<Tool>::new(Vector3::z())).mm;
+    let mean: Vector3<f64> = waypoints.map(z).sum();
+    // At the nominal place the panel's frame is the base.
+    Vector::new(mean).direction()
+}
+
+/// The gate before a motion on a whole plan where the panel stands, from its first waypoint on: the cell's box, steps,
+/// turns, and the tilt against the taught direction.
+pub fn judge_in_base(plan: &Plan, base_from_panel: Rigid<Base, Panel>, limits: &WaypointLimits) -> Judgement {
+    let waypoints = plan.paths.iter().flat_map(|path| &path.waypoints);
+    let poses: Vec<Rigid<Base, Tool>> =
+        waypoints.map(|waypoint| base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>()).collect();
+    let from = poses.first().copied().unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
+    judge_route(&Route { from, waypoints: &poses, taught_axis: taught_axis(plan) }, limits)
 }
 
 /// Largest share of the pad's stroke that the error at the tool may take.
@@ -53,7 +77,7 @@ pub fn judge_pad(settings: &recipe::Path, tool_error_mm: Option<f64>) -> Judgeme
 
 fn motion_faults(path: &ToolPath, settings: &recipe::Path) -> Vec<Reason> {
     let name = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.pose.is_finite()) {
+    if let Some(index) = path.waypoints.iter().position(|waypoint| !waypoint.is_finite()) {
         return vec![Reason::new("not_finite", format!("grid {name}: waypoint {index} is not a number"))];
     }
     let mut reasons = Vec::new();
@@ -104,6 +128,24 @@ fn shortfalls(plan: &Plan, settings: &recipe::Path) -> Vec<Reason> {
             grid.id
         );
         reasons.push(Reason::new("coverage", message));
+    }
+    let step_over_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
+    if step_over_mm > settings.step_over_mm() {
+        let [found, allowed] = apart(step_over_mm, settings.step_over_mm(), 2);
+        let message = format!(
+            "lines lie {found} mm apart, allowed is step_over_mm, {allowed}; another pattern or feed_angle_deg lays them closer"
+        );
+        reasons.push(Reason::new("step_over", message));
+    }
+    if let Some((ratio, grid)) = plan.dwell_ratio().filter(|(ratio, _)| *ratio > settings.max_dwell_ratio()) {
+        let place = grid.map_or("over all that is treated".to_owned(), |id| format!("in grid {id}"));
+        let [found, allowed] = apart(ratio, settings.max_dwell_ratio(), 2);
+        let message = format!(
+            "{place} the disc stays {found} times longer at one place than at another (95 % to 5 % of the treated area), \
+             allowed is max_dwell_ratio, {allowed}; a smaller step_over_mm, a smaller disc, pattern = \"raster\" or more \
+             grids at a time make it more even"
+        );
+        reasons.push(Reason::new("uneven", message));
     }
     if plan.overhang.largest_mm > settings.edge_overhang_mm() + OVERHANG_TOLERANCE_MM {
         let [reach, allowed] = apart(plan.overhang.largest_mm, settings.edge_overhang_mm(), 1);

@@ -1,10 +1,12 @@
 //! A plan as a KRL program, for those who run it by hand: pure text, `.src`.
 //!
-//! Poses are the tool's in the panel's frame, so `$BASE` is where the panel stands and `$TOOL` the sanding tool. The
-//! program switches nothing: tool, water and extraction stay with whoever runs it, in T1.
+//! The program sets `$TOOL` and `$BASE` itself, so that nothing depends on what was active before. It begins with a PTP to
+//! the axes with which the arm was found to follow the path, in the air above its first place: a PTP to axes is the block
+//! coincidence that a controller asks for, and it leaves no doubt about the configuration. All other motions are lines in
+//! the panel's frame. The program switches nothing: tool, water and extraction stay with whoever runs it, in T1.
 
 use super::plan::Plan;
-use crate::geometry::KukaPose;
+use crate::geometry::{Joints, KukaPose};
 use crate::recipe;
 use std::fmt::Write;
 
@@ -12,6 +14,107 @@ use std::fmt::Write;
 const MIN_BLEND_MM: f64 = 0.1;
 /// Longest name of a KRL module.
 const MAX_NAME: usize = 24;
+/// Speed and acceleration of the axes on the way to the first place, %.
+const AXIS_PERCENT: u8 = 20;
+/// Words of the language, which name no program.
+const KEYWORDS: [&str; 96] = [
+    "AND",
+    "ANIN",
+    "ANOUT",
+    "AXIS",
+    "BAS",
+    "BOOL",
+    "BRAKE",
+    "B_AND",
+    "B_EXOR",
+    "B_NOT",
+    "B_OR",
+    "CASE",
+    "CCLOSE",
+    "CHANNEL",
+    "CHAR",
+    "CIRC",
+    "CIRC_REL",
+    "CONFIRM",
+    "CONST",
+    "CONTINUE",
+    "COPEN",
+    "CREAD",
+    "CWRITE",
+    "C_DIS",
+    "C_ORI",
+    "C_PTP",
+    "C_VEL",
+    "DECL",
+    "DEF",
+    "DEFAULT",
+    "DEFDAT",
+    "DEFFCT",
+    "DELAY",
+    "DIGIN",
+    "DISTANCE",
+    "DO",
+    "E6AXIS",
+    "E6POS",
+    "ELSE",
+    "END",
+    "ENDDAT",
+    "ENDFCT",
+    "ENDFOR",
+    "ENDIF",
+    "ENDLOOP",
+    "ENDSWITCH",
+    "ENDWHILE",
+    "ENUM",
+    "EXIT",
+    "EXOR",
+    "EXT",
+    "EXTFCT",
+    "FALSE",
+    "FOR",
+    "FRAME",
+    "GLOBAL",
+    "GOTO",
+    "HALT",
+    "IF",
+    "IMPORT",
+    "INT",
+    "INTERRUPT",
+    "IS",
+    "LIN",
+    "LIN_REL",
+    "LOOP",
+    "MAXIMUM",
+    "MINIMUM",
+    "NOT",
+    "OFF",
+    "ON",
+    "OR",
+    "POS",
+    "PRIO",
+    "PTP",
+    "PTP_REL",
+    "PUBLIC",
+    "PULSE",
+    "REAL",
+    "REPEAT",
+    "RESUME",
+    "RETURN",
+    "SEC",
+    "SIGNAL",
+    "SREAD",
+    "STRUC",
+    "SWITCH",
+    "SWRITE",
+    "THEN",
+    "TO",
+    "TRIGGER",
+    "TRUE",
+    "UNTIL",
+    "WAIT",
+    "WHEN",
+    "WHILE",
+];
 
 /// The name of a KRL program, which is that of its file: letters, digits and underscores, a letter first.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -19,7 +122,10 @@ pub struct ProgramName(String);
 
 /// Why a text names no KRL program.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("\"{found}\" names no KRL program: 1 to {MAX_NAME} letters, digits and underscores, a letter first")]
+#[error(
+    "\"{found}\" names no KRL program: 1 to {MAX_NAME} letters, digits and underscores, a letter first, and no word of the \
+     language"
+)]
 pub struct ProgramNameError {
     /// The text.
     pub found: String,
@@ -30,27 +136,60 @@ impl std::str::FromStr for ProgramName {
 
     fn from_str(text: &str) -> Result<Self, ProgramNameError> {
         let letters = text.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        let good = letters && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
+        let is_keyword = KEYWORDS.iter().any(|keyword| keyword.eq_ignore_ascii_case(text));
+        let good =
+            letters && !is_keyword && text.len() <= MAX_NAME && text.starts_with(|c: char| c.is_ascii_alphabetic());
         if good { Ok(ProgramName(text.to_owned())) } else { Err(ProgramNameError { found: text.to_owned() }) }
     }
 }
 
-/// The program; `base_from_panel` is where the panel stands, the nominal place where it is `None`.
-pub fn krl(name: &ProgramName, plan: &Plan, base_from_panel: Option<KukaPose>, settings: &recipe::Path) -> String {
+/// What a program is made of.
+#[derive(Debug, Clone)]
+pub struct Program<'a> {
+    /// Its name.
+    pub name: &'a ProgramName,
+    /// The paths.
+    pub plan: &'a Plan,
+    /// The sanding tool on the flange: `$TOOL`.
+    pub flange_from_tool: KukaPose,
+    /// Where the panel stands: `$BASE`.
+    pub base_from_panel: KukaPose,
+    /// The axes at the plan's first waypoint, as the arm was found to follow it from there.
+    pub start: Joints,
+    /// What a person must know who runs it, one line each.
+    pub remarks: &'a [String],
+}
+
+/// The program's text.
+pub fn krl(program: &Program<'_>, settings: &recipe::Path) -> String {
     let mut text = format!(
         "&ACCESS RVP\n&REL 1\nDEF {}()\n\
-         ; Sanding paths in the frame of the panel. Check $TOOL, run in T1 first.\n\
-         BAS(#INITMOV, 0)\n\
-         ; $TOOL = TOOL_DATA[1] ; the sanding tool, Z out of the pad\n\
+         ; Sanding paths in the frame of the panel. It switches no tool and no water. Run it in T1 first.\n",
+        program.name.0
+    );
+    for remark in program.remarks {
+        // A comment ends with its line.
+        let _ = writeln!(text, "; {}", remark.replace(['\n', '\r'], " "));
+    }
+    let _ = write!(
+        text,
+        "BAS(#INITMOV, 0)\n\
+         $IPO_MODE = #BASE\n\
+         $ORI_TYPE = #VAR\n\
+         $TOOL = {} ; the sanding tool, its Z out of the pad; its load data is not set here\n\
          $BASE = {} ; where the panel stands\n\
+         BAS(#VEL_PTP, {AXIS_PERCENT})\n\
+         BAS(#ACC_PTP, {AXIS_PERCENT})\n\
          $ACC.CP = {:.3} ; m/s2\n\
-         PTP $AXIS_ACT ; block coincidence, no motion\n",
-        name.0,
-        frame(&base_from_panel.unwrap_or_default()),
+         ; In the air above the first place. Nobody has looked at the way there.\n\
+         PTP {}\n",
+        frame(&program.flange_from_tool),
+        frame(&program.base_from_panel),
         settings.acceleration_mm_s2() / 1_000.0,
+        axes(&program.start),
     );
     let (mut feed, mut blend) = (String::new(), String::new());
-    for path in &plan.paths {
+    for path in &program.plan.paths {
         let grids = path.grids.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ");
         // A String takes every write.
         let _ = writeln!(text, "; grid {grids}");
@@ -84,7 +223,26 @@ fn change(text: &mut String, now: &mut String, next: String) {
 
 fn frame(pose: &KukaPose) -> String {
     format!(
-        "{{X {:.3}, Y {:.3}, Z {:.3}, A {:.4}, B {:.4}, C {:.4}}}",
-        pose.x_mm, pose.y_mm, pose.z_mm, pose.a_deg, pose.b_deg, pose.c_deg
+        "{{X {}, Y {}, Z {}, A {}, B {}, C {}}}",
+        number(pose.x_mm, 3),
+        number(pose.y_mm, 3),
+        number(pose.z_mm, 3),
+        number(pose.a_deg, 4),
+        number(pose.b_deg, 4),
+        number(pose.c_deg, 4)
     )
+}
+
+fn axes(joints: &Joints) -> String {
+    let angles = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+    let words: Vec<String> =
+        angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, number(*angle, 4))).collect();
+    format!("{{{}}}", words.join(", "))
+}
+
+/// A number with so many decimals, and no minus before nothing.
+fn number(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.decimals$}");
+    let is_nothing = text.chars().all(|c| !('1'..='9').contains(&c));
+    if is_nothing { text.trim_start_matches('-').to_owned() } else { text }
 }

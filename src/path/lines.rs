@@ -3,7 +3,7 @@
 use super::raster::{Along, Insets, Laying, RasterError, joined, resampled, rows};
 use super::rings::Rings;
 use super::slanted;
-use crate::geometry::Degrees;
+use crate::geometry::{Degrees, Panel, Point};
 use crate::recipe::{self, Pattern};
 use crate::surface::{BSplineSurface, Parameter, Patch};
 
@@ -14,6 +14,11 @@ const ALONG_DEG: f64 = 0.01;
 /// depths, by up to 15 %.
 const WINDING: f64 = 0.85;
 
+/// A line shorter than this is left out, its end moved to the next one's, mm; or than [`LEAST_OF_SPACING`] of the spacing.
+/// So short a line would be travelled slowly, because the controller takes its time to plan each.
+const LEAST_MM: f64 = 1.0;
+const LEAST_OF_SPACING: f64 = 0.25;
+
 /// Lines over a patch.
 #[derive(Debug, Clone)]
 pub(super) struct Lines {
@@ -23,23 +28,55 @@ pub(super) struct Lines {
     pub neighbours: Vec<[Vec<Parameter>; 2]>,
 }
 
-/// Lays the lines; waypoints are at most `spacing_mm` apart.
+/// Lays the lines, at most `step_over_mm` from one to the next; waypoints are at most `spacing_mm` apart.
 pub(super) fn lines(
     surface: &BSplineSurface,
     patch: &Patch,
     insets: Insets,
     settings: &recipe::Path,
-    spacing_mm: f64,
+    [step_over_mm, spacing_mm]: [f64; 2],
 ) -> Result<Lines, RasterError> {
-    let laying = Laying { along: Along::U, insets, step_over_mm: settings.step_over_mm(), spacing_mm };
-    let rings = |share: f64| Rings::new(surface, patch, insets, share * settings.step_over_mm());
-    let around = |rings: Vec<[Vec<Parameter>; 4]>| -> Lines {
+    let laid = laid(surface, patch, insets, settings, [step_over_mm, spacing_mm])?;
+    Ok(Lines { track: without_short(surface, &laid.track, LEAST_MM.min(LEAST_OF_SPACING * spacing_mm)), ..laid })
+}
+
+/// The track without places that are nearer to the one before than this; its ends stay.
+fn without_short(surface: &BSplineSurface, track: &[Parameter], least_mm: f64) -> Vec<Parameter> {
+    let mut kept: Vec<(Parameter, Point<Panel>)> = Vec::with_capacity(track.len());
+    for (index, at) in track.iter().enumerate() {
+        let point = surface.point(*at);
+        let is_near = |kept: &[(Parameter, Point<Panel>)]| {
+            kept.last().is_some_and(|(_, last)| last.distance_mm(point) < least_mm)
+        };
+        if index + 1 == track.len() {
+            while kept.len() > 1 && is_near(&kept) {
+                kept.pop();
+            }
+        }
+        if !is_near(&kept) {
+            kept.push((*at, point));
+        }
+    }
+    kept.into_iter().map(|(at, _)| at).collect()
+}
+
+fn laid(
+    surface: &BSplineSurface,
+    patch: &Patch,
+    insets: Insets,
+    settings: &recipe::Path,
+    [step_over_mm, spacing_mm]: [f64; 2],
+) -> Result<Lines, RasterError> {
+    let laying = Laying { along: Along::U, insets, step_over_mm, spacing_mm };
+    let rings = |share: f64| Rings::new(surface, patch, insets, share * step_over_mm);
+    let around = |[low, high]: [usize; 2], rings: Vec<[Vec<Parameter>; 4]>| -> Lines {
         let resample = |side: &Vec<Parameter>| resampled(surface, side, [0.0; 2], spacing_mm);
         let rings: Vec<[Vec<Parameter>; 4]> = rings.iter().map(|ring| ring.each_ref().map(resample)).collect();
         let beside = |pair: &[[Vec<Parameter>; 4]]| -> Vec<[Vec<Parameter>; 2]> {
             pair[0].iter().zip(&pair[1]).map(|(outer, inner)| [inner.clone(), outer.clone()]).collect()
         };
-        let neighbours = rings.windows(2).flat_map(beside).collect();
+        let within = rings.last().map(|innermost| [innermost[low].clone(), innermost[high].clone()]);
+        let neighbours = rings.windows(2).flat_map(beside).chain(within).collect();
         Lines { track: joined(surface, &rings.concat(), spacing_mm), neighbours }
     };
     let laid = match settings.pattern() {
@@ -53,16 +90,16 @@ pub(super) fn lines(
             let second = there_and_back(surface, rows_at(surface, patch, &laying, other_deg)?, spacing_mm);
             crossed(surface, first, second, spacing_mm)
         }
-        Pattern::Offset => around(rings(1.0).closed()?),
-        Pattern::OffsetSpiral => around(rings(1.0).stepped()?),
-        Pattern::Spiral => around(rings(WINDING).winding()?),
+        Pattern::Offset => around(rings(1.0).beside(), rings(1.0).closed()?),
+        Pattern::OffsetSpiral => around(rings(1.0).beside(), rings(1.0).stepped()?),
+        Pattern::Spiral => around(rings(WINDING).beside(), rings(WINDING).winding()?),
     };
     let in_rows = matches!(settings.pattern(), Pattern::Raster | Pattern::CrossHatch);
     if !(in_rows && is_slanted(settings.feed_angle_deg())) {
         return Ok(laid);
     }
     // Rows that meet the border aslant leave teeth there: a contour first.
-    let contour = around(rings(1.0).closed()?.into_iter().take(1).collect());
+    let contour = around([0, 0], rings(1.0).closed()?.into_iter().take(1).collect());
     Ok(Lines { track: joined(surface, &[contour.track, laid.track], spacing_mm), ..laid })
 }
 

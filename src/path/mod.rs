@@ -2,7 +2,8 @@
 //!
 //! - `areas`: which grids are one, and in which order · `raster`, `slanted`, `rings`, `lines`: the lines over an area
 //! - `orientation`: how the tool stands · `contact`: how it lands, goes on and leaves · `plan`: all of it joined
-//! - `coverage`, `edge`, `dwell`, `disc`: what a plan reaches, and what was done · `gate`: judges a plan
+//! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
+//! - `coverage`, `edge`, `dwell`, `spread`, `disc`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
 //! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
 
@@ -12,27 +13,31 @@ mod coverage;
 pub mod disc;
 pub mod dwell;
 mod edge;
+mod evenness;
 mod gate;
 mod kinematics;
 mod krl;
 mod lines;
 mod orientation;
 pub mod panel_reach;
+mod piece;
 mod plan;
 mod raster;
 pub mod reach;
 mod rings;
 mod slanted;
+mod spread;
 mod waypoint_gate;
 
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};
 pub use edge::{Outline, Overhang};
-pub use gate::{judge, judge_pad};
+pub use gate::{judge, judge_in_base, judge_pad, taught_axis};
 pub use kinematics::Kinematics;
-pub use krl::{ProgramName, ProgramNameError, krl};
+pub use krl::{Program, ProgramName, ProgramNameError, krl};
 pub use orientation::{OrientationError, Reference, Stance, panel_from_tool};
 pub use plan::{Plan, PlanError, StepOver, ToolPath, Waypoint, plan, plan_around};
 pub use raster::{Raster, RasterError, raster};
+pub use spread::Spread;
 pub use waypoint_gate::{Route, WaypointLimits, judge_joints, judge_route};
 
 #[cfg(test)]

@@ -6,6 +6,7 @@
 
 use super::disc::DiscUse;
 use super::dwell::foot;
+use super::gate::judge;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
 use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
@@ -13,7 +14,7 @@ use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rig
 use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter};
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, Verdict};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
@@ -62,6 +63,9 @@ pub struct Unreached {
 ///
 /// # Errors
 /// Where the arm does not reach, with the reason of the spin that comes farthest.
+///
+/// # Panics
+/// Where a number of the plan is not finite: see [`plan`].
 pub fn of_plan(plan: &Plan, stand: &Stand<'_>, settings: &recipe::Path) -> Result<Reached, Box<Unreached>> {
     with_room(plan, stand, settings, ENOUGH_DEG)
 }
@@ -73,6 +77,7 @@ fn with_room(
     settings: &recipe::Path,
     enough_deg: f64,
 ) -> Result<Reached, Box<Unreached>> {
+    assert!(plan.is_finite(), "a number of the path that is to be followed is not finite");
     let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
@@ -148,12 +153,17 @@ pub struct GridReach {
     pub outcome: Result<f64, Box<Unreached>>,
     /// Panel that the disc sweeps on the path over this grid alone, mm².
     pub swept_mm2: f64,
+    /// Why the gate rejects that path; empty where it does not.
+    pub refused: Vec<Reason>,
 }
 
 /// The reach of every grid of a region, each by the path that would abrade it alone: known before the panel is wetted.
 ///
 /// # Errors
 /// Where the surface allows no path over a grid.
+///
+/// # Panics
+/// As [`of_plan`].
 pub fn of_grids(
     surface: &BSplineSurface,
     (region, outline): (&Region, &[Point<Panel>]),
@@ -165,21 +175,27 @@ pub fn of_grids(
         let plan = plan(surface, region, &[*id], outline, settings)?;
         // Whether it is reached at all: the path that is taken has its spin chosen then.
         let outcome = with_room(&plan, stand, settings, 0.0).map(|reached| reached.travel.room_deg);
-        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2 })
+        let gated = judge(&plan, settings);
+        let refused = if gated.verdict == Verdict::Reject { gated.reasons } else { Vec::new() };
+        Ok(GridReach { id: *id, outcome, swept_mm2: DiscUse::of(&plan, settings, 0.0).swept_mm2, refused })
     };
     let all: Vec<Result<GridReach, PlanError>> = ids.par_iter().map(of_grid).collect();
     all.into_iter().collect()
 }
 
 /// Accepts a region of which every grid is reached. Where some are not, a person decides, since perhaps none of them
-/// fails; where none is, the panel stands wrong.
+/// fails; where none is, the panel stands wrong. A path that the gate rejects is rejected, whichever grid it is over: no
+/// person can accept what would never be sent.
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     let reason = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
         Some(Reason::new("out_of_reach", format!("grid {}, {}", grid.id, words(unreached))))
     };
     let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
-    if reasons.len() < grids.len() { Judgement::of(vec![], reasons) } else { Judgement::of(reasons, vec![]) }
+    let refused = Judgement::of(grids.iter().flat_map(|grid| grid.refused.iter().cloned()).collect(), vec![]);
+    let reach =
+        if reasons.len() < grids.len() { Judgement::of(vec![], reasons) } else { Judgement::of(reasons, vec![]) };
+    refused.and(reach)
 }
 
 /// Accepts a plan that the arm can follow, or rejects it in words: grid and waypoint, axis, how far, what helps.

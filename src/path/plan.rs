@@ -4,15 +4,18 @@
 //! lines, down, along the lines in contact, up. Areas follow one another on a short way; between them the tool flies
 //! over the surface at the height of its approach: a straight way could cut through a bulge. Where the disc would reach
 //! too far beyond the panel's outline, lines keep more distance from that side of their area; what is then not reached
-//! shows in the coverage. Poses are the tool's in the panel's frame.
+//! shows in the coverage. The feed is lower where a place would be under the disc for less time (`evenness`). Poses are the
+//! tool's in the panel's frame.
 
-use super::areas::{Area, areas, order};
+use super::areas::{areas, order};
 use super::contact::tool_path;
-use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
+use super::coverage::GridCoverage;
 use super::edge::{Outline, Overhang};
-use super::lines::{Lines, lines};
+use super::evenness::{Even, even};
 use super::orientation::OrientationError;
-use super::raster::{Insets, RasterError};
+use super::piece::{OUTLINE_EXACT_MM, Piece, first_grid, piece};
+use super::raster::RasterError;
+use super::spread::Spread;
 use crate::geometry::{KukaPose, Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
@@ -30,6 +33,14 @@ pub struct Waypoint {
     pub feed_mm_s: f64,
     /// Rounding of the corner here, mm; 0 stops.
     pub blend_mm: f64,
+}
+
+impl Waypoint {
+    /// Whether pose, feed and rounding are numbers, and the feed above 0.
+    pub fn is_finite(&self) -> bool {
+        let fed = self.feed_mm_s.is_finite() && self.feed_mm_s > 0.0;
+        fed && self.pose.is_finite() && self.blend_mm.is_finite()
+    }
 }
 
 /// The waypoints over one or more grids, from the air to the air.
@@ -65,10 +76,33 @@ pub struct Plan {
     pub coverage: f64,
     /// The same for each grid.
     pub grids: Vec<GridCoverage>,
+    /// Time under the disc over all that is treated; `None` where nothing is.
+    pub dwell: Option<Spread>,
+    /// The same for each grid.
+    pub grid_dwell: Vec<(GridId, Spread)>,
     /// Distance between neighbouring rows, turns apart; `None` where no path has two rows.
     pub step_over_mm: Option<StepOver>,
     /// How far the disc leaves the panel.
     pub overhang: Overhang,
+}
+
+impl Plan {
+    /// The largest ratio of the longest to the shortest time under the disc, of all together and of each grid, with the
+    /// grid where it is one's; `None` where nothing is treated.
+    pub fn dwell_ratio(&self) -> Option<(f64, Option<GridId>)> {
+        let all = self.dwell.map(|dwell| (dwell.ratio(), None));
+        let grids = self.grid_dwell.iter().map(|(id, dwell)| (dwell.ratio(), Some(*id)));
+        all.into_iter().chain(grids).max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// Whether every pose, feed, rounding, length and time is a number, and every feed above 0.
+    pub fn is_finite(&self) -> bool {
+        let moves = self.paths.iter().flat_map(|path| &path.waypoints).all(Waypoint::is_finite);
+        let dwell = self.dwell_ratio().is_none_or(|(ratio, _)| ratio.is_finite());
+        let sums = [self.length_mm, self.contact_mm, self.duration_s, self.coverage];
+        // Without an outline the disc reaches beyond it without end.
+        moves && dwell && sums.iter().all(|sum| sum.is_finite()) && !self.overhang.largest_mm.is_nan()
+    }
 }
 
 /// Why there is no plan.
@@ -111,30 +145,13 @@ pub enum PlanError {
     },
 }
 
-/// One area's share of the work, before paths are joined.
-#[derive(Debug, Clone)]
-pub(super) struct Piece {
-    pub area: Area,
-    pub track: Vec<Parameter>,
-    /// Is there a panel below each place of the track?
-    pub contact: Vec<bool>,
-    pub spacing_mm: f64,
-    coverage: Vec<GridCoverage>,
-    step_overs_mm: Vec<f64>,
-    overhangs_mm: Vec<f64>,
-}
-
-/// Times that lines are laid again because the disc reaches too far beyond the outline.
-const OUTLINE_ROUNDS: usize = 16;
-/// A disc that reaches this much farther than allowed is right, mm.
-const OUTLINE_EXACT_MM: f64 = 0.01;
-/// Places on each side of a patch at which its bend is looked at.
-const BEND_STEPS: usize = 6;
-
 /// Paths over these grids. `outline` is the panel's, closed.
 ///
 /// # Errors
 /// Where a grid is unknown or named twice, or the surface allows no rows or poses there.
+///
+/// # Panics
+/// Where a number of the plan is not finite: that is a fault of this program, and nobody can put it right at the cell.
 pub fn plan(
     surface: &BSplineSurface,
     region: &Region,
@@ -149,6 +166,9 @@ pub fn plan(
 ///
 /// # Errors
 /// As [`plan`].
+///
+/// # Panics
+/// As [`plan`].
 pub fn plan_around(
     surface: &BSplineSurface,
     region: &Region,
@@ -160,7 +180,7 @@ pub fn plan_around(
 }
 
 /// Is there a panel at a place?
-type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
+pub(super) type There<'a> = &'a (dyn Fn(Parameter) -> bool + Sync);
 
 fn planned(
     surface: &BSplineSurface,
@@ -176,15 +196,18 @@ fn planned(
         areas.into_par_iter().map(|area| piece(surface, region, area, (&outline, there), settings)).collect();
     let pieces: Vec<Piece> = pieces.into_iter().collect::<Result<_, _>>()?;
     let pieces = ordered(surface, pieces);
+    let even = even(surface, region, &pieces, settings);
     let mut before = None;
     let mut paths = Vec::with_capacity(pieces.len());
-    for piece in &pieces {
-        let path = tool_path(surface, piece, before, settings)
+    for (piece, feeds_mm_s) in pieces.iter().zip(&even.feeds_mm_s) {
+        let path = tool_path(surface, (piece, feeds_mm_s), before, settings)
             .map_err(|cause| PlanError::Orientation { grid: first_grid(&piece.area), cause })?;
         before = path.1;
         paths.push(path.0);
     }
-    Ok(with_evidence(paths, &pieces, settings))
+    let plan = with_evidence(paths, &pieces, even, settings);
+    assert!(plan.is_finite(), "a number of the path over {grids:?} is not finite");
+    Ok(plan)
 }
 
 fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
@@ -200,10 +223,6 @@ fn refuse_unknown(region: &Region, grids: &[GridId]) -> Result<(), PlanError> {
         }
     }
     Ok(())
-}
-
-fn first_grid(area: &Area) -> GridId {
-    area.grids.first().copied().unwrap_or(GridId { row: 1, column: 1 })
 }
 
 /// The pieces in the order of travel, each in its direction.
@@ -222,72 +241,7 @@ fn ordered(surface: &BSplineSurface, pieces: Vec<Piece>) -> Vec<Piece> {
     order(&ends).into_iter().map(turned).collect()
 }
 
-fn piece(
-    surface: &BSplineSurface,
-    region: &Region,
-    area: Area,
-    (outline, there): (&Outline, There<'_>),
-    settings: &recipe::Path,
-) -> Result<Piece, PlanError> {
-    let radius_mm = settings.disc_diameter_mm() / 2.0;
-    let spacing_mm = spacing_mm(surface, &area.patch, settings);
-    let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
-    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
-    let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
-        let strokes = strokes(track, |index| contact[index]);
-        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
-    };
-    let mut insets = Insets::of_disc(settings);
-    let mut round = 0;
-    let (Lines { track, neighbours }, contact, overhangs_mm, coverage) = loop {
-        let laid = lines(surface, &area.patch, insets, settings, spacing_mm)
-            .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
-        let on_track = on_surface(&laid.track);
-        let overhangs_mm: Vec<f64> =
-            on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
-        round += 1;
-        if round < OUTLINE_ROUNDS && outline.is_known() {
-            let allowed_mm = settings.edge_overhang_mm();
-            let mut beyond = false;
-            for ((at, point), mm) in laid.track.iter().zip(&on_track).zip(&overhangs_mm) {
-                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm + OUTLINE_EXACT_MM) {
-                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm);
-                    beyond = true;
-                }
-            }
-            if beyond {
-                insets.settle();
-                continue;
-            }
-        }
-        let contact: Vec<bool> = laid.track.iter().map(|at| there(*at)).collect();
-        let coverage = covered(&on_track, &contact);
-        let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
-        if !(round < OUTLINE_ROUNDS && short && insets.give_way()) {
-            break (laid, contact, overhangs_mm, coverage);
-        }
-    };
-    let step_overs_mm =
-        neighbours.iter().flat_map(|[line, next]| step_overs_mm(&on_surface(line), &on_surface(next))).collect();
-    Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm })
-}
-
-/// The recipe's spacing, or less where a chord of it would leave the surface by more than the recipe allows: a chord of
-/// length s over curvature κ lies κ s² / 8 off.
-fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
-    let mut bend: f64 = 0.0;
-    for n in 0..=BEND_STEPS * BEND_STEPS {
-        let share = |index: usize| index as f64 / BEND_STEPS as f64;
-        let at = patch.at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
-        if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
-            bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
-        }
-    }
-    let chord_mm = if bend > 0.0 { (8.0 * settings.chord_error_mm() / bend).sqrt() } else { f64::INFINITY };
-    settings.waypoint_spacing_mm().min(chord_mm)
-}
-
-fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], settings: &recipe::Path) -> Plan {
+fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], even: Even, settings: &recipe::Path) -> Plan {
     let all: Vec<&Waypoint> = paths.iter().flat_map(|path| &path.waypoints).collect();
     let point =
         |waypoint: &Waypoint| Point::<Panel>::at(waypoint.pose.x_mm, waypoint.pose.y_mm, waypoint.pose.z_mm);
@@ -318,6 +272,8 @@ fn with_evidence(paths: Vec<ToolPath>, pieces: &[Piece], settings: &recipe::Path
         duration_s,
         coverage: covered_mm2 / area_mm2,
         grids,
+        dwell: even.all,
+        grid_dwell: even.grids,
         step_over_mm: pieces.iter().flat_map(|piece| piece.step_overs_mm.iter().copied()).fold(None, step_over),
         overhang: Overhang {
             largest_mm: overhangs_mm().fold(0.0, f64::max),

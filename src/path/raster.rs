@@ -11,17 +11,17 @@
 //! is narrower on one side, each column divides its own width by the number of rows, so that the last row follows the
 //! far border.
 //!
-//! Rows and their ends are inset from the patch's border by 0.6 of the disc's radius R, or more where the panel's
-//! outline asks for it: a corner is then 0.6 √2 R away, within the disc, and the disc laps onto neighbouring grids by
-//! 0.4 R; a corner sharper than 74° is not reached wholly, which the coverage shows. A patch narrower than two insets
-//! gets one row in its middle, one shorter than two insets rows of one point.
+//! Rows and their ends are inset from the patch's border by 0.2 of the disc's radius R, or more where the panel's
+//! outline asks for it. So the disc laps onto neighbouring grids by 0.8 R: with its middle farther inside, the border
+//! would be under it for too short a time. A patch narrower than two insets gets one row in its middle, one shorter than
+//! two insets rows of one point.
 
 use crate::recipe;
 use crate::surface::{BSplineSurface, Parameter, Patch, Tangents};
 use nalgebra::Vector3;
 
 /// Distance of the outer rows and of the rows' ends from the patch's border, in disc radii.
-const INSET_RADII: f64 = 0.6;
+const INSET_RADII: f64 = 0.2;
 /// Columns on which rows are found; between them rows are straight in (u, v).
 const COLUMN_SPACING_MM: f64 = 5.0;
 /// A distance across is right when it is this exact, mm.

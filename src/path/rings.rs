@@ -1,8 +1,9 @@
 //! Lines that run around a patch: offset contours and spirals (thesis Fig. 4.26 b–d).
 //!
 //! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
-//! beyond that border's inset. Depths are equal steps r' = h / ceil(h / r) ≤ r down to h, half of what the insets leave of
-//! the patch's shorter side; the innermost ring is the line or the point in the middle.
+//! beyond that border's inset. With h being half of what the insets leave of the patch's shorter side, depths are equal
+//! steps r' = h / (n + ½) ≤ r, so that the sides of the innermost ring, too, stand r' apart, and no line is travelled
+//! twice. Where h is nothing there is one line, or one point, in the middle.
 
 use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
 use crate::surface::{BSplineSurface, Parameter, Patch};
@@ -11,14 +12,20 @@ use crate::surface::{BSplineSurface, Parameter, Patch};
 const CORNER_STEPS: usize = 4;
 /// Places along one side of a ring before it is resampled.
 const SIDE_STEPS: usize = 24;
+/// Half of a ring's shorter side; less is a line, mm.
+const LEAST_HALF_MM: f64 = 0.5;
 
 /// The rings of one patch.
 pub(super) struct Rings<'a> {
     surface: &'a BSplineSurface,
     patch: &'a Patch,
     insets: Insets,
-    depth_mm: f64,
+    step_mm: f64,
+    /// Rings inside of the outermost one.
     steps: usize,
+    shorter: Along,
+    /// Is there no room for a ring?
+    is_line: bool,
 }
 
 /// A side of a ring: from the corner at lowest u and v along u, then along v, back along u, back along v.
@@ -38,13 +45,21 @@ impl<'a> Rings<'a> {
         };
         let insets = Insets { u: shrunk(u_mm, insets.u), v: shrunk(v_mm, insets.v), ..insets };
         let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
-        let depth_mm = left(u_mm, insets.u).min(left(v_mm, insets.v)) / 2.0;
-        let steps = (depth_mm / step_over_mm - 1e-9).ceil().max(0.0) as usize;
-        Rings { surface, patch, insets, depth_mm, steps }
+        let (left_u_mm, left_v_mm) = (left(u_mm, insets.u), left(v_mm, insets.v));
+        let half_mm = left_u_mm.min(left_v_mm) / 2.0;
+        let steps = (half_mm / step_over_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
+        let step_mm = half_mm / (steps as f64 + 0.5);
+        let shorter = if left_u_mm < left_v_mm { Along::U } else { Along::V };
+        Rings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < LEAST_HALF_MM }
     }
 
     fn depth(&self, ring: usize) -> f64 {
-        if self.steps == 0 { 0.0 } else { self.depth_mm * ring as f64 / self.steps as f64 }
+        self.step_mm * ring as f64
+    }
+
+    /// Which two sides of the innermost ring stand beside one another: those across its shorter side.
+    pub fn beside(&self) -> [usize; 2] {
+        if self.shorter == Along::U { [1, 3] } else { [0, 2] }
     }
 
     /// Each ring's four sides, the outermost ring first.
@@ -74,7 +89,9 @@ impl<'a> Rings<'a> {
             let depth = |corner: usize| here + (next - here) * corner as f64 / SIDES as f64;
             all.push(self.sides([0, 1, 2, 3, 4].map(depth))?);
         }
-        all.push(self.sides([self.depth_mm; SIDES + 1])?);
+        if self.steps > 0 {
+            all.push(self.sides([self.depth(self.steps); SIDES + 1])?);
+        }
         Ok(all)
     }
 
@@ -97,6 +114,11 @@ impl<'a> Rings<'a> {
                 let at = mix(corners[n], corners[n + 1], share);
                 side.push(self.at_depth(along, at, high, depth_mm)?);
             }
+        }
+        if self.is_line {
+            // The way back is the same line.
+            sides[2].clear();
+            sides[3].clear();
         }
         Ok(sides)
     }

@@ -1,6 +1,7 @@
 //! Pictures of calibrations: residuals over the picture, the corners to touch, the trend of verifications.
 
 use super::canvas::{Canvas, Ink, Pen};
+use super::page::escaped;
 use crate::calib::Board;
 use crate::calib::detect::Corners;
 use crate::calib::health::Verification;
@@ -99,29 +100,48 @@ const WIDTH: f64 = 900.0;
 const HEIGHT: f64 = 320.0;
 const MARGIN: f64 = 55.0;
 
-/// All verifications of a subject over time with their limits, as SVG.
+/// All verifications of a subject over time with their limits, as SVG. One that was struck out is a grey cross, and no part
+/// of the line; the scale is the others'.
 pub fn trend(subject: &str, verifications: &[Verification]) -> String {
     let times = verifications.iter().map(|v| v.at_unix_s as f64);
     let (first, last) = times.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
-    let highest = verifications.iter().flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
+    let counts = |v: &&Verification| v.struck.is_none();
+    let highest =
+        verifications.iter().filter(counts).flat_map(|v| [v.error_mm, v.limit_mm]).fold(0.1, f64::max) * 1.1;
     let x =
         |v: &Verification| MARGIN + (WIDTH - 2.0 * MARGIN) * (v.at_unix_s as f64 - first) / (last - first).max(1.0);
-    let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * mm / highest;
+    let y = |mm: f64| HEIGHT - MARGIN - (HEIGHT - 2.0 * MARGIN) * (mm / highest).min(1.0);
     let line = |value: fn(&Verification) -> f64| {
-        let points = verifications.iter().map(|v| format!("{:.1},{:.1}", x(v), y(value(v))));
+        let points = verifications.iter().filter(counts).map(|v| format!("{:.1},{:.1}", x(v), y(value(v))));
         points.collect::<Vec<_>>().join(" ")
     };
     let mut marks = String::new();
     for v in verifications {
+        if let Some(strike) = &v.struck {
+            let (x, y, by, why) = (x(v), y(v.error_mm), escaped(&strike.by), escaped(&strike.why));
+            let _ = write!(
+                marks,
+                "<path d=\"M{:.1} {:.1}l8 8m0 -8l-8 8\" stroke=\"#666666\" stroke-width=\"2\"><title>{:.3} mm, struck out by {by}: \
+                 {why}</title></path>",
+                x - 4.0,
+                y - 4.0,
+                v.error_mm
+            );
+            continue;
+        }
         let color = if v.error_mm <= v.limit_mm { "#009e73" } else { "#d55e00" };
         // Writing to a `String` cannot fail.
         let _ = write!(marks, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"4\" fill=\"{color}\"/>", x(v), y(v.error_mm));
     }
+    let struck = match verifications.iter().filter(|v| v.struck.is_some()).count() {
+        0 => String::new(),
+        count => format!("; grey crosses: struck out ({count})"),
+    };
     let days = (last - first).max(0.0) / 86_400.0;
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" font-size=\"14\">\
          <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\
-         <text x=\"{MARGIN}\" y=\"25\">{subject}: error at the target, mm; {count} verifications over {days:.1} days</text>\
+         <text x=\"{MARGIN}\" y=\"25\">{subject}: error at the target, mm; {count} verifications over {days:.1} days{struck}</text>\
          <path d=\"M{MARGIN} {MARGIN}V{bottom}H{right}\" fill=\"none\" stroke=\"black\"/>\
          <text x=\"5\" y=\"{top:.1}\">{highest:.2}</text><text x=\"5\" y=\"{bottom}\">0</text>\
          <polyline points=\"{limits}\" fill=\"none\" stroke=\"#d55e00\" stroke-dasharray=\"6 4\"/>\
@@ -138,6 +158,7 @@ pub fn trend(subject: &str, verifications: &[Verification]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::calib::health::Strike;
 
     /// By hand: the highest of errors and limits is 1.0, drawn at 1/1.1 of the axis: 265 − 210/1.1 = 74.1.
     #[test]
@@ -148,11 +169,22 @@ mod tests {
             limit_mm: 0.5,
             calibration_hash: String::new(),
             at_unix_s,
+            struck: None,
         };
         let svg = trend("scanner", &[verified(0.2, 0), verified(1.0, 86_400)]);
         assert_eq!(svg.matches("<circle").count(), 2);
         assert!(svg.contains("cx=\"845.0\" cy=\"74.1\" r=\"4\" fill=\"#d55e00\""), "{svg}");
-        assert!(svg.contains("2 verifications over 1.0 days"));
+        assert!(svg.contains("2 verifications over 1.0 days<"));
+        let strike = Strike { by: "A & B".to_owned(), why: "<moved>".to_owned(), at_unix_s: 0 };
+        let struck = Verification { struck: Some(strike), ..verified(203.0, 43_200) };
+        let with = trend("scanner", &[verified(0.2, 0), struck, verified(1.0, 86_400)]);
+        assert!(
+            with.matches("<circle").count() == 2 && with.contains("cy=\"74.1\""),
+            "the scale is the others': {with}"
+        );
+        assert!(
+            with.contains("203.000 mm, struck out by A &amp; B: &lt;moved&gt;") && with.contains("struck out (1)")
+        );
         assert!(!trend("tool", &[]).contains("NaN") && !trend("tool", &[]).contains("circle"));
     }
 }

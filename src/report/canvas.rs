@@ -24,7 +24,7 @@ impl Ink {
     pub const YELLOW: Ink = Ink([240, 228, 66]);
     /// Labels.
     pub const WHITE: Ink = Ink([255, 255, 255]);
-    const RIM: Ink = Ink([20, 20, 20]);
+    pub(super) const RIM: Ink = Ink([20, 20, 20]);
 
     /// This colour with a share of another, 0…1.
     #[must_use]
@@ -33,7 +33,7 @@ impl Ink {
         Ink([mix(0), mix(1), mix(2)])
     }
 
-    fn scalar(self) -> Scalar {
+    pub(super) fn scalar(self) -> Scalar {
         let [r, g, b] = self.0;
         Scalar::new(r.into(), g.into(), b.into(), 0.0)
     }
@@ -50,7 +50,7 @@ pub struct Pen {
 
 /// Sub-pixel bits of OpenCV's drawing.
 const SHIFT: i32 = 4;
-const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
+pub(super) const FONT: i32 = imgproc::FONT_HERSHEY_SIMPLEX;
 /// Height of a capital letter at scale 1, px.
 const FONT_HEIGHT_PX: f64 = 22.0;
 
@@ -60,10 +60,10 @@ const BAR_SHARE: f64 = 0.25;
 
 /// A picture being drawn on.
 pub struct Canvas {
-    mat: Mat,
+    pub(super) mat: Mat,
 }
 
-fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
+pub(super) fn drawn<T>(result: opencv::Result<T>) -> Result<T, ImagingError> {
     result.map_err(|error| ImagingError { operation: "a drawing", words: error.message })
 }
 
@@ -73,7 +73,7 @@ fn ascii(text: &str) -> String {
 }
 
 /// Scale and weight of letters of this height.
-fn lettering(height_px: f64) -> (f64, i32) {
+pub(super) fn lettering(height_px: f64) -> (f64, i32) {
     let scale = height_px / FONT_HEIGHT_PX;
     (scale, (scale * 1.6).round().max(1.0) as i32)
 }

@@ -1,7 +1,7 @@
 //! The page of one water-break test, as a quality inspector signs it (ASTM F22).
 
 use super::page::{Figure, Page, Row, Section};
-use crate::inspect::{Demands, Inspection};
+use crate::inspect::{Demands, Inspection, MAX_OFF_PX};
 use crate::recipe::Recipe;
 use crate::words::{apart, fixed};
 
@@ -106,7 +106,16 @@ fn watched(inspection: &Inspection, (recipe, demands): (&Recipe, &Demands)) -> S
             quality.sharpness.map_or_else(unknown, |share| format!("{share:.2} of the first")),
             "",
         ),
-        Row::new("smallest break that is surely found", format!("{:.1} mm²", observation.detection_limit_mm2), ""),
+        Row::new(
+            "outline from where the panel was found, in the dry picture",
+            quality.off_px.map_or_else(unknown, |px| format!("{px:.2} px")),
+            format!("≤ {MAX_OFF_PX} px"),
+        ),
+        Row::new(
+            "smallest break that is surely found",
+            format!("{:.1} mm²", observation.detection_limit_mm2),
+            format!("≤ {:.1} mm²", demands.min_break_mm2),
+        ),
     ];
     if quality.usable > 0 {
         let value = format!("{} to {}", percent(quality.light[0]), percent(quality.light[1]));

@@ -10,6 +10,8 @@ mod inspection;
 mod overlay;
 pub mod page;
 mod reasons;
+mod ruler;
+mod scan_view;
 mod surface_map;
 
 pub use bars::{Bar, bars};
@@ -20,4 +22,5 @@ pub use dwelt::{dwell_map, overlap_map};
 pub use inspection::inspection_page;
 pub use overlay::View;
 pub use reasons::{ReasonPicture, reason_pictures};
+pub use scan_view::{missing_share, region_in_scan, scan_picture};
 pub use surface_map::surface_map;

@@ -113,7 +113,12 @@ impl Figure {
 }
 
 fn verdict_html(judgement: &Judgement) -> String {
+    // A stop that was asked for is no fault, though there is no other verdict for a cycle without a result.
+    let is_stopped =
+        judgement.verdict == Verdict::Aborted && judgement.reasons.iter().any(|reason| reason.code == "stopped");
+    let word = if is_stopped { "stopped on request" } else { judgement.verdict.word() };
     let class = match judgement.verdict {
+        _ if is_stopped => "doubt",
         Verdict::Accept | Verdict::Pass => "good",
         Verdict::Review | Verdict::Invalid => "doubt",
         Verdict::Reject | Verdict::Fail | Verdict::Aborted => "bad",
@@ -123,10 +128,10 @@ fn verdict_html(judgement: &Judgement) -> String {
         .iter()
         .map(|reason| format!("<br>{} <small>({})</small>", escaped(&reason.message), reason.code))
         .collect();
-    format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", judgement.verdict.word())
+    format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", word)
 }
 
-fn escaped(text: &str) -> String {
+pub(super) fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
@@ -155,5 +160,12 @@ mod tests {
         assert!(html.contains("<td>0.1 mm</td><td>≤ 0.25 mm</td>"));
         assert!(html.contains("data:image/jpeg;base64,AQID"));
         assert!(!html.contains("http"), "nothing is fetched");
+    }
+
+    #[test]
+    fn a_cycle_that_was_stopped_on_request_is_not_shown_as_a_fault() {
+        let of = |code| Judgement { verdict: Verdict::Aborted, reasons: vec![Reason::new(code, "why")] };
+        assert!(verdict_html(&of("stopped")).starts_with("<p class=\"verdict doubt\"><b>stopped on request</b>"));
+        assert!(verdict_html(&of("late")).starts_with("<p class=\"verdict bad\"><b>aborted</b>"));
     }
 }

@@ -75,6 +75,24 @@ pub enum StoreError {
         /// The motion.
         motion: String,
     },
+    /// No such verification.
+    #[error("the store {} has no verification {number}; `panelprep calibrate history` lists them", path.display())]
+    UnknownVerification {
+        /// The database.
+        path: PathBuf,
+        /// The number asked for.
+        number: i64,
+    },
+    /// A verification is struck out once.
+    #[error("verification {number} of the store {} is struck out already, by {by}", path.display())]
+    StruckAlready {
+        /// The database.
+        path: PathBuf,
+        /// Its number.
+        number: i64,
+        /// Who struck it out.
+        by: String,
+    },
     /// No such cycle, or it is over.
     #[error("the store {} has no {what} {id}", path.display())]
     UnknownCycle {

@@ -6,8 +6,8 @@ use rusqlite::{Connection, TransactionBehavior};
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications. 4: discs.
-pub(super) const SCHEMA: i64 = 4;
+/// 3: verifications. 4: discs. 5: strikes of verifications.
+pub(super) const SCHEMA: i64 = 5;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -58,6 +58,9 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
     }
     if found < 4 {
         transaction.execute_batch(discs::TABLES)?;
+    }
+    if found < 5 {
+        transaction.execute_batch(verifications::STRIKES)?;
     }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
     transaction.commit()

@@ -1,10 +1,12 @@
-//! Verifications of calibrations: each is kept, none is changed.
+//! Verifications of calibrations: each is kept, none is changed. One that says nothing can be struck out: it stays, with
+//! who did so and why.
 
 use super::error::StoreError;
 use super::{DATABASE, Store};
-use crate::calib::health::Verification;
+use crate::calib::health::{Strike, Verification};
 use crate::files::content_hash;
 use rusqlite::{Connection, OpenFlags, params};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 pub(super) const TABLES: &str = "
@@ -19,6 +21,16 @@ pub(super) const TABLES: &str = "
     CREATE INDEX verifications_by_subject ON verifications (subject);
 ";
 
+/// A strike names its verification; a verification is struck out once.
+pub(super) const STRIKES: &str = "
+    CREATE TABLE verification_strikes (
+        verification_id INTEGER PRIMARY KEY REFERENCES verifications (id),
+        by TEXT NOT NULL,
+        why TEXT NOT NULL,
+        at_unix_s INTEGER NOT NULL
+    ) STRICT;
+";
+
 /// The name of the calibration files that a verification used: of the camera's intrinsics and its mount, or of the
 /// tool, in this order.
 pub fn calibration_hash(texts: &[&str]) -> String {
@@ -29,17 +41,49 @@ pub fn calibration_hash(texts: &[&str]) -> String {
 impl Store {
     /// Keeps a verification in the store in this folder, also while a service writes to it: one row in a transaction of
     /// its own, for which SQLite makes either wait for the other. A store that is missing or of an earlier program is
-    /// made, as its only writer.
+    /// made, as its only writer. The verification's number comes with the store.
     ///
     /// # Errors
     /// Where the store cannot be opened or written, or a number is not finite.
-    pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<Self, StoreError> {
-        let mut store = match Store::create(folder) {
-            Err(StoreError::Leased { .. }) => Store::beside_the_writer(folder)?,
-            opened => opened?,
-        };
+    pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<(Self, i64), StoreError> {
+        let mut store = Store::for_one_row(folder)?;
         store.insert_verification(verification)?;
-        Ok(store)
+        let number = store.connection.last_insert_rowid();
+        Ok((store, number))
+    }
+
+    /// Strikes out the verification with this number in the store in this folder, also while a service writes to it. It
+    /// stays where it is, with who struck it out and why.
+    ///
+    /// # Errors
+    /// Where the store cannot be opened or written, has no such verification, or it is struck out already.
+    pub fn strike_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
+        // A mistyped folder must not become a store.
+        drop(Store::open(folder)?);
+        let store = Store::for_one_row(folder)?;
+        let all = store.verification_history()?;
+        let path = || store.path().to_owned();
+        let Some((_, found)) = all.into_iter().find(|(id, _)| *id == number) else {
+            return Err(StoreError::UnknownVerification { path: path(), number });
+        };
+        if let Some(Strike { by, .. }) = found.struck {
+            return Err(StoreError::StruckAlready { path: path(), number, by });
+        }
+        store
+            .connection
+            .execute(
+                "INSERT INTO verification_strikes (verification_id, by, why, at_unix_s) VALUES (?1, ?2, ?3, ?4)",
+                params![number, strike.by, strike.why, strike.at_unix_s],
+            )
+            .map_err(|error| store.failed("strike out a verification in", &error))?;
+        Ok((store, Verification { struck: Some(strike.clone()), ..found }))
+    }
+
+    fn for_one_row(folder: &Path) -> Result<Self, StoreError> {
+        match Store::create(folder) {
+            Err(StoreError::Leased { .. }) => Store::beside_the_writer(folder),
+            opened => opened,
+        }
     }
 
     fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
@@ -86,27 +130,55 @@ impl Store {
     /// # Errors
     /// Where they cannot be read; a store of an earlier program has none, and says so.
     pub fn verifications(&self, subject: &str) -> Result<Vec<Verification>, StoreError> {
+        let all = self.verification_history()?.into_iter();
+        Ok(all.map(|(_, verification)| verification).filter(|it| it.subject == subject).collect())
+    }
+
+    /// All verifications with their numbers, in the order in which they were kept.
+    ///
+    /// # Errors
+    /// As [`Store::verifications`].
+    pub fn verification_history(&self) -> Result<Vec<(i64, Verification)>, StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read verifications from", &error);
         let mut statement = self
             .connection
             .prepare(
-                "SELECT subject, error_mm, limit_mm, calibration_hash, at_unix_s FROM verifications
-                 WHERE subject = ?1 ORDER BY id",
+                "SELECT id, subject, error_mm, limit_mm, calibration_hash, at_unix_s FROM verifications ORDER BY id",
             )
             .map_err(failed)?;
-        let rows = statement.query_map([subject], |row| {
-            Ok(Verification {
-                subject: row.get(0)?,
-                error_mm: row.get(1)?,
-                limit_mm: row.get(2)?,
-                calibration_hash: row.get(3)?,
-                at_unix_s: row.get(4)?,
-            })
+        let strikes = self.strikes()?;
+        let rows = statement.query_map([], |row| {
+            let number: i64 = row.get(0)?;
+            let verification = Verification {
+                subject: row.get(1)?,
+                error_mm: row.get(2)?,
+                limit_mm: row.get(3)?,
+                calibration_hash: row.get(4)?,
+                at_unix_s: row.get(5)?,
+                struck: strikes.get(&number).cloned(),
+            };
+            Ok((number, verification))
         });
         rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
     }
 
-    /// The newest verification of a subject; `None` where it was never verified.
+    /// Strikes by the number of their verification; a store of an earlier program has none.
+    fn strikes(&self) -> Result<BTreeMap<i64, Strike>, StoreError> {
+        let failed = |error: rusqlite::Error| self.failed("read strikes from", &error);
+        if !self.connection.table_exists(None, "verification_strikes").map_err(failed)? {
+            return Ok(BTreeMap::new());
+        }
+        let mut statement = self
+            .connection
+            .prepare("SELECT verification_id, by, why, at_unix_s FROM verification_strikes")
+            .map_err(failed)?;
+        let rows = statement.query_map([], |row| {
+            Ok((row.get(0)?, Strike { by: row.get(1)?, why: row.get(2)?, at_unix_s: row.get(3)? }))
+        });
+        rows.map_err(failed)?.collect::<Result<_, _>>().map_err(failed)
+    }
+
+    /// The newest verification of a subject, struck out or not; `None` where it was never verified.
     ///
     /// # Errors
     /// As [`Store::verifications`].

@@ -1,13 +1,17 @@
 //! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
-//! without a stop. A table, and exit code 1 where a target is missed. `cargo bench --bench link -- [TRIALS]`
+//! without a stop; an abort through hostile clients of the service. A table, and exit code 1 where a target is missed.
+//! `cargo bench --bench link -- [TRIALS]`, the last alone with `-- socket`.
 
 #[path = "../link/cell.rs"]
 #[expect(dead_code, reason = "the tests use the rest")]
 mod cell;
+#[path = "../hostile/clients.rs"]
+mod clients;
 #[path = "../link/loopback.rs"]
 mod loopback;
 mod link {
     pub mod peer;
+    pub mod socket;
 }
 
 use cell::{BASE, Blind, Cell, pass, sanding_tool, setup, speed};
@@ -27,13 +31,21 @@ const VIRTUAL_COMMANDS_S: f64 = 100_000.0;
 const TIMEOUT: Duration = Duration::from_millis(40);
 const IDLE: Duration = Duration::from_millis(20);
 const BUSY: Duration = Duration::from_millis(50);
+/// From the service's socket to the wire.
+const SOCKET: Duration = Duration::from_millis(100);
+const SOCKET_TRIALS: usize = 500;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
 
 fn main() -> ExitCode {
     let trials = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(10_000);
+    let arguments: Vec<String> = std::env::args().collect();
+    if arguments.iter().any(|argument| argument == "socket") {
+        return if abort_by_socket() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
     let reached = [
+        abort_by_socket(),
         virtual_rate(),
         loopback_rate(),
         stop_latency("idle", trials, 0, IDLE),
@@ -48,6 +60,26 @@ fn main() -> ExitCode {
 
 fn verdict(reached: bool) -> &'static str {
     if reached { "ok" } else { "MISSED" }
+}
+
+/// From the service's socket to the wire, with two hundred hostile clients.
+fn abort_by_socket() -> bool {
+    let (mut found, done) = link::socket::aborts(SOCKET_TRIALS);
+    found.sort();
+    let at = |share: f64| found[((found.len() as f64 * share).ceil() as usize).clamp(1, found.len()) - 1];
+    let reached = at(0.99) <= SOCKET;
+    println!(
+        "abort by the service's socket to the frame, {} hostile clients ({done} requests of theirs), {} trials: median {:.1} ms, \
+         p99 {:.1} ms (target {} ms), most {:.1} ms {}",
+        link::socket::CLIENTS,
+        found.len(),
+        at(0.5).as_secs_f64() * 1e3,
+        at(0.99).as_secs_f64() * 1e3,
+        SOCKET.as_millis(),
+        at(1.0).as_secs_f64() * 1e3,
+        verdict(reached)
+    );
+    reached
 }
 
 fn output(index: usize) -> Command {

@@ -1,6 +1,6 @@
 //! The surface and the paths over it on full-size scans: how exact, how fast, beside geomdl and scipy in one run.
-//! `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`, `attitudes`, `gauntlet`; without
-//! one, all. `make bench-surface` sets up the peers and names their Python in `PANELPREP_PEERS`. Exit code 1 where a
+//! `cargo bench --bench surface -- [PART…] [SEEDS]`, parts `fit`, `evaluate`, `paths`, `patterns`, `attitudes`, `gauntlet`;
+//! without one, all. `make bench-surface` sets up the peers and names their Python in `PANELPREP_PEERS`. Exit code 1 where a
 //! target is missed.
 
 #[path = "surface/accuracy.rs"]
@@ -9,6 +9,8 @@ mod accuracy;
 mod gauntlet;
 #[path = "surface/paths.rs"]
 mod paths;
+#[path = "../patterns.rs"]
+mod patterns;
 #[path = "surface/scanned.rs"]
 mod scanned;
 #[path = "surface/speed.rs"]
@@ -22,7 +24,10 @@ use std::time::Instant;
 const SEEDS: u64 = 20;
 const PATHS: usize = 100_000;
 
-const PARTS: [&str; 5] = ["fit", "evaluate", "paths", "attitudes", "gauntlet"];
+const PARTS: [&str; 6] = ["fit", "evaluate", "paths", "patterns", "attitudes", "gauntlet"];
+/// Seeds of the demo on which every pattern is planned, and its discs, mm.
+const DEMO_SEEDS: u64 = 10;
+const DISCS_MM: [f64; 5] = [20.0, 30.0, 40.0, 50.0, 60.0];
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
@@ -36,6 +41,7 @@ fn main() -> ExitCode {
             "fit" => accuracy::measure(seeds),
             "evaluate" => speed::evaluation(),
             "paths" => paths::panel(),
+            "patterns" => every_pattern(seeds.min(DEMO_SEEDS)),
             "attitudes" => paths::attitudes(),
             _ => random_paths(),
         };
@@ -102,6 +108,31 @@ fn processors_ms() -> f64 {
     let text = |task: std::fs::DirEntry| std::fs::read_to_string(task.path().join("schedstat")).unwrap_or_default();
     let spent = tasks.filter_map(|task| text(task).split(' ').next().and_then(|word| word.parse::<f64>().ok()));
     spent.sum::<f64>() / 1e6
+}
+
+/// Every pattern over every single grid, pair, L and row of the demo's panels and over all grids, with discs of 20 to 60 mm.
+fn every_pattern(seeds: u64) -> usize {
+    let rows = patterns::run((1..=seeds, 1), &DISCS_MM, |_, _| true);
+    println!(
+        "   pattern        disc mm   plans   coverage %   step-over mm   dwell ratio: half, 95 %, all   reviews   faults"
+    );
+    for ((pattern, disc_mm), row) in &rows {
+        println!(
+            "   {:13}  {disc_mm:7}  {:6}  {:11.2}  {:13.2}  {:15.2}  {:5.2}  {:5.2}  {:8}  {:7}",
+            patterns::PATTERNS[*pattern],
+            row.plans,
+            100.0 * row.least_coverage,
+            row.widest_step_mm,
+            row.dwell_ratio(0.5),
+            row.dwell_ratio(0.95),
+            row.dwell_ratio(1.0),
+            row.reviews,
+            row.faults.len()
+        );
+    }
+    let faults: Vec<&String> = rows.values().flat_map(|row| &row.faults).collect();
+    faults.iter().take(20).for_each(|fault| println!("   {fault}"));
+    faults.len()
 }
 
 /// Good paths and the same with one defect, through every gate.

@@ -384,6 +384,12 @@ impl Cell {
         }
     }
 
+    /// A request that this client did not send reaches the controller.
+    pub fn foreign_request(&mut self, operation: i32, number: i32) {
+        let request = format!("<Req Id=\"1\" Ep=\"0\" Op=\"{operation}\" N1=\"{number}\"></Req>");
+        self.controller.state_bytes(request.as_bytes());
+    }
+
     /// One end closes one connection; what is under way arrives, or is lost.
     pub fn cut(&mut self, channel: Channel, side: Side, loses: bool) {
         if !self.up {

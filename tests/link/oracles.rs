@@ -19,6 +19,8 @@ const LEAVE_MS: u64 = 100;
 /// Contact without motion.
 const DWELL_MS: u64 = 200;
 const WINDOW_MS: f64 = 1_000.0;
+/// What the end of an epoch switches off, and how long after it, ms.
+const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
 /// The first thing that was wrong.
 pub type Violation = Option<String>;
@@ -34,6 +36,9 @@ pub struct Oracles {
     sent: BTreeMap<u32, u32>,
     ended_ms: BTreeMap<u32, u64>,
     open: Option<Epoch>,
+    /// Since when the client has no epoch, and when no robot program could have helped.
+    closed_ms: Option<u64>,
+    unable_ms: u64,
     told_done: CommandId,
     joints: Option<Joints>,
     moved_ms: u64,
@@ -188,6 +193,27 @@ impl Oracles {
         }
     }
 
+    /// After any end no output but those that may stay is on for longer than its time.
+    fn judge_outputs(&mut self, cell: &Insides<'_>) {
+        if cell.session.epoch().is_some() {
+            self.closed_ms = None;
+            return;
+        }
+        let closed_ms = *self.closed_ms.get_or_insert(cell.now_ms);
+        if !cell.controller.can_move() {
+            self.unable_ms = cell.now_ms;
+        }
+        let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms;
+        for (output, after_ms) in OFF_AFTER_MS {
+            if cell.controller.outputs().get(&output) == Some(&true) && cell.now_ms > since_ms + after_ms {
+                self.wrong(
+                    cell.now_ms,
+                    format!("output {output} is on, the client ended its epoch at {closed_ms}"),
+                );
+            }
+        }
+    }
+
     /// Silence while something is under way has ended the epoch.
     fn judge_client(&mut self, cell: &Insides<'_>) {
         let open = cell.session.epoch();
@@ -254,6 +280,7 @@ impl Watch for Oracles {
         self.judge_motion(cell);
         self.judge_contact(cell);
         self.judge_window(cell);
+        self.judge_outputs(cell);
         let ends = [panelprep::devices::mock::Channel::Command, panelprep::devices::mock::Channel::State];
         let has_link = ends.iter().all(|&end| controller.is_connected(end));
         if controller.counts().0 > 0 && !controller.is_stopped() && !has_link {

@@ -170,7 +170,7 @@ impl Walk {
         let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
         let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
         let until_ms = self.cell.now_ms + lasts_ms;
-        let fault = match draw.random_range(0..23) {
+        let fault = match draw.random_range(0..24) {
             0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
             3 => return self.cell.client_stalls_until_ms = until_ms,
             4 => return self.cell.deaf_until_ms = until_ms,
@@ -194,6 +194,12 @@ impl Walk {
             }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
+            23 => {
+                // Somebody else's, or what damage has made of one: any operation, any number.
+                let operation = draw.random_range(9..13);
+                let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
+                return self.cell.foreign_request(operation, number);
+            }
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
             _ => Fault::Reboot { for_ms },
@@ -258,6 +264,8 @@ fn a_missing_rule_turns_a_walk_red() {
         ("link loss", of(Rule::LinkLoss)),
         ("discard", of(Rule::Discard)),
         ("retract", of(Rule::Retract)),
+        ("outputs that go off", of(Rule::OutputsOff)),
+        ("step of the epoch", of(Rule::EpochStep)),
         ("client's watchdog", client(patient)),
         ("client's window", client(greedy)),
     ];

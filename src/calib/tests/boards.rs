@@ -77,6 +77,27 @@ fn no_board_and_another_board_are_told() {
     assert!(detect::detect("f", &empty, &unknown, None).expect_err("unknown").to_string().contains("7X7_1000"));
 }
 
+/// The 5×4 board in a picture of full size: asked for one that it is not, by more squares or by fewer, and told which it is;
+/// a part of it is never taken for the whole. Its corners in the other order are the same.
+#[test]
+fn another_board_is_named_and_a_part_is_not_the_whole() {
+    let board = |text: &str| Board::parse(text, 40.0).expect("a board");
+    let cell = BoardCell::new(6, print_of(&board("5x4")), STILL);
+    let picture = cell.picture(&cell.scanner(), &cell.fixed_shots(1)[0]);
+    for other in ["6x4", "9x6", "4x4", "4x3", "3x3"] {
+        let told = detect::detect("it.png", &picture, &board(other), None).expect_err(other).to_string();
+        assert!(told.starts_with(&format!("it.png: found a 5x4 board, asked for {other}")), "{told}");
+    }
+    let [along, across] = ["5x4", "4x5"].map(|text| detect::detect("it.png", &picture, &board(text), None));
+    let pixels = |found: Result<detect::Detected, _>| -> Vec<[i64; 2]> {
+        let corners = found.expect("the board").corners;
+        let mut all: Vec<_> = corners.iter().map(|(_, p)| [p.u, p.v].map(|n| (100.0 * n).round() as i64)).collect();
+        all.sort_unstable();
+        all
+    };
+    assert_eq!(pixels(along), pixels(across));
+}
+
 /// From synthetic corners of 14 pictures, 0.05 px: focal length to 0.1 %; a picture with shifted corners is set aside.
 #[test]
 fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {

@@ -52,6 +52,16 @@ pub enum What {
         panelprep calibrate touch --cell target/cell/cell.toml --board 5x4 --square-mm 40 \
         --target target/cell/target/scanner.toml --points target/cell/target/touched.toml")]
     Touch(Touch),
+    /// List the looks and touches that the store keeps, with their numbers; those that were struck out, by whom and why.
+    #[command(after_help = "Example:\n  panelprep calibrate history --cell target/cell/cell.toml")]
+    History,
+    /// Strike out a look or touch that says nothing of the calibration: it stays in the store, with who and why, and counts
+    /// no more. An older one does not take its place: look or touch again.
+    #[command(
+        after_help = "Example:\n  panelprep calibrate strike 3 --by \"A. Smith\" --why \"the board was moved\" \
+        --cell target/cell/cell.toml"
+    )]
+    Strike(StrikeOut),
 }
 
 /// The board.
@@ -164,13 +174,34 @@ pub enum CameraName {
     FlangeCamera,
 }
 
+/// Options of `calibrate strike`.
+#[derive(Debug, Clone, Args)]
+pub struct StrikeOut {
+    /// Its number in `panelprep calibrate history`.
+    #[arg(value_name = "NUMBER")]
+    pub number: i64,
+    /// Who strikes it out.
+    #[arg(long, value_name = "NAME", value_parser = said)]
+    pub by: String,
+    /// Why.
+    #[arg(long, value_name = "TEXT", value_parser = said)]
+    pub why: String,
+}
+
+fn said(text: &str) -> Result<String, String> {
+    match text.trim() {
+        "" => Err("must not be empty".to_owned()),
+        text => Ok(text.to_owned()),
+    }
+}
+
 /// Options of `calibrate verify`.
 #[derive(Debug, Clone, Args)]
 pub struct Verify {
     /// The camera to verify.
     #[arg(long, value_enum)]
     pub camera: CameraName,
-    /// The board that stands still.
+    /// The board that stands still; the file of `--target` says which one it is, and the command may say so too.
     #[command(flatten)]
     pub board: Option<BoardArgs>,
     /// In place of a board: the recipe of a panel that stands at its nominal place, with its first taught corner.
@@ -196,9 +227,9 @@ pub struct Verify {
 /// Options of `calibrate touch`.
 #[derive(Debug, Clone, Args)]
 pub struct Touch {
-    /// The board.
+    /// The board; the file of `--target` says which one it is, and the command may say so too.
     #[command(flatten)]
-    pub board: BoardArgs,
+    pub board: Option<BoardArgs>,
     /// Where the board is known to be.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,

@@ -6,8 +6,10 @@ pub mod args;
 mod date;
 mod files;
 mod hand_eye;
+mod history;
 mod intrinsics;
 mod sight;
+mod target;
 mod taught_corner;
 mod tcp;
 mod three_points;
@@ -33,10 +35,12 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
     match &args.what {
         What::Intrinsics(args) => intrinsics::run(args, progress),
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
-        What::HandEye(args) => three_points::run(args, common),
+        What::HandEye(args) => three_points::run(args, common, progress),
         What::Tcp(args) => tcp::run(args),
-        What::Verify(args) => verify::run(args, common),
+        What::Verify(args) => verify::run(args, common, progress),
         What::Touch(args) => verify::touch(args, common),
+        What::History => history::run(common),
+        What::Strike(args) => history::strike(args, common),
     }
 }
 

@@ -23,20 +23,18 @@ impl Sight {
     /// Reads a picture, or a shot (`.pcd`, `.ply`), and holds it against the camera's size.
     ///
     /// # Errors
-    /// Where it cannot be read or is of another size.
+    /// Where it cannot be read, is of another size, or is a picture that is no PNG.
     pub fn read(file: &Path, camera: &PinholeCamera) -> Result<Self, Fault> {
         let bytes = disk::read(file)?;
-        let refused = |error: files::PictureError| Fault::file(file, error);
         let is_shot =
             file.extension().is_some_and(|end| end.eq_ignore_ascii_case("pcd") || end.eq_ignore_ascii_case("ply"));
         let (gray, cloud) = if is_shot {
             let cloud = files::read_cloud(&bytes, camera).map_err(|error| Fault::file(file, error))?;
             (cloud.picture().to_gray(), Some(cloud))
         } else {
-            (files::read_gray(&bytes).map_err(refused)?, None)
+            let gray = files::read_measured_gray(&bytes, camera).map_err(|error| Fault::file(file, error))?;
+            (gray, None)
         };
-        let size = ColorPicture { width: gray.width, height: gray.height, rgb: Vec::new() };
-        files::check_picture_size(&size, camera).map_err(refused)?;
         let name = file.file_name().map_or(String::new(), |name| name.to_string_lossy().into_owned());
         Ok(Sight { name, hash: files::content_hash(&bytes), gray, cloud })
     }
@@ -47,6 +45,21 @@ impl Sight {
     /// Where it shows no board.
     pub fn detect(&self, board: &Board, half_window_px: Option<usize>) -> Result<Detected, CalibError> {
         detect::detect(&self.name, &self.gray, board, half_window_px)
+    }
+
+    /// The same, and tells first that it looks: a large picture without the board takes a second.
+    ///
+    /// # Errors
+    /// As [`Sight::detect`].
+    pub fn detect_telling(
+        &self,
+        board: &Board,
+        half_window_px: Option<usize>,
+        progress: &dyn Fn(&str),
+    ) -> Result<Detected, CalibError> {
+        let (columns, rows) = (board.columns(), board.rows());
+        progress(&format!("{}: looking for a board with {columns}×{rows} inner corners", self.name));
+        self.detect(board, half_window_px)
     }
 
     /// The corners as the 3D camera measured them; `None` for a picture.

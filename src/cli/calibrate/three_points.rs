@@ -22,21 +22,21 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// Where a file is not what it must be, the picture shows no board, or the points give no frame.
-pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
+pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match args.mount {
-        MountName::EyeToHand => stage::<ScannerMount>(args, common),
-        MountName::EyeInHand => stage::<FlangeCameraMount>(args, common),
+        MountName::EyeToHand => stage::<ScannerMount>(args, common, progress),
+        MountName::EyeInHand => stage::<FlangeCameraMount>(args, common, progress),
     }
 }
 
-fn stage<A: Mounted>(args: &Args, common: &Common) -> Result<Outcome, Fault> {
+fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = super::board(&args.board)?;
     let camera = intrinsics(&args.intrinsics)?.camera;
     let Some(image) = &args.image else {
         return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
     };
     let sight = Sight::read(image, &camera)?;
-    let detected = sight.detect(&board, super::window(&args.board)).map_err(Fault::stage)?;
+    let detected = sight.detect_telling(&board, super::window(&args.board), progress).map_err(Fault::stage)?;
     let read = |file: &PathBuf| -> Result<files::Points, Fault> {
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };

@@ -5,84 +5,113 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
-use super::args::{CameraName, Touch, Verify};
+use super::args::{BoardArgs, CameraName, Touch, Verify};
 use super::sight::Sight;
+use super::target::Target;
 use super::{date, files, provenance, taught_corner};
-use crate::calib::health::{self, Demands, Verification};
+use crate::calib::health::{self, Demands, Look, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
-use crate::cell::{MountedPose, TargetMount};
+use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files::read_flange;
-use crate::geometry::{Base, Board as BoardFrame, Camera, Flange, FlangeCamera, KukaPose, Rigid};
+use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
 use crate::report;
 use crate::store::{Store, calibration_hash};
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Reason};
 use crate::words::apart;
 use serde_json::json;
 use std::path::Path;
 
-/// Where a picture puts the board, through the calibrations in use.
+/// What a picture of the board says, through the calibrations in use.
 struct Looked {
-    base_from_board: Rigid<Base, BoardFrame>,
-    pnp_rms_px: f64,
+    look: Look,
     picture_hash: String,
     calibration_hash: String,
 }
 
-fn look(args: &Verify, files: &CellFiles, (board, window): (&Board, Option<usize>)) -> Result<Looked, Fault> {
+fn look(
+    args: &Verify,
+    files: &CellFiles,
+    (board, window): (&Board, Option<usize>),
+    progress: &dyn Fn(&str),
+) -> Result<Looked, Fault> {
     let (camera, mount_text) = match args.camera {
         CameraName::Scanner => (files.scanner()?, files.base_from_camera()?.text),
         CameraName::FlangeCamera => (files.flange_camera()?, files.flange_from_camera()?.text),
     };
+    let base_from_flange = match (args.camera, &args.flange) {
+        (CameraName::Scanner, _) => None,
+        (CameraName::FlangeCamera, Some(file)) => {
+            let pose = read_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+            Some(pose.to_rigid::<Base, Flange>())
+        }
+        (CameraName::FlangeCamera, None) => {
+            let message = "--flange is missing: the flange's pose at the picture";
+            return Err(Fault::stage(CalibError::Points(message.to_owned())));
+        }
+    };
     let sight = Sight::read(&args.image, &camera.value)?;
-    let detected = sight.detect(board, window).map_err(Fault::stage)?;
-    let (base_from_board, pnp_rms_px) = match args.camera {
-        CameraName::Scanner => {
-            let pose =
-                board_pose::<Camera>(&camera.value, &Seen::Pixels(detected.corners)).map_err(Fault::stage)?;
+    let detected = sight.detect_telling(board, window, progress).map_err(Fault::stage)?;
+    let measured_square_mm = sight.measured(&camera.value, &detected).and_then(|seen| seen.square_mm(board));
+    let seen = detected.corners;
+    let (base_from_board, pnp_rms_px) = match base_from_flange {
+        None => {
+            let pose = board_pose::<Camera>(&camera.value, &Seen::Pixels(seen)).map_err(Fault::stage)?;
             (files.base_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
-        CameraName::FlangeCamera => {
-            let Some(flange) = &args.flange else {
-                let message = "--flange is missing: the flange's pose at the picture";
-                return Err(Fault::stage(CalibError::Points(message.to_owned())));
-            };
-            let pose = read_flange(&disk::read(flange)?).map_err(|error| Fault::file(flange, error))?;
-            let base_from_flange: Rigid<Base, Flange> = pose.to_rigid();
-            let seen = Seen::Pixels(detected.corners);
-            let board = board_pose::<FlangeCamera>(&camera.value, &seen).map_err(Fault::stage)?;
-            (base_from_flange * files.flange_from_camera()?.value * board.camera_from_board, board.rms)
+        Some(base_from_flange) => {
+            let pose = board_pose::<FlangeCamera>(&camera.value, &Seen::Pixels(seen)).map_err(Fault::stage)?;
+            (base_from_flange * files.flange_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
     };
     let calibration_hash = calibration_hash(&[&camera.text, &mount_text]);
-    Ok(Looked { base_from_board, pnp_rms_px, picture_hash: sight.hash, calibration_hash })
+    let look = Look { base_from_board, pnp_rms_px, measured_square_mm };
+    Ok(Looked { look, picture_hash: sight.hash, calibration_hash })
 }
 
 /// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
 ///
 /// # Errors
 /// Where a file is not what it must be, the picture shows no target, or the store does not write.
-pub fn run(args: &Verify, common: &Common) -> Result<Outcome, Fault> {
+pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let (board, target_file) = match (&args.recipe, &args.board, &args.target) {
-        (Some(recipe), None, None) => return taught_corner::run(args, &files, recipe),
-        (None, Some(board), Some(target)) => (super::board(board)?, target),
-        _ => {
-            let message = "name --board, --square-mm and --target for a board, or --recipe for a taught corner";
-            return Err(Fault::stage(CalibError::Points(message.to_owned())));
-        }
+    let wrong = |message: &str| Err(Fault::stage(CalibError::Points(message.to_owned())));
+    let file = match (&args.recipe, &args.target) {
+        (Some(recipe), None) => return taught_corner::run(args, &files, recipe),
+        (None, Some(file)) => file,
+        _ => return wrong("name --target for a board, or --recipe for a taught corner"),
     };
     let window = args.board.as_ref().and_then(super::window);
-    let seen = look(args, &files, (&board, window))?;
     if args.learn {
-        return learn(target_file, &seen);
+        let Some(named) = &args.board else {
+            return wrong("--learn writes which board it is: name --board and --square-mm");
+        };
+        let board = super::board(named)?;
+        let seen = look(args, &files, (&board, window), progress)?;
+        return learn(file, &board, named, &seen);
     }
-    let known = target(target_file)?;
-    let error_mm = health::distance_mm(&known, &seen.base_from_board, &board.corners());
-    let verification = verification(&files, subject(args.camera), error_mm, seen.calibration_hash);
-    let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
-    outcome.put("pnp_rms_px", json!(seen.pnp_rms_px));
-    outcome.put("base_from_board", json!(KukaPose::from_rigid(&seen.base_from_board)));
+    let target = Target::read(file, args.board.as_ref())?;
+    let seen = look(args, &files, (&target.board, window), progress)?;
+    let error_mm =
+        health::distance_mm(&target.base_from_board, &seen.look.base_from_board, &target.board.corners());
+    let implausible = health::no_look_at(&target.base_from_board, &seen.look, &target.board);
+    let mut outcome = match implausible {
+        Some(reason) => refused(reason, error_mm, files.cell.limits().verify_limit_mm()),
+        None => {
+            let verification = verification(&files, subject(args.camera), error_mm, seen.calibration_hash);
+            kept(&files, &verification, args.pictures.as_deref())?
+        }
+    };
+    outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
+    outcome.put("base_from_board", json!(KukaPose::from_rigid(&seen.look.base_from_board)));
     Ok(outcome)
+}
+
+/// A look that says nothing of the calibration: nothing is kept of it.
+fn refused(reason: Reason, error_mm: f64, limit_mm: f64) -> Outcome {
+    let mut outcome = Outcome::of(&Judgement::of(vec![reason], vec![]));
+    outcome.put("error_mm", json!(error_mm));
+    outcome.put("limit_mm", json!(limit_mm));
+    outcome
 }
 
 fn subject(camera: CameraName) -> &'static str {
@@ -100,26 +129,26 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
         limit_mm: files.cell.limits().verify_limit_mm(),
         calibration_hash,
         at_unix_s: date::now_unix_s(),
+        struck: None,
     }
 }
 
-fn learn(target: &Path, seen: &Looked) -> Result<Outcome, Fault> {
-    let pose = KukaPose::from_rigid(&seen.base_from_board);
+fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Result<Outcome, Fault> {
+    if let Some(reason) = health::no_such_board(&seen.look, board) {
+        return Ok(Outcome::of(&Judgement::of(vec![reason], vec![])));
+    }
+    let pose = KukaPose::from_rigid(&seen.look.base_from_board);
     let mut mounted = MountedPose::<TargetMount>::of(pose);
+    mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: named.square_mm });
     mounted.date = date::today();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
     disk::write(target, mounted.to_toml())?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     outcome.put("base_from_board", json!(pose));
-    outcome.put("pnp_rms_px", json!(seen.pnp_rms_px));
+    outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));
     outcome.say(format!("base_from_board {pose}"));
     outcome.say(format!("{}: written; leave the board where it is", target.display()));
     Ok(outcome)
-}
-
-fn target(file: &Path) -> Result<Rigid<Base, BoardFrame>, Fault> {
-    let text = disk::read_text(file)?;
-    Ok(MountedPose::<TargetMount>::check(&file.display().to_string(), &text)?.rigid())
 }
 
 /// Compares touched places with where the corners are known to be.
@@ -128,8 +157,7 @@ fn target(file: &Path) -> Result<Rigid<Base, BoardFrame>, Fault> {
 /// Where a file is not what it must be, a corner is not on the board, or the store does not write.
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let board = super::board(&args.board)?;
-    let known = target(&args.target)?;
+    let Target { board, base_from_board: known } = Target::read(&args.target, args.board.as_ref())?;
     let points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
@@ -161,14 +189,16 @@ fn tool_text(files: &CellFiles) -> Result<String, Fault> {
 
 /// Keeps a verification in the store, judges it, and draws the trend.
 pub fn kept(files: &CellFiles, verification: &Verification, pictures: Option<&Path>) -> Result<Outcome, Fault> {
-    let store = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
+    let (store, number) = Store::keep_verification_in(files.store_folder(), verification).map_err(Fault::stage)?;
     let (error_mm, limit_mm) = (verification.error_mm, verification.limit_mm);
     let reject = health::beyond(verification, Demands::of(files.cell.limits()));
     let mut outcome = Outcome::of(&Judgement::of(reject.into_iter().collect(), vec![]));
     outcome.put("error_mm", json!(error_mm));
     outcome.put("limit_mm", json!(limit_mm));
+    outcome.put("number", json!(number));
     let [off, allowed] = apart(error_mm, limit_mm, 3);
-    outcome.say(format!("{}: {off} mm off, allowed are {allowed} mm", verification.subject));
+    outcome
+        .say(format!("{}: {off} mm off, allowed are {allowed} mm; kept as number {number}", verification.subject));
     if let Some(folder) = pictures {
         let all = store.verifications(&verification.subject).map_err(Fault::stage)?;
         let file = folder.join(format!("trend_{}.svg", verification.subject));

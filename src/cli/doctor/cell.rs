@@ -6,12 +6,12 @@ use crate::cell::{Cell, RobotKind};
 use crate::check::check_files;
 use crate::cli::args::Common;
 use crate::cli::calibrate::now_unix_s;
+use crate::cli::disk;
 use crate::cli::fault::Fault;
 use crate::cli::load::{CellFiles, last_touch};
 use crate::eki::{CELLCMD, CELLSTAT, ChannelFile};
 use crate::requirements::{Purpose, Unmet, unmet};
 use crate::store::{Store, StoreError, calibration_hash};
-use std::fs;
 use std::path::Path;
 
 /// The cell's file, which was read.
@@ -164,7 +164,7 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
     let ports = [cell.robot().command_port(), cell.robot().state_port()];
     let channels = [("CELLCMD.xml", CELLCMD, ports[0]), ("CELLSTAT.xml", CELLSTAT, ports[1])];
     let checks = channels.map(|(name, ours, port)| channel(folder, (name, ours), port)).to_vec();
-    let data = fs::read_to_string(folder.join("cell_data.dat")).unwrap_or_default();
+    let data = disk::read_text(&folder.join("cell_data.dat")).unwrap_or_default();
     let stated = data.split("CELL_PROGRAM_SUM=").nth(1).map(|rest| rest.lines().next().unwrap_or_default().trim());
     Programs { checks, sum: stated.and_then(|digits| digits.parse().ok()) }
 }
@@ -172,9 +172,9 @@ pub(super) fn kuka(folder: Option<&Path>, cell: &Cell) -> Programs {
 fn channel(folder: &Path, (name, ours): (&str, &str), port: u16) -> Check {
     let (file, title) = (folder.join(name), format!("{KUKA}: {name}"));
     let copy = format!("copy {name} of this program's config/kuka to the controller and make it read its I/O anew");
-    let text = match fs::read_to_string(&file) {
+    let text = match disk::read_text(&file) {
         Ok(text) => text,
-        Err(error) => return Check::wrong(title, format!("{}: {error}", file.display()), copy),
+        Err(error) => return Check::wrong(title, error.to_string(), copy),
     };
     let report = check_files(&[(name, &text)], None).swap_remove(0);
     if let [problem, ..] = report.problems.as_slice() {

@@ -37,6 +37,8 @@ pub struct Cell {
     pub lens_clear: bool,
     pub extraction_on: bool,
     pub extraction_proven: bool,
+    /// The link ended the epoch for what the robot's condition says next.
+    pub condition_due: bool,
     /// The robot was told to end its motion, or does so by its own watchdog.
     pub ending: bool,
     pub tested: bool,
@@ -90,6 +92,7 @@ impl Cell {
             lens_clear: false,
             extraction_on: true,
             extraction_proven: false,
+            condition_due: false,
             ending: false,
             tested: false,
             wet: true,
@@ -141,10 +144,17 @@ impl Cell {
                 }
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
-            Report::Progress { .. } | Report::Trouble(_) => {}
+            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
+            // The link has sent the abort frame; the controller obeys by itself.
+            Report::EpochOver { trouble } => {
+                self.condition_due |= trouble.is_none();
+                (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+                self.switched_off();
+            }
             Report::Robot(robot) => {
                 self.robot = robot;
                 if robot != Robot::Ready {
+                    self.condition_due = false;
                     // Whoever stopped it may jog the arm and press every button.
                     (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                     (self.light_on, self.light_settled) = (!self.light_on, false);
@@ -153,18 +163,19 @@ impl Cell {
                 }
                 if matches!(robot, Robot::Restarted | Robot::LinkLost) {
                     (self.epoch_open, self.opening, self.frames, self.ending) = (false, false, None, true);
+                    self.switched_off();
                 }
                 if robot == Robot::Restarted {
                     (self.moving, self.tool_on) = (None, false);
                 }
             }
             Report::Boot => {
-                self.robot = Robot::Unknown;
+                (self.robot, self.condition_due) = (Robot::Unknown, false);
                 (self.arm, self.token, self.verified, self.disturbed) = (None, false, false, true);
                 // The session closes with the process and the controller shuts everything by its own watchdog.
                 (self.timers, self.ending) = (Vec::new(), true);
                 (self.epoch_open, self.opening, self.frames) = (false, false, None);
-                (self.tool_on, self.water_on) = (false, false);
+                self.switched_off();
             }
         }
     }
@@ -192,7 +203,8 @@ impl Cell {
                 if self.moving.take().is_some() {
                     self.arm = None;
                 }
-                (self.tool_on, self.tool_proven, self.ending) = (false, false, false);
+                self.ending = false;
+                self.switched_off();
             }
             (Act::Stand, Answer::Stands { .. }) => self.moving = None,
             (Act::OpenEpoch { .. }, Answer::Epoch(epoch)) => {
@@ -224,6 +236,14 @@ impl Cell {
                 self.passes += u8::from(film == Film::Broken);
             }
             _ => {}
+        }
+    }
+
+    /// What the end of an epoch does to the outputs; of those that go off after a time nobody knows when.
+    fn switched_off(&mut self) {
+        (self.tool_on, self.tool_proven, self.extraction_proven, self.light_settled) = (false, false, false, false);
+        if std::mem::take(&mut self.water_on) {
+            self.drained = false;
         }
     }
 

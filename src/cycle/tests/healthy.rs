@@ -12,6 +12,9 @@ fn one_of<T: Copy>(random: &mut Pcg64, all: &[T]) -> T {
 impl Cell {
     /// What is said next where nothing goes wrong; `None` would be a dead end.
     pub fn healthy(&mut self, random: &mut Pcg64) -> Option<Event> {
+        if self.condition_due {
+            return Some(Event::Told(Report::Robot(Robot::GuardOpen)));
+        }
         if let Some(due) = self.state.due {
             return Some(Event::Told(self.answer(due, random)));
         }
@@ -26,6 +29,20 @@ impl Cell {
             _ if self.robot != Robot::Ready => Some(Event::Told(Report::Robot(Robot::Ready))),
             _ => Some(Event::Asked(self.request(random))),
         }
+    }
+
+    /// What is said next where a person clears, resets and starts, and nothing goes wrong any more.
+    pub fn recovering(&mut self, random: &mut Pcg64) -> Option<Event> {
+        if self.robot != Robot::Ready && !self.condition_due {
+            return Some(Event::Told(Report::Robot(Robot::Ready)));
+        }
+        Some(match self.state.at {
+            at if !at.rests() || self.condition_due => return self.healthy(random),
+            At::Idle => Event::Asked(Request::Start { max_passes: 1, max_moves: 1 }),
+            At::Aborted { .. } => Event::Asked(Request::Clear),
+            At::Held(_) => Event::Asked(Request::Stop),
+            _ => Event::Asked(Request::Reset),
+        })
     }
 
     fn request(&self, random: &mut Pcg64) -> Request {
@@ -82,7 +99,11 @@ impl Cell {
     /// Anything else that can be said.
     pub fn surprise(&mut self, random: &mut Pcg64) -> Event {
         let due = self.state.due;
-        let told = match random.random_range(0..20) {
+        let told = match random.random_range(0..21) {
+            20 => {
+                let trouble = random.random_bool(0.8).then(|| one_of(random, &TROUBLES));
+                Report::EpochOver { trouble }
+            }
             0..=2 => return Event::Asked(one_of(random, &REQUESTS)),
             3 => return Event::Asked(Request::Hold),
             4 => return Event::Asked(one_of(random, &[Request::Stop, Request::Abort])),

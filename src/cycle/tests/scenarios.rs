@@ -193,7 +193,8 @@ fn a_hold_in_contact_retracts_and_unhold_verifies_and_plans_the_rest_again() {
     story.asked(Request::Unhold { dried: false });
     assert_eq!(story.until("verify"), "epoch frames-camera to-corner-0 verify");
     assert_eq!(story.until("plan-1"), "plan-1");
-    assert_eq!(story.until("to-contact"), "verify frames-pad to-approach toolon to-contact");
+    // The controller may have switched the extraction off since.
+    assert_eq!(story.until("to-contact"), "verify extractionon frames-pad to-approach toolon to-contact");
     story.rests();
     assert_eq!(story.at(), At::Complete { verdict: Verdict::Pass });
 }
@@ -262,11 +263,95 @@ fn from_aborted_only_clear_leads_out() {
     story.asked(Request::Clear);
     assert_eq!(story.rests(), "stand");
     assert_eq!(story.at(), At::Stopped);
-    // Aborted in the spray: the water is shut first, while the epoch still takes commands.
+    // Aborted in the spray: the abort frame shuts the water, and waits for nothing.
     let mut story = Story::started(&[]);
     story.until("spray");
     story.asked(Request::Abort);
-    assert_eq!(story.rests(), "wateroff end-epoch");
+    assert!(story.cell.state.facts.water_may_run);
+    assert_eq!(story.rests(), "end-epoch");
+    assert!(!story.cell.state.facts.water_may_run && story.cell.state.facts.water_off());
+}
+
+/// A fault while the cell is cleared or reset: the link's epoch is gone, and the next try succeeds.
+#[test]
+fn clear_and_reset_succeed_after_a_fault_within_them() {
+    for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
+        for station in ["tooloff", "wateroff"] {
+            let mut story = Story::started(&[Film::Broken]);
+            story.until("spray");
+            story.told(Report::Robot(Robot::LinkLost));
+            story.answer(Answer::Failed(Trouble::Refused));
+            story.told(Report::Robot(Robot::Ready));
+            story.asked(Request::Clear);
+            story.until(station);
+            story.told(Report::EpochOver { trouble: Some(trouble) });
+            assert!(matches!(story.at(), At::Aborted { .. }), "{trouble:?}");
+            story.acts.clear();
+            story.asked(Request::Clear);
+            // The end of the epoch proves tool and water off.
+            assert_eq!(story.rests(), "stand end-epoch", "{trouble:?}");
+            assert_eq!(story.at(), At::Stopped);
+
+            story.asked(Request::Reset);
+            story.until("lightoff");
+            story.told(Report::EpochOver { trouble: Some(trouble) });
+            assert_eq!(story.at(), At::Stopped, "{trouble:?}");
+            story.asked(Request::Reset);
+            story.rests();
+            story.asked(Request::Start { max_passes: 1, max_moves: 1 });
+            story.until("locate");
+        }
+    }
+}
+
+/// A resting cell whose link loses the epoch has none, and opens one when it starts.
+#[test]
+fn an_epoch_that_the_link_ended_at_rest_is_not_used() {
+    let mut story = Story::idle(&[]);
+    story.told(Report::EpochOver { trouble: Some(Trouble::Starved) });
+    assert_eq!(story.at(), At::Idle);
+    story.asked(Request::Start { max_passes: 1, max_moves: 1 });
+    assert_eq!(story.until("locate"), "end-epoch epoch to-park lensclear locate");
+}
+
+/// Water, or the tool in air, on at the end of a program: Aborted, and told until a feedback or a person says otherwise.
+#[test]
+fn outputs_that_were_on_outlive_the_program_and_the_link() {
+    type Ends = [(&'static str, Report); 2];
+    let ends: Ends = [("the program", Report::Boot), ("the link", Report::Robot(Robot::LinkLost))];
+    for (name, end) in ends {
+        for (station, water, tool) in [("spray", true, false), ("rinse", true, false), ("toolon", false, true)] {
+            let mut story = Story::started(&[Film::Broken]);
+            story.until(station);
+            story.told(end);
+            if end != Report::Boot {
+                story.answer(Answer::Failed(Trouble::Refused));
+            }
+            let facts = |story: &Story| (story.cell.state.facts.water_may_run, story.cell.state.facts.tool_may_run);
+            assert!(matches!(story.at(), At::Aborted { .. }), "{name}, {station}: {:?}", story.at());
+            assert_eq!(facts(&story), (water, tool), "{name}, {station}");
+            // Once more: still.
+            story.told(Report::Boot);
+            assert_eq!(facts(&story), (water, tool), "{name}, {station}");
+            story.told(Report::Robot(Robot::Ready));
+            let mut proven = Story { cell: story.cell, acts: vec![], films: vec![] };
+            proven.told(Report::OutputsOff);
+            assert_eq!(facts(&proven), (false, false));
+            assert!(matches!(proven.at(), At::Aborted { .. }), "a person clears it all the same");
+            proven.asked(Request::Clear);
+            proven.rests();
+            assert_eq!(proven.at(), At::Stopped);
+        }
+    }
+    // Without a feedback a person's word counts: Clear proves both off.
+    let mut story = Story::started(&[]);
+    story.until("spray");
+    story.told(Report::Boot);
+    assert_eq!(story.at(), At::Aborted { cause: Cause::OutputsOn });
+    story.told(Report::Robot(Robot::Ready));
+    story.asked(Request::Clear);
+    story.rests();
+    assert_eq!((story.at(), story.cell.state.facts.water_may_run), (At::Stopped, false));
 }
 
 /// The stations of a cycle, and one act of each.
@@ -339,7 +424,12 @@ fn a_new_program_is_aborted_where_a_motion_was_open_and_stopped_elsewhere() {
         story.until(station);
         let recovered = recover(story.cell.journal.iter().copied());
         let interrupted = At::Aborted { cause: Cause::Interrupted };
-        let expected = if station.starts_with("to-") { interrupted } else { At::Stopped };
+        let on = At::Aborted { cause: Cause::OutputsOn };
+        let expected = match station {
+            _ if station.starts_with("to-") => interrupted,
+            "spray" | "toolon" | "rinse" => on,
+            _ => At::Stopped,
+        };
         assert_eq!(recovered.at, expected, "{station}");
         assert_eq!((recovered.due, recovered.facts.arm), (None, None), "{station}");
         assert_eq!(recovered.facts.touching, station == "to-contact", "{station}");

@@ -68,6 +68,8 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
 /// All that can be said to this state, one of each kind that the table tells apart.
 fn events(state: &State) -> Vec<Event> {
     let mut told = vec![Report::Boot, Report::Trouble(Trouble::Store), Report::Trouble(Trouble::Starved)];
+    let over = [None, Some(Trouble::Refused), Some(Trouble::Starved)];
+    told.extend(over.map(|trouble| Report::EpochOver { trouble }));
     let robots = [Robot::Ready, Robot::LinkLost, Robot::EmergencyStop, Robot::GuardOpen];
     told.extend(robots.map(Report::Robot));
     if let Some(Due { id, act }) = state.due {
@@ -94,7 +96,7 @@ fn good_news(state: &State) -> Option<Event> {
 }
 
 #[test]
-fn every_state_comes_to_rest_and_every_rest_to_idle() {
+fn every_state_comes_to_rest_and_every_rest_to_a_cycle() {
     let start = canonical(State::NEW);
     let mut seen = HashSet::from([start]);
     let mut to_visit = VecDeque::from([start]);
@@ -127,13 +129,14 @@ fn every_state_comes_to_rest_and_every_rest_to_idle() {
         let mut now = step(*state, Event::Told(Report::Robot(Robot::Ready))).0;
         for _ in 0..60 {
             let request = match now.at {
-                At::Idle => break,
+                At::Execute(_) => break,
+                At::Idle => Request::Start { max_passes: 1, max_moves: 1 },
                 At::Aborted { .. } => Request::Clear,
                 At::Held(_) => Request::Stop,
                 _ => Request::Reset,
             };
             now = step(now, good_news(&now).filter(|_| !now.at.rests()).unwrap_or(Event::Asked(request))).0;
         }
-        assert_eq!(now.at, At::Idle, "no way to Idle from {state:?}");
+        assert_eq!(now.at, At::Execute(Phase::Locate), "no way to a cycle from {state:?}");
     }
 }

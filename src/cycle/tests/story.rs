@@ -28,7 +28,7 @@ fn word(act: Act) -> String {
 pub struct Story {
     pub cell: Cell,
     pub acts: Vec<String>,
-    films: Vec<Film>,
+    pub films: Vec<Film>,
 }
 
 impl Story {

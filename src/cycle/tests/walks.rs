@@ -51,6 +51,30 @@ fn note(seen: &mut Seen, cell: &Cell, before: State) {
     }
 }
 
+/// From the last fault on so many words lead to a cycle that has begun.
+const RECOVERY: usize = 120;
+
+/// After the last fault clear, reset and start succeed, whatever was before.
+fn recovers(cell: &mut Cell, random: &mut Pcg64) -> Result<(), String> {
+    let mut asked = [0; 2];
+    for _ in 0..RECOVERY {
+        let begun = matches!(cell.state.at, At::Execute(Phase::Locate)) && asked[1] > 0;
+        if begun {
+            return Ok(());
+        }
+        let works = matches!(cell.state.at, At::Execute(_) | At::Starting | At::Unholding { .. });
+        let stop = (works && asked[1] == 0 && !cell.condition_due).then_some(Event::Asked(Request::Stop));
+        let event = stop.or_else(|| cell.recovering(random)).ok_or_else(|| "a dead end".to_owned())?;
+        asked[0] += usize::from(event == Event::Asked(Request::Clear));
+        asked[1] += usize::from(matches!(event, Event::Asked(Request::Start { .. })));
+        if asked[0] > 1 {
+            return Err("one clear is not enough".to_owned());
+        }
+        cell.feed(event).and_then(|()| cell.pump())?;
+    }
+    Err(format!("no cycle begins within {RECOVERY} steps of the last fault"))
+}
+
 /// One walk; what it found wrong, with its last events.
 fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
     let mut random = Pcg64::seed_from_u64(seed);
@@ -78,7 +102,8 @@ fn walk(rules: Rules, seed: u64, seen: &mut Seen) -> Result<(), String> {
         })?;
         note(seen, &cell, before);
     }
-    Ok(())
+    let at = cell.state.at;
+    recovers(&mut cell, &mut random).map_err(|wrong| format!("{wrong}\nseed {seed}, after the walk, was {at:?}"))
 }
 
 #[test]
@@ -143,7 +168,7 @@ fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     assert!(missed.is_empty(), "nobody misses {missed:?}");
 }
 
-const ALL_RULES: [Rule; 43] = {
+const ALL_RULES: [Rule; 44] = {
     use Rule::*;
     [
         ArmOutOfView,
@@ -177,6 +202,7 @@ const ALL_RULES: [Rule; 43] = {
         StopDeadline,
         TroubleLeaves,
         AbortIsSent,
+        LinkEndsEpoch,
         BootRests,
         RejectEnds,
         ReviewHolds,

@@ -6,6 +6,7 @@
 
 use super::super::computing::NICE;
 use super::super::recording::FLOOR_MB;
+use crate::supervision::Supervised;
 use crate::tape::{Ending, Entry, Lost, Shot, TapeError, Topic, Writer};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -37,6 +38,8 @@ struct Shared {
     inside: Mutex<Inside>,
     changed: Condvar,
     bounds: Bounds,
+    /// Says that the thread works, except while the disk does: a disk that hangs ends the recording and nothing else.
+    sign: Option<Arc<Supervised>>,
 }
 
 /// How much may wait, and whether a full queue is waited for.
@@ -118,10 +121,11 @@ impl Recording {
     pub(super) fn start<W: Write + Send + 'static>(
         file: String,
         open: impl FnOnce() -> Result<Writer<W>, TapeError> + Send + 'static,
-        bounds: Bounds,
+        (bounds, sign): (Bounds, Option<Arc<Supervised>>),
         mut room: Room,
     ) -> std::io::Result<Self> {
-        let recorder = Recorder(Arc::new(Shared { inside: Mutex::default(), changed: Condvar::new(), bounds }));
+        let shared = Shared { inside: Mutex::default(), changed: Condvar::new(), bounds, sign };
+        let recorder = Recorder(Arc::new(shared));
         let shared = recorder.0.clone();
         let write = move || {
             // A recording that is lost is the lesser evil, so it steps back as far as computing does.
@@ -135,6 +139,9 @@ impl Recording {
                 shared.lock().stop(error.to_string());
             }
             ends.panics = false;
+            if let Some(sign) = &shared.sign {
+                sign.done();
+            }
         };
         let thread = std::thread::Builder::new().name("recording".to_owned()).spawn(write)?;
         Ok(Recording { file, recorder, thread })
@@ -308,6 +315,9 @@ impl Shared {
 
     /// Whether there is room for more; where there is not, the recording is stopped.
     fn has_room(&self, room: &mut Room) -> bool {
+        if let Some(sign) = &self.sign {
+            sign.rests();
+        }
         let free_mb = match room() {
             // Who cannot be asked may still be written to; the disk says when it is full.
             Err(_) => return true,
@@ -321,6 +331,9 @@ impl Shared {
 
     /// Writes what waits, or waits a while; false where nothing more will come.
     fn write_next<W: Write>(&self, writer: &mut Writer<W>) -> Result<bool, TapeError> {
+        if let Some(sign) = &self.sign {
+            sign.works();
+        }
         let mut inside = self.lock();
         if inside.waiting.is_empty() && !inside.closed {
             inside = self.changed.wait_timeout(inside, FLUSH).unwrap_or_else(PoisonError::into_inner).0;

@@ -287,7 +287,7 @@ impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
         self.taping.listens();
         let mut ask = self.port.next(state);
         let heard = match &mut ask {
-            Ask::Nothing => return ask,
+            Ask::Nothing | Ask::GiveUp(_) => return ask,
             Ask::For(request) => json!({ "for": request }),
             // What the table refuses is a request like any other; what it takes begins a recording of its own.
             Ask::Begin(order) => {
@@ -326,6 +326,14 @@ impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {
 
     fn concluded(&mut self, verdict: Verdict) {
         self.port.concluded(verdict);
+    }
+
+    fn filmed(&mut self, seconds: f64) {
+        self.port.filmed(seconds);
+    }
+
+    fn disc_mounted(&mut self) {
+        self.port.disc_mounted();
     }
 
     fn noted(&mut self, reasons: &[Reason]) {

@@ -10,13 +10,17 @@ use crate::cycle::{Request, State};
 use crate::geometry::KukaPose;
 use crate::record::CycleId;
 use crate::store;
+use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::tape::{Begin, Entry, Mounted, Start, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+/// The thread that writes says at least so often that it works; to pack a picture takes less.
+const LONGEST_SILENCE: Duration = Duration::from_secs(20);
 
 /// What a recording begins with, and where it goes.
 #[derive(Debug, Clone)]
@@ -46,6 +50,8 @@ struct Inside {
     recording: Option<Recording>,
     /// The last one, for who asks.
     last: Option<(String, Recorder)>,
+    /// Who watches the threads that write.
+    supervisor: Supervisor,
 }
 
 /// Where the recordings of a store are.
@@ -64,7 +70,13 @@ impl Taping {
             is_over: false,
             recording: None,
             last: None,
+            supervisor: Supervisor::default(),
         })))
+    }
+
+    /// The threads that write are watched by this supervisor.
+    pub fn watched_by(&self, supervisor: &Supervisor) {
+        self.lock().supervisor = supervisor.clone();
     }
 
     /// Records from now on in this file, which is new, until [`Taping::finish`].
@@ -168,6 +180,9 @@ impl Inside {
             robot_mm: calibrations.robot_mm,
         };
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).map(Path::to_owned);
+        let (sign, watched) = supervised("recording", LONGEST_SILENCE);
+        let sign = Arc::new(sign);
+        let of_disk = sign.clone();
         let begun = move || {
             let made = open().and_then(|out| {
                 // Its name is on the disk too.
@@ -175,10 +190,12 @@ impl Inside {
                 Ok(out)
             });
             let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
-            Writer::begin(BufWriter::new(OnDisk(out)), &start, &files, &mounted(&calibrations))
+            Writer::begin(BufWriter::new(OnDisk(out, of_disk)), &start, &files, &mounted(&calibrations))
         };
         let name = file.display().to_string();
-        let recording = Recording::start(name.clone(), begun, Bounds::of(self.lock_step), room(file))?;
+        let bounds = (Bounds::of(self.lock_step), Some(sign));
+        let recording = Recording::start(name.clone(), begun, bounds, room(file))?;
+        self.supervisor.watch(watched);
         (self.recorder, self.is_over) = (Some(recording.recorder()), false);
         self.last = Some((name, recording.recorder()));
         self.recording = Some(recording);
@@ -192,16 +209,26 @@ impl Inside {
     }
 }
 
-/// A file that is flushed to the disk, and not to the system's memory alone: that ends with the power.
-struct OnDisk(File);
+/// A file that is flushed to the disk, and not to the system's memory alone: that ends with the power. While the disk
+/// works, the thread rests.
+struct OnDisk(File, Arc<Supervised>);
+
+impl OnDisk {
+    fn rests_for<T>(&mut self, disk: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
+        self.1.rests();
+        let done = disk(&mut self.0);
+        self.1.works();
+        done
+    }
+}
 
 impl Write for OnDisk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.0.write(bytes)
+        self.rests_for(|file| file.write(bytes))
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.0.sync_data()
+        self.rests_for(|file| file.sync_data())
     }
 }
 

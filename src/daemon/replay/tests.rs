@@ -70,7 +70,7 @@ fn recording(writer: Writer<Disk>, waits: bool, room_mb: impl FnMut() -> u64 + S
     let bounds = bounds(waits, Duration::from_secs(600));
     let mut room_mb = room_mb;
     let room = Box::new(move || Ok(room_mb()));
-    Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started")
+    Recording::start("a.mcap".to_owned(), move || Ok(writer), (bounds, None), room).expect("started")
 }
 
 fn line(topic: Topic, said: Value, heard: Value) -> Entry {
@@ -157,7 +157,8 @@ fn a_disk_that_hangs_at_the_end_is_left() {
     let (_disk, go, writer) = hanging();
     let room = Box::new(|| Ok(u64::MAX));
     let bounds = bounds(false, Duration::from_millis(50));
-    let recording = Recording::start("a.mcap".to_owned(), move || Ok(writer), bounds, room).expect("started");
+    let recording =
+        Recording::start("a.mcap".to_owned(), move || Ok(writer), (bounds, None), room).expect("started");
     put_pictures(&recording.recorder(), 3);
     let written = recording.finish();
     assert!(
@@ -206,7 +207,7 @@ fn a_file_that_cannot_be_made_is_said() {
         Err(TapeError::Disk { doing: "made", source })
     };
     let room = Box::new(|| Ok(u64::MAX));
-    let recording = Recording::start("a.mcap".to_owned(), open, Bounds::of(true), room).expect("started");
+    let recording = Recording::start("a.mcap".to_owned(), open, (Bounds::of(true), None), room).expect("started");
     put_pictures(&recording.recorder(), 50);
     let written = recording.finish();
     assert!(

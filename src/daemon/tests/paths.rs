@@ -2,8 +2,9 @@
 //! axes, feed and rounding as planned, what was executed, the disc.
 
 use super::*;
-use crate::path::Kinematics;
+use crate::daemon::routes::{self, Standing};
 use crate::path::reach::Things;
+use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
 fn codes(story: &fake::Story, kind: Kind) -> Vec<String> {
@@ -56,7 +57,8 @@ fn an_arm_that_is_another_one_does_not_move() {
     assert_eq!((story.lines, codes(&story, Kind::Gate)), (0, vec!["arm_model".to_owned()]), "{story}");
 }
 
-/// By hand: lines of 10 mm at most that take 200 ms to plan go 50 mm/s at most; corners are rounded by a fifth of the
+/// By hand: lines of 10 mm at most that take 200 ms to plan go 50 mm/s at most, and slower where that makes the time under
+/// the disc even; corners are rounded by a fifth of the
 /// shorter line beside them, and paths stop at their ends alone.
 #[test]
 fn each_line_brings_its_feed_and_rounding() {
@@ -66,12 +68,47 @@ fn each_line_brings_its_feed_and_rounding() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     assert_eq!(story.feeds.len(), story.contact_points);
     let fastest = story.feeds.iter().map(|(feed, _)| *feed).fold(0.0, f64::max);
-    let in_rows = story.feeds.iter().filter(|(feed, _)| *feed > 0.04 && *feed <= 0.0501).count();
+    let in_rows = story.feeds.iter().filter(|(feed, _)| *feed > 0.0199 && *feed <= 0.0501).count();
     assert!(fastest < 0.0601 && in_rows > story.feeds.len() / 2, "{fastest} {in_rows}");
     assert!(story.feeds.iter().all(|(_, blend_mm)| *blend_mm <= 0.2 * 40.0 + 1e-9));
     let stops = story.feeds.iter().filter(|(_, blend_mm)| *blend_mm == 0.0).count();
     // Each area's path stops in the air before it and after it; the very first stop is the approach's.
     assert_eq!(stops % 2, 1, "{stops}");
+}
+
+/// Whatever a person accepted, a plan that its own gate rejects is not sent; one about which a person was asked is.
+#[test]
+fn no_plan_is_sent_that_its_gate_rejects() {
+    let fake = Fake::new(Scene::Good);
+    let (cell, recipe, (panel, corners), calibrations) = fake.files();
+    let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+    let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
+    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
+    let grids = ["r2c3".parse().expect("a grid")];
+    let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
+    let flange_from_tool = calibrations.flange_from_tool;
+    let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+    let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
+    let plan = panel_reach::turned(&plan, reached.spin);
+    let joints = reached.travel.joints[0];
+    let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
+    let first = plan.paths[0].waypoints[0].pose.to_rigid();
+    let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
+    assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
+    let mut doubtful = plan.clone();
+    doubtful.grid_dwell[0].1.low_s *= 0.1;
+    assert_eq!(path::judge(&doubtful, recipe.path()).verdict, Verdict::Review);
+    assert!(gated(&doubtful).is_good(), "a person was asked before");
+    for (spoil, code) in [
+        ((|plan| plan.paths[0].waypoints[0].contact = true) as fn(&mut Plan), "no_air"),
+        (|plan| plan.duration_s = f64::NAN, "not_finite"),
+    ] {
+        let mut spoilt = plan.clone();
+        spoil(&mut spoilt);
+        let refused = gated(&spoilt);
+        assert!(!refused.is_good() && refused.joints.is_none(), "{code}");
+        assert_eq!(refused.judgement.reasons[0].code, code);
+    }
 }
 
 /// The robot reports its poses: every failed grid was under the disc, and what the disc swept is kept.

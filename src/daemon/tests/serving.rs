@@ -212,6 +212,8 @@ fn a_stop_does_not_wait_for_a_computation() {
         .leave_when(complete);
     let record = cell.serve(|eyes| Odd { go_on: Some(go_on), ..Odd::new(eyes) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
+    let told = script.noted.iter().filter(|reason| reason.code == "stopped").count();
+    assert_eq!(told, 1, "a stop on request is told as one: {:?}", script.noted);
     let located = record.findings.iter().filter(|finding| finding.kind == Kind::Locate).count();
     assert_eq!(located, 1, "the scan of the cycle that was stopped leaves nothing");
     let graded = |event: &&Event| matches!(event, Event::Told(Report::Answered { answer: Answer::Graded(_), .. }));

@@ -1,11 +1,12 @@
 //! Cameras that play a folder in file order, one file a capture. Running out is an error.
 //!
 //! Of a scanner's folder `.pcd` and `.ply` files are the 3D shots; the pictures are those of its `clip.csv`, in its
-//! order and with its times. Of a flange camera's folder each picture `NAME.png` (or JPEG, TIFF) has its pose in
-//! `NAME.json`. What has no recorded time counts captures instead, 0, 1, 2 … s. Only names are read ahead, so that a
+//! order and with its times. Of a flange camera's folder each picture `NAME.png` has its pose in `NAME.json`; other
+//! pictures in it are refused, since a corner is measured in each. What has no recorded time counts captures instead, 0, 1, 2 … s. Only names are read ahead, so that a
 //! folder may be long.
 
 use super::{CameraError, FileError, FlangeCamera, FlangePicture, Picture, Scanner, Shot, Which};
+use crate::disk;
 use crate::files::{self, ClipEntry, CloudFileError, PictureError};
 use crate::geometry::{ColorPicture, PinholeCamera};
 use std::collections::VecDeque;
@@ -83,7 +84,9 @@ impl RecordedScanner {
     fn picture(&mut self) -> Result<Picture, CameraError> {
         let entry = self.pictures.next()?;
         let file = self.pictures.folder.join(&entry.file);
-        Ok(Picture { picture: picture(&file, Which::Scanner, &self.camera)?, time_s: entry.time_s })
+        let picture = files::read_color_of(&read(&file)?, &self.camera);
+        let picture = fitting(&file, Which::Scanner, picture)?;
+        Ok(Picture { picture, time_s: entry.time_s })
     }
 
     fn clip(&self) -> Result<(), CameraError> {
@@ -155,7 +158,7 @@ impl FlangeCamera for RecordedFlangeCamera {
         let file = self.pictures.next()?;
         let beside = file.with_extension("json");
         let pose = read(&beside).and_then(|bytes| named(&beside, files::read_flange(&bytes)))?;
-        let picture = picture(&file, Which::Flange, &self.camera)?;
+        let picture = fitting(&file, Which::Flange, files::read_measured(&read(&file)?, &self.camera))?;
         Ok(FlangePicture { picture, base_from_flange: Some(pose.to_rigid()), time_s: self.pictures.count_s() })
     }
 
@@ -164,11 +167,17 @@ impl FlangeCamera for RecordedFlangeCamera {
     }
 }
 
-fn picture(file: &Path, which: Which, camera: &PinholeCamera) -> Result<ColorPicture, CameraError> {
-    let picture = named(file, files::read_color(&read(file)?))?;
-    match files::check_picture_size(&picture, camera) {
-        Err(PictureError::Size { width, height, .. }) => Err(wrong_size(which, [width, height], camera)),
-        other => named(file, other).map(|()| picture),
+/// A picture of the wrong size is told as a shot of the camera, all else as a fault of the file.
+fn fitting(
+    file: &Path,
+    which: Which,
+    picture: Result<ColorPicture, PictureError>,
+) -> Result<ColorPicture, CameraError> {
+    match picture {
+        Err(PictureError::Size { width, height, width_px, height_px }) => {
+            Err(CameraError::WrongSize { which, found_px: [width, height], expected_px: [width_px, height_px] })
+        }
+        other => named(file, other),
     }
 }
 
@@ -193,7 +202,7 @@ fn files_of(folder: &Path, kinds: &[&str], which: Which) -> Result<Vec<PathBuf>,
 }
 
 fn read(file: &Path) -> Result<Vec<u8>, CameraError> {
-    named(file, fs::read(file))
+    named(file, disk::read(file))
 }
 
 fn named<T, E: Into<FileError>>(file: &Path, result: Result<T, E>) -> Result<T, CameraError> {

@@ -2,6 +2,7 @@
 
 use super::{Address, RobotLink, StartError};
 use crate::eki::{Command, CommandId, Epoch, LinkLimits, MoveLin, Pace, QueueError, Report};
+use crate::supervision::Watched;
 use std::time::Duration;
 use tokio::runtime::Runtime;
 
@@ -62,6 +63,11 @@ impl BlockingLink {
     /// As there.
     pub fn abort(&self) -> Result<(), QueueError> {
         self.runtime.block_on(self.link.abort())
+    }
+
+    /// As [`RobotLink::watched`].
+    pub fn watched(&self) -> Watched {
+        self.link.watched()
     }
 
     /// The next thing to know; `None` where nothing comes for this long by the wall clock.

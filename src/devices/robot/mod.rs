@@ -27,12 +27,18 @@ use crate::eki::{
     CELLCMD, CELLSTAT, ChannelError, ChannelFile, Command, CommandId, Epoch, LinkLimits, LinkLoss, MappedInputs,
     MoveLin, Pace, QueueError, Report, SchemaError, Session, Wire,
 };
+use crate::supervision::{Watched, supervised};
 use order::Order;
 use queue::ReportQueue;
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
+
+/// The thread says at least so often that it works.
+const LONGEST_SILENCE: Duration = Duration::from_secs(4);
+/// It answers each order, and ends, within this time.
+const ANSWERS: Duration = Duration::from_secs(2);
 
 /// Where a controller listens.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -99,6 +105,7 @@ pub struct RobotLink {
     /// How many reports there had been when time was last asked to pass.
     granted: Option<u64>,
     thread: Option<JoinHandle<()>>,
+    watched: Watched,
 }
 
 impl RobotLink {
@@ -113,7 +120,8 @@ impl RobotLink {
         let (orders, taken) = mpsc::unbounded_channel();
         let reports = Arc::new(ReportQueue::default());
         let runtime = tokio::runtime::Builder::new_current_thread().enable_io().enable_time().build()?;
-        let link = run::Link::new(address, session, pace, taken, reports.clone());
+        let (sign, watched) = supervised("robot link", LONGEST_SILENCE);
+        let link = run::Link::new(address, session, pace, (taken, reports.clone()), sign);
         let thread = std::thread::Builder::new().name("robot link".to_owned());
         let thread = thread.spawn(move || {
             if pace == Pace::Wall {
@@ -121,7 +129,12 @@ impl RobotLink {
             }
             runtime.block_on(link.run());
         })?;
-        Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread) })
+        Ok(RobotLink { orders, reports, pace, granted: None, thread: Some(thread), watched })
+    }
+
+    /// The link's thread, for who supervises it.
+    pub fn watched(&self) -> Watched {
+        self.watched.clone()
     }
 
     /// Queues one command; its id comes back, 0 for `get_current_state`.
@@ -188,7 +201,11 @@ impl RobotLink {
     ) -> Result<T, QueueError> {
         let (reply, answer) = oneshot::channel();
         self.orders.send(order(reply)).map_err(|_| QueueError::NotConnected)?;
-        answer.await.map_err(|_| QueueError::NotConnected)?
+        // The thread answers at once. One that does not is lost, and whoever asks must not be lost with it.
+        match tokio::time::timeout(ANSWERS, answer).await {
+            Ok(Ok(answer)) => answer,
+            Ok(Err(_)) | Err(_) => Err(QueueError::NotConnected),
+        }
     }
 }
 
@@ -196,10 +213,19 @@ impl Drop for RobotLink {
     fn drop(&mut self) {
         // The thread ends when nobody is left to give orders.
         (self.orders, _) = mpsc::unbounded_channel();
-        if let Some(thread) = self.thread.take() {
-            // Its panic was reported where it happened.
-            let _ = thread.join();
+        let Some(thread) = self.thread.take() else { return };
+        let since = Instant::now();
+        while !thread.is_finished() {
+            if since.elapsed() > ANSWERS {
+                tracing::warn!(
+                    "the robot link's thread does not end; the controller's own watchdog stops the robot"
+                );
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(1));
         }
+        // Its panic was reported where it happened.
+        let _ = thread.join();
     }
 }
 

@@ -5,6 +5,7 @@ use super::order::Order;
 use super::queue::ReportQueue;
 use super::{Address, is_same};
 use crate::eki::{Channel, LinkLoss, Pace, Report, Session, StopCause, Time};
+use crate::supervision::Supervised;
 use std::io::{Error as IoError, ErrorKind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,6 +22,8 @@ const LOCK_STEP_SILENCE: Duration = Duration::from_secs(10);
 /// Reports that nobody takes for this long, while anything is queued, end the epoch: heartbeats say that the program
 /// looks after the robot, not that this thread runs.
 const UNATTENDED: Duration = Duration::from_secs(1);
+/// The thread says so often that it works, where nothing else happens.
+const SIGN: Duration = Duration::from_millis(500);
 
 pub(super) struct Link {
     address: Address,
@@ -33,6 +36,7 @@ pub(super) struct Link {
     virtual_now: Time,
     /// The trouble that was told, until a controller answers.
     told_loss: Option<LinkLoss>,
+    sign: Supervised,
 }
 
 /// Nobody is left to give orders.
@@ -49,6 +53,9 @@ struct Streams {
 impl Drop for Link {
     fn drop(&mut self) {
         self.reports.close();
+        if !std::thread::panicking() {
+            self.sign.done();
+        }
     }
 }
 
@@ -57,8 +64,8 @@ impl Link {
         address: Address,
         session: Session,
         pace: Pace,
-        orders: mpsc::UnboundedReceiver<Order>,
-        reports: Arc<ReportQueue>,
+        (orders, reports): (mpsc::UnboundedReceiver<Order>, Arc<ReportQueue>),
+        sign: Supervised,
     ) -> Self {
         Link {
             address,
@@ -69,6 +76,7 @@ impl Link {
             started: Instant::now(),
             virtual_now: Time::default(),
             told_loss: None,
+            sign,
         }
     }
 
@@ -111,8 +119,10 @@ impl Link {
     async fn meanwhile<T>(&mut self, work: impl Future<Output = T>) -> Result<T, Deserted> {
         tokio::pin!(work);
         loop {
+            self.sign.works();
             tokio::select! {
                 result = &mut work => return Ok(result),
+                () = tokio::time::sleep(SIGN) => {}
                 order = self.orders.recv() => self.obey(order.ok_or(Deserted)?),
             }
         }
@@ -122,6 +132,7 @@ impl Link {
     async fn serve(&mut self, streams: &mut Streams) -> Result<(), Deserted> {
         let mut heard = Instant::now();
         loop {
+            self.sign.works();
             if self.pace == Pace::Wall && self.reports.unread_for() >= UNATTENDED {
                 self.session.interrupt(StopCause::Unattended);
             }
@@ -164,6 +175,8 @@ impl Link {
                     ready.map_err(|error| failed(Channel::Command, &error)).and_then(|()| self.read_acks(&streams.command))
                 }
                 () = tokio::time::sleep_until(deadline.into()) => self.time_passed(heard),
+                // Nothing happens, and the thread says that it works.
+                () = tokio::time::sleep(SIGN) => Ok(()),
             };
             if let Err(why) = step {
                 self.session.disconnected(why);

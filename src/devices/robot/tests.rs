@@ -4,6 +4,7 @@ use super::*;
 use crate::devices::mock::{self, MockServer};
 use crate::eki::{Channel, MoveJ, SetAccSpeed, SetTcp, TcpKind};
 use crate::geometry::{Base, Flange, Joints, KukaPose, Tool};
+use std::io::Write;
 use std::net::TcpListener;
 
 fn address(command: &TcpListener, state: &TcpListener) -> Address {
@@ -195,4 +196,46 @@ fn a_link_that_comes_back_moves_nothing() {
     }
     server.handle().with(|controller| assert!(controller.executed().is_empty() && !controller.is_moving()));
     assert_eq!(link.send(Command::CallSubroutine { index: 0 }), Err(QueueError::NoEpoch));
+}
+
+/// A controller that goes on telling its state and reads nothing: an abort that nobody answers ends the connections, by
+/// which a real one stops.
+#[test]
+fn an_abort_to_a_peer_that_does_not_read_ends_the_link() {
+    let (command, state) = (listener(), listener());
+    let address = address(&command, &state);
+    let server = std::thread::spawn(move || {
+        let (Ok((_commands, _)), Ok((mut states, _))) = (command.accept(), state.accept()) else { return };
+        for sequence in 1..200 {
+            let pose = |name: &str| {
+                format!("<{name} X=\"0.0\" Y=\"0.0\" Z=\"0.0\" A=\"0.0\" B=\"0.0\" C=\"0.0\"></{name}>")
+            };
+            let text = format!(
+                "<St T=\"{sequence}\" Seq=\"{sequence}\" Re=\"1\" Ep=\"6\" Boot=\"1\" Sum=\"5\" Mode=\"4\" Flags=\"23\" In=\"0\" \
+                 Out=\"0\" Done=\"0\" Under=\"0\"><J A1=\"0.0\" A2=\"-90.0\" A3=\"90.0\" A4=\"0.0\" A5=\"0.0\" A6=\"0.0\"></J>{}{}{}</St>",
+                pose("Tcp"),
+                pose("Base"),
+                pose("Tool")
+            );
+            if states.write_all(text.as_bytes()).is_err() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    });
+    let mut link = BlockingLink::start(address, LinkLimits::default(), Pace::Wall).expect("starts");
+    let wait = |link: &mut BlockingLink, found: &dyn Fn(&Report) -> bool| loop {
+        let report = link.next(Duration::from_secs(5)).expect("something is told");
+        if found(&report) {
+            return report;
+        }
+    };
+    wait(&mut link, &|report| matches!(report, Report::Connected { .. }));
+    let asked = std::time::Instant::now();
+    link.abort().expect("connected");
+    let lost = wait(&mut link, &|report| matches!(report, Report::LinkLost { .. }));
+    let waited = asked.elapsed();
+    assert!(matches!(lost, Report::LinkLost { why: LinkLoss::AbortNotAnswered { .. } }), "{lost:?}");
+    assert!(waited < Duration::from_millis(900), "{waited:?}");
+    server.join().expect("ends");
 }

@@ -22,6 +22,19 @@ fn good() -> String {
     text("x y z rgb", "4 4 4 4", "F F F U", &["1 2 3 66051"; 4])
 }
 
+/// Reads a cloud of the size that its own header says, where it says one.
+fn read_pcd(bytes: &[u8]) -> Result<OrganizedCloud<Camera>, CloudFileError> {
+    let text = String::from_utf8_lossy(&bytes[..bytes.len().min(400)]).into_owned();
+    let stated = |key: &str| text.lines().find_map(|line| line.strip_prefix(key)?.trim().parse().ok()).unwrap_or(2);
+    super::read_pcd(bytes, &camera(stated("WIDTH"), stated("HEIGHT")))
+}
+
+fn camera(width_px: usize, height_px: usize) -> PinholeCamera {
+    let (fx_px, fy_px, cx_px, cy_px) = (2.0, 2.0, 1.0, 1.0);
+    let (k1, k2, p1, p2, k3) = (0.0, 0.0, 0.0, 0.0, 0.0);
+    PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 }
+}
+
 fn refusal(bytes: &[u8]) -> String {
     read_pcd(bytes).expect_err("refused").to_string()
 }
@@ -140,16 +153,16 @@ fn absurd_sizes_are_refused_at_once() {
         good()
             .replace("WIDTH 2\nHEIGHT 2\nPOINTS 4", &format!("WIDTH {size}\nHEIGHT {size}\nPOINTS {}", size * size))
     };
-    assert!(refusal(big(1 << 20).as_bytes()).contains("allowed are 1073741824 bytes"));
+    assert!(refusal(big(1 << 20).as_bytes()).contains("allowed are 64 bytes a point and 268435456 bytes"));
     assert!(refusal(big(u64::from(u32::MAX)).as_bytes()).contains("allowed are"));
-    assert!(refusal(big(8_000).as_bytes()).contains("64000000 points were expected, found 4"));
+    assert!(refusal(big(4_000).as_bytes()).contains("16000000 points were expected, found 4"));
     let wide = good().replace("WIDTH", "COUNT 1 1 1 18446744073709551615\nWIDTH");
     assert!(refusal(wide.as_bytes()).contains("points of 18446744073709551615 bytes"));
-    let packed = big(8_000).replace("DATA ascii", "DATA binary_compressed");
+    let packed = big(4_000).replace("DATA ascii", "DATA binary_compressed");
     let data =
         [&packed.as_bytes()[..packed.find("binary_compressed\n").expect("there") + 18], &[16, 0, 0, 0]].concat();
-    let data = [&data[..], &1_024_000_000_u32.to_le_bytes(), &[0; 16]].concat();
-    assert!(refusal(&data).contains("16 bytes cannot hold 1024000000"));
+    let data = [&data[..], &256_000_000_u32.to_le_bytes(), &[0; 16]].concat();
+    assert!(refusal(&data).contains("16 bytes cannot hold 256000000"));
 }
 
 #[test]
@@ -193,4 +206,29 @@ proptest! {
             prop_assert_eq!(Some(cloud.height()), says("HEIGHT"));
         }
     }
+}
+
+/// Points that pack a thousandfold: their number and size stand in the header, and memory for them is taken only after
+/// both were judged. The data are no packed data, so unpacking them would say so.
+#[test]
+fn sizes_are_judged_before_points_are_unpacked() {
+    let file = |fields: usize, width: usize, height: usize| {
+        let names: String = (4..fields).map(|number| format!(" more{number}")).collect();
+        let four = |word: &str| vec![word; fields].join(" ");
+        let (points, packed) = (width * height, 12_000_000_usize);
+        let header = format!(
+            "VERSION 0.7\nFIELDS x y z rgb{names}\nSIZE {}\nTYPE {}\nWIDTH {width}\nHEIGHT {height}\nPOINTS {points}\n\
+             DATA binary_compressed\n",
+            four("4"),
+            four("F")
+        );
+        let lengths = [packed as u32, (points * fields * 4) as u32].map(u32::to_le_bytes).concat();
+        [header.into_bytes(), lengths, vec![0xff; packed]].concat()
+    };
+    let words = |bytes: &[u8]| super::read_pcd(bytes, &camera(1_944, 1_200)).expect_err("refused").to_string();
+    let larger = words(&file(4, 4_000, 4_000));
+    assert_eq!(larger, "the cloud is 4000×4000, the camera's calibration says 1944×1200");
+    let wider = words(&file(100, 1_944, 1_200));
+    assert!(wider.contains("2332800 points of 400 bytes; allowed are 64 bytes a point"), "{wider}");
+    assert!(words(&file(4, 1_944, 1_200)).contains("cannot be unpacked"));
 }

@@ -4,8 +4,9 @@ use super::super::cloud_error::CloudFileError;
 
 /// Longest header that is searched for its end; real ones have 300 bytes.
 const MAX_HEADER_BYTES: usize = 1 << 16;
-/// Largest data section, as for PCD.
-const MAX_DATA_BYTES: u64 = 1 << 30;
+/// Largest data section and largest point, as for PCD; numbers of eight bytes take twice as much.
+const MAX_DATA_BYTES: u64 = 1 << 28;
+const MAX_POINT_BYTES: u64 = 128;
 /// What is read of a vertex, in the order of [`Places`].
 pub(super) const NAMES: [&str; 6] = ["x", "y", "z", "red", "green", "blue"];
 
@@ -137,8 +138,15 @@ impl Header {
     pub fn checked_points(&self) -> Result<usize, CloudFileError> {
         let (points, point_bytes) = (self.vertices, self.point_bytes() as u64);
         match points.checked_mul(point_bytes) {
-            Some(data_bytes) if data_bytes <= MAX_DATA_BYTES => Ok(points as usize),
-            _ => Err(CloudFileError::TooLarge { points, point_bytes, limit_bytes: MAX_DATA_BYTES }),
+            Some(data_bytes) if data_bytes <= MAX_DATA_BYTES && point_bytes <= MAX_POINT_BYTES => {
+                Ok(points as usize)
+            }
+            _ => Err(CloudFileError::TooLarge {
+                points,
+                point_bytes,
+                limit_bytes: MAX_DATA_BYTES,
+                limit_point_bytes: MAX_POINT_BYTES,
+            }),
         }
     }
 

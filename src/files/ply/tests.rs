@@ -39,7 +39,7 @@ fn text_with_the_size_from_the_camera() {
 #[test]
 fn what_is_written_reads_back_with_its_own_size() {
     let cloud = small_cloud();
-    let back = read_ply(&write_ply(&cloud), &CAMERA).expect("our own");
+    let back = read_ply(&write_ply(&cloud), &PinholeCamera { width_px: 3, ..CAMERA }).expect("our own");
     assert_eq!((back.width(), back.height()), (3, 2));
     assert!(back.valid().eq(cloud.valid()) && back.picture() == cloud.picture());
 }
@@ -93,10 +93,14 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("end_header", ""), "allowed are comment, element"),
         ("ply\nformat ascii 1.0\n".to_owned(), "it has no header that ends in a line 'end_header'"),
         (
+            good().replace("vertex 4", "vertex 6").replace("made by hand", "width 3\ncomment height 2"),
+            "the cloud is 3×2, the camera's calibration says 2×2",
+        ),
+        (
             good()
                 .replace("vertex 4", "vertex 64000000")
                 .replace("made by hand", "width 8000\ncomment height 8000"),
-            "64000000 points of 23 bytes; allowed are 1073741824",
+            "64000000 points of 23 bytes; allowed are 128 bytes a point and 268435456",
         ),
     ];
     for (file, expected) in cases {
@@ -118,7 +122,8 @@ proptest! {
                 bytes[place] = byte;
             }
         }
-        if let Ok(cloud) = read_ply(&bytes, &CAMERA) {
+        let camera = PinholeCamera { width_px: if text { 2 } else { 3 }, ..CAMERA };
+        if let Ok(cloud) = read_ply(&bytes, &camera) {
             let header = Header::parse(&bytes).expect("it was read");
             prop_assert_eq!((cloud.width() * cloud.height()) as u64, header.vertices);
         }

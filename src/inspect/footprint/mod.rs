@@ -193,6 +193,19 @@ impl Footprint {
         SURE_PX * *surfaces_mm2.select_nth_unstable_by(place, f64::total_cmp).1
     }
 
+    /// The pixels of the picture that each grid holds: where two share one, the first of its patches decides.
+    pub(super) fn grid_pixels(&self) -> Vec<(GridId, Vec<usize>)> {
+        let mut held: Vec<(GridId, Vec<usize>)> = self.grids.iter().map(|grid| (grid.id, Vec::new())).collect();
+        for index in 0..self.inside.len() {
+            if let Some(patch) = self.patches[self.starts[index] as usize..self.starts[index + 1] as usize].first()
+            {
+                let (column, row) = self.place(index);
+                held[patch.grid as usize].1.push(row * self.width_px + column);
+            }
+        }
+        held
+    }
+
     /// The whole region's surface as far as it is in the picture, mm².
     pub(super) fn region_mm2(&self) -> f64 {
         self.patches.iter().map(|patch| f64::from(patch.area_mm2)).sum()

@@ -14,7 +14,8 @@ const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 const WET: [u8; 3] = [60, 55, 50];
 const DRY: [u8; 3] = [110, 105, 100];
-const MIN_BREAK_MM2: f64 = 5.0;
+/// Twelve pixels of 4 mm², which are surely found, and a little.
+const MIN_BREAK_MM2: f64 = 50.0;
 
 const CAMERA: PinholeCamera = PinholeCamera {
     width_px: WIDTH,

@@ -69,7 +69,7 @@ fn what_broke_stays_broken_when_water_runs_over_it() {
 }
 
 /// By hand: 1 × 3 px of 4 mm² is nothing to a median of 3 × 3; 2 × 2 px neither; a plus of 5 px keeps its middle alone:
-/// 4 mm², below 5 mm².
+/// 4 mm², below 50 mm².
 #[test]
 fn a_break_below_the_least_area_is_told_and_passes() {
     let inspection =
@@ -162,8 +162,8 @@ fn a_film_that_begins_late_has_a_gap() {
 fn truth_makes_grids_fail_by_the_same_rule() {
     let inspection = run(watch(0.0, SHARP), |second| if second < 2 { vec![] } else { vec![[70, 30, 90, 45]] });
     let mut truth = Mask::empty(WIDTH, HEIGHT);
-    truth.inside[70 * WIDTH + 30] = true;
-    truth.inside[70 * WIDTH + 31] = true;
+    // By hand: 13 pixels of 4 mm² are 52 mm².
+    truth.inside[70 * WIDTH + 30..70 * WIDTH + 43].fill(true);
     let confusion = inspection.confusion(&truth).expect("one size");
     assert_eq!(confusion, Confusion { true_fail: 0, false_fail: 1, false_pass: 1, true_pass: 4 });
 }

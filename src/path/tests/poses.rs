@@ -71,7 +71,7 @@ fn waypoints_come_closer_where_the_panel_bends() {
     assert!((7.7..8.05).contains(&longest), "{longest}");
     // 8 mm in 200 ms are 40 mm/s: slower than the recipe's 60.
     for (pair, step) in contact.windows(2).zip(&steps) {
-        assert!((pair[1].feed_mm_s - step / 0.2).abs() < 1e-9, "{} after {step} mm", pair[1].feed_mm_s);
+        assert!(pair[1].feed_mm_s <= step / 0.2 + 1e-9, "{} after {step} mm", pair[1].feed_mm_s);
         assert!(pair[1].blend_mm <= 0.2 * step + 1e-9);
     }
 }

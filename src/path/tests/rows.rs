@@ -3,30 +3,30 @@
 use super::*;
 use proptest::prelude::*;
 
-/// By hand: disc 30 mm, inset 9 mm; 32 mm are left of 50, at 12 mm in 3 steps of 10.667 mm; rows from 9 to 41 mm in
-/// 4 steps of 8 mm; the second row runs back.
+/// By hand: disc 30 mm, inset 3 mm; 44 mm are left of 50, at 12 mm in 4 steps of 11 mm; rows from 3 to 47 mm in 5 steps of
+/// 8.8 mm; the second row runs back.
 #[test]
-fn a_square_of_50_mm_has_four_rows() {
+fn a_square_of_50_mm_has_five_rows() {
     let (surface, settings) = (rectangle(50.0, 50.0), settings(""));
     let raster = raster(&surface, &WHOLE, &settings).expect("rows");
-    assert_eq!(raster.rows.len(), 4);
+    assert_eq!(raster.rows.len(), 5);
     for (index, row) in raster.rows.iter().enumerate() {
         let row = points(&surface, row);
-        assert_eq!(row.len(), 5);
-        let (from, to) = if index % 2 == 0 { (9.0, 41.0) } else { (41.0, 9.0) };
-        let y = 9.0 + 32.0 / 3.0 * index as f64;
+        assert_eq!(row.len(), 6);
+        let (from, to) = if index % 2 == 0 { (3.0, 47.0) } else { (47.0, 3.0) };
+        let y = 3.0 + 11.0 * index as f64;
         assert!(row[0].distance_mm(Point::at(from, y, 0.0)) < 1e-6, "{:?}", row[0]);
-        assert!(row[4].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
+        assert!(row[5].distance_mm(Point::at(to, y, 0.0)) < 1e-6);
     }
-    // Each turn of 10.667 mm gets one waypoint in its middle.
-    assert_eq!(raster.track(&surface, settings.waypoint_spacing_mm()).len(), 4 * 5 + 3);
+    // Each turn of 11 mm gets one waypoint in its middle.
+    assert_eq!(raster.track(&surface, settings.waypoint_spacing_mm()).len(), 5 * 6 + 4);
 }
 
-/// By hand: below 18 mm there is no room for two insets of 9 mm.
+/// By hand: below 6 mm there is no room for two insets of 3 mm.
 #[test]
 fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     for (width_mm, height_mm, lengths) in
-        [(10.0, 10.0, vec![1]), (48.0, 10.0, vec![4]), (10.0, 42.0, vec![1, 1, 1]), (18.0, 18.0, vec![1])]
+        [(4.0, 4.0, vec![1]), (48.0, 4.0, vec![6]), (4.0, 40.0, vec![1, 1, 1, 1]), (6.0, 6.0, vec![1])]
     {
         let surface = rectangle(width_mm, height_mm);
         let raster = raster(&surface, &WHOLE, &settings("")).expect("rows");
@@ -38,16 +38,16 @@ fn a_patch_smaller_than_the_disc_gets_one_row_or_one_point() {
     }
 }
 
-/// By hand: a patch 50 mm wide on one side and 60 on the other has 42 mm at most between its outer rows, 4 steps; at
-/// the narrow side they are 8 mm, at the wide one 10.5, and the last row stays 9 mm from the slanted border.
+/// By hand: a patch 50 mm wide on one side and 60 on the other has 54 mm at most between its outer rows, 5 steps; at
+/// the narrow side they are 8.8 mm, at the wide one 10.8, and the last row stays 3 mm from the slanted border.
 #[test]
 fn the_last_row_follows_the_far_border() {
     let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 60.0], [0.0, 50.0]]);
     let raster = raster(&surface, &WHOLE, &settings("")).expect("rows");
-    assert_eq!(raster.rows.len(), 5);
-    for point in points(&surface, &raster.rows[4]) {
+    assert_eq!(raster.rows.len(), 6);
+    for point in points(&surface, &raster.rows[5]) {
         let to_border_mm = (50.0 + point.mm.x / 10.0 - point.mm.y) / 1.01f64.sqrt();
-        assert!((to_border_mm - 9.0).abs() < 0.06, "{to_border_mm} mm at {point:?}");
+        assert!((to_border_mm - 3.0).abs() < 0.06, "{to_border_mm} mm at {point:?}");
     }
 }
 
@@ -60,7 +60,7 @@ fn the_step_over_holds_around_a_cylinder() {
     let raster = raster(&surface, &WHOLE, &settings).expect("rows");
     let around_mm = |point: &Point<Panel>| 400.0 * (point.mm.x / (1_100.0 - point.mm.z)).atan();
     let ends = |v: f64| around_mm(&surface.point(Parameter { u: 0.5, v }));
-    let width_mm = (ends(1.0) - ends(0.0)).abs() - 18.0;
+    let width_mm = (ends(1.0) - ends(0.0)).abs() - 6.0;
     let step_mm = width_mm / (width_mm / 12.0).ceil();
     let rows: Vec<_> = raster.rows.iter().map(|row| points(&surface, row)).collect();
     println!("width {width_mm:.3} mm, {} rows, r' {step_mm:.4} mm", rows.len());

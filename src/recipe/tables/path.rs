@@ -81,7 +81,10 @@ settings! {
         blend_share: f64, 0.0..=0.5, default 0.2;
         /// How far the disc may reach beyond the panel's outline, mm.
         edge_overhang_mm: f64, 0.0..=100.0, default 2.0;
-        /// Feed along the surface, mm/s.
+        /// Largest ratio of the longest to the shortest time under the disc, 95 % to 5 % of the treated area, of each grid
+        /// and of all together.
+        max_dwell_ratio: f64, 1.1..=20.0, default 2.0;
+        /// Highest feed along the surface, mm/s; it is lower where a place would be under the disc for less time.
         feed_mm_s: f64, 1.0..=500.0, default 60.0;
         /// Acceleration of the tool's point from and to a stop, mm/s².
         acceleration_mm_s2: f64, 50.0..=10_000.0, default 1_000.0;

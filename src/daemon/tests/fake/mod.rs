@@ -269,6 +269,7 @@ impl Cell {
             }),
             record: &mut Taped::new(&mut record, taping.clone()),
             requests: &mut Taped::new(asks, taping.clone()),
+            supervisor: crate::supervision::Supervisor::default(),
         };
         let site = Site::new(&self.files().0).expect("complete");
         serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
@@ -347,7 +348,7 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
         "panel = \"p\"\n[process]\nobservation_s = 40.0\nframes_per_second = 0.5\n\
          [corner]\nwhich = [\"top-left\", \"bottom-right\"]\nsettled_mm = 0.1\n\
          [region]\ncorners_px = {:?}\nrows = {}\ncolumns = {}\n[locate]\nbox_min_mm = {:?}\nbox_max_mm = {:?}\n\
-         {more_recipe}",
+         [inspect]\nmin_break_mm2 = 75.0 # a quarter of the pixels each way shows no smaller break surely\n{more_recipe}",
         region.corners_px.map(|px| [px.u, px.v]),
         region.rows,
         region.columns,

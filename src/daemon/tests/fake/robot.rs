@@ -122,6 +122,10 @@ impl Robot for FakeRobot {
     fn abort(&mut self) -> Result<(), QueueError> {
         let mut world = self.world.borrow_mut();
         let done = CommandId(world.end_epoch());
+        // The end of an epoch shuts the water.
+        if world.outputs.insert(2, false) == Some(true) {
+            world.water_off_ms = world.time_ms;
+        }
         world.reports.push_back(Report::Standstill { done });
         Ok(())
     }

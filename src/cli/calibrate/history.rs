@@ -1,0 +1,65 @@
+//! `panelprep calibrate history` and `strike`: what the store keeps of looks and touches, and what of it does not count.
+
+use super::super::args::Common;
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::args::StrikeOut;
+use super::date;
+use crate::calib::health::{Strike, Verification};
+use crate::cell::Date;
+use crate::store::Store;
+use crate::verdict::Judgement;
+use serde_json::{Value, json};
+
+/// Lists them.
+///
+/// # Errors
+/// Where there is no store, or it cannot be read.
+pub fn run(common: &Common) -> Result<Outcome, Fault> {
+    let all = CellFiles::read(common)?.store()?.verification_history().map_err(Fault::stage)?;
+    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    if all.is_empty() {
+        outcome.say("nothing was verified yet");
+    }
+    all.iter().for_each(|(number, verification)| outcome.say(line(*number, verification)));
+    let rows: Vec<Value> = all.iter().map(|(number, verification)| row(*number, verification)).collect();
+    outcome.put("verifications", json!(rows));
+    Ok(outcome)
+}
+
+/// Strikes one out.
+///
+/// # Errors
+/// Where there is no store, it has no such verification, or that one is struck out already.
+pub fn strike(args: &StrikeOut, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let strike = Strike { by: args.by.clone(), why: args.why.clone(), at_unix_s: date::now_unix_s() };
+    let struck = Store::strike_in(files.store_folder(), args.number, &strike);
+    let (_, verification) = struck.map_err(Fault::stage)?;
+    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    outcome.say(line(args.number, &verification));
+    let again = if verification.subject == "tool" { "calibrate touch" } else { "calibrate verify" };
+    outcome.say(format!("it stays in the store and counts no more; run `panelprep {again}` again"));
+    outcome.put("verification", row(args.number, &verification));
+    Ok(outcome)
+}
+
+fn line(number: i64, verification: &Verification) -> String {
+    let Verification { subject, error_mm, limit_mm, at_unix_s, .. } = verification;
+    let day = Date::of_unix_s(*at_unix_s);
+    let struck = verification.struck.as_ref().map(|Strike { by, why, at_unix_s }| {
+        format!("; struck out on {} by {by}: {why}", Date::of_unix_s(*at_unix_s))
+    });
+    let struck = struck.unwrap_or_default();
+    format!("{number:5}  {day}  {subject:13}  {error_mm:.3} mm off, allowed were {limit_mm} mm{struck}")
+}
+
+fn row(number: i64, verification: &Verification) -> Value {
+    let struck = verification.struck.as_ref();
+    let struck = struck.map(|it| json!({"by": it.by, "why": it.why, "at_unix_s": it.at_unix_s}));
+    json!({
+        "number": number, "subject": verification.subject, "error_mm": verification.error_mm,
+        "limit_mm": verification.limit_mm, "at_unix_s": verification.at_unix_s, "struck": struck,
+    })
+}

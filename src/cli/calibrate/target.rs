@@ -1,0 +1,43 @@
+//! A board that stands still: where it is known to be, and which one it is, from its file.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::args::BoardArgs;
+use crate::calib::{Board, CalibError};
+use crate::cell::{BoardSize, MountedPose, TargetMount};
+use crate::geometry::{Base, Board as BoardFrame, Rigid};
+use std::path::Path;
+
+/// A board that calibrations are verified with.
+pub struct Target {
+    /// Which one.
+    pub board: Board,
+    /// Where it stands.
+    pub base_from_board: Rigid<Base, BoardFrame>,
+}
+
+impl Target {
+    /// Reads its file; a board that the command names as well must be the same.
+    ///
+    /// # Errors
+    /// Where the file is not what it must be, or the command names another board.
+    pub fn read(file: &Path, named: Option<&BoardArgs>) -> Result<Self, Fault> {
+        let mounted = MountedPose::<TargetMount>::check(&file.display().to_string(), &disk::read_text(file)?)?;
+        let base_from_board = mounted.rigid();
+        // The check of the file lets none through without it.
+        let Some(size) = mounted.board else {
+            let missing = CalibError::Points("board and square_mm are missing".to_owned());
+            return Err(Fault::file(file, missing));
+        };
+        let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
+        if let Some(named) = named.filter(|named| super::board(named).as_ref().ok() != Some(&board)) {
+            let said = BoardSize { board: named.board.clone(), square_mm: named.square_mm };
+            let message = format!(
+                "this target is the board {size}, the command says {said}; correct the command or leave both out, or learn the \
+                 target anew with --learn"
+            );
+            return Err(Fault::file(file, CalibError::Points(message)));
+        }
+        Ok(Target { board, base_from_board })
+    }
+}

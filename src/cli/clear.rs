@@ -1,0 +1,147 @@
+//! `panelprep clear`: after an abort, for a cell that runs without a service.
+//!
+//! It asks the table what `panelprep ctl clear` asks it of a service, and leaves when the cell rests again. So the same
+//! conditions hold: the robot is there, it stands, tool and water are proven off.
+
+use super::args::Common;
+use super::fault::Fault;
+use super::live::robot_alone;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::cycle::{At, Refusal, Request, Robot, State};
+use crate::daemon::{self, Ask, Eyes, Picture2d, Requests, Service, SightError, Site, StoreRecord};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::supervision::Supervisor;
+use crate::verdict::{Judgement, Reason, Verdict};
+use std::time::{Duration, Instant};
+
+/// A robot that says nothing for so long is not there.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Says that the cause of the last abort is gone.
+///
+/// # Errors
+/// Where a file is not what it must be, there is no store, a service runs on it, or it does not write.
+pub fn run(common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let site = Site::new(&files.cell).map_err(Fault::stage)?;
+    // A store that is not there has nothing to clear, and is not made.
+    drop(files.store()?);
+    let mut store = files.store_for_writing()?;
+    let recovered = store.recover().map_err(Fault::stage)?;
+    if !matches!(recovered.at, At::Aborted { .. }) {
+        let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+        outcome.say("nothing was aborted in this store; there is nothing to clear");
+        outcome.put("state", recovered.at.word().into());
+        return Ok(outcome);
+    }
+    let journal = store.journal().map_err(Fault::stage)?;
+    let (mut robot, _simulated) = robot_alone(&files.cell)?;
+    let supervisor = Supervisor::default();
+    supervisor.watch(robot.watched());
+    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
+    let mut record = StoreRecord::new(&mut store, None);
+    let mut clears = Clears::new(supervisor.clone());
+    let service = Service {
+        robot: &mut robot,
+        eyes: Box::new(NoEyes),
+        readable: Box::new(Vec::new),
+        keep,
+        record: &mut record,
+        requests: &mut clears,
+        supervisor,
+    };
+    let ended = daemon::serve(site, service, journal).map_err(Fault::of_loop)?;
+    Ok(outcome(&ended, clears.refused))
+}
+
+fn outcome(ended: &State, refused: Option<Reason>) -> Outcome {
+    let at = ended.at;
+    let is_clear = at == At::Stopped;
+    let reasons = if is_clear { vec![] } else { refused.into_iter().chain(daemon::why(ended)).collect() };
+    let verdict = if is_clear { Verdict::Accept } else { Verdict::Aborted };
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    outcome.put("state", at.word().into());
+    outcome.words[0] = match is_clear {
+        true => "cleared: the robot stands, tool and water are off; the next cycle may start".to_owned(),
+        false => format!("not cleared, the cell is {}", at.word()),
+    };
+    outcome
+}
+
+/// Asks for a clear once the robot has answered, and leaves where the cell rests after that.
+struct Clears {
+    supervisor: Supervisor,
+    since: Instant,
+    asked: bool,
+    refused: Option<Reason>,
+    /// As the loop last showed it.
+    state: State,
+}
+
+impl Clears {
+    fn new(supervisor: Supervisor) -> Self {
+        Clears { supervisor, since: Instant::now(), asked: false, refused: None, state: State::NEW }
+    }
+}
+
+impl Requests for Clears {
+    fn next(&mut self, state: &State) -> Ask {
+        self.state = *state;
+        if let Err(fault) = self.supervisor.check() {
+            return Ask::GiveUp(fault);
+        }
+        let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
+        match (state.at, self.asked) {
+            (at, true) if at.rests() => Ask::Leave,
+            (At::Aborted { .. }, false) if is_there || self.since.elapsed() >= PATIENCE => {
+                self.asked = true;
+                Ask::For(Request::Clear)
+            }
+            _ => Ask::Nothing,
+        }
+    }
+
+    fn refused(&mut self, request: Request, refusal: Refusal) {
+        self.refused = Some(daemon::refusal(request, refusal, &self.state));
+    }
+}
+
+/// Clearing looks at nothing.
+struct NoEyes;
+
+impl NoEyes {
+    fn sees<T>() -> Result<T, SightError> {
+        Err(SightError { camera: "the camera", why: "a clear takes no pictures".to_owned() })
+    }
+}
+
+impl Eyes for NoEyes {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        Self::sees()
+    }
+
+    fn picture(&mut self) -> Result<Picture2d, SightError> {
+        Self::sees()
+    }
+
+    fn begin_film(&mut self, _: f64) -> Result<f64, SightError> {
+        Self::sees()
+    }
+
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+        Self::sees()
+    }
+
+    fn end_film(&mut self) -> Result<u64, SightError> {
+        Self::sees()
+    }
+
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        Self::sees()
+    }
+
+    fn check(&mut self) -> Vec<SightError> {
+        vec![]
+    }
+}

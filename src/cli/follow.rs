@@ -1,0 +1,96 @@
+//! Following the service: `panelprep ctl watch`, and `panelprep ctl start --wait`.
+//!
+//! It asks for the state a few times a second, so that whoever follows holds no place at the socket.
+
+use super::ctl;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use crate::daemon::{Reply, Wish};
+use serde_json::{Value, json};
+use std::io::Write;
+use std::path::Path;
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Between two questions.
+const EVERY: Duration = Duration::from_millis(200);
+/// A service that does not answer for so long is gone; one that restarts may be away for a moment.
+const GONE: Duration = Duration::from_secs(5);
+
+/// Tells each change, until nobody reads it or the service is gone.
+///
+/// # Errors
+/// Where no service answers.
+pub fn watch(socket: &Path, as_json: bool) -> Result<Outcome, Fault> {
+    let mut told = None;
+    loop {
+        let reply = state(socket)?;
+        let line = if as_json { Value::Object(seen(&reply)).to_string() } else { words(&reply) };
+        if told.as_ref() != Some(&line) && writeln!(std::io::stdout(), "{line}").is_err() {
+            return Ok(Outcome { exit: 0, json: ctl::object(&reply), words: vec![] });
+        }
+        told = Some(line);
+        thread::sleep(EVERY);
+    }
+}
+
+/// Waits for the end of the cycle that was just begun, tells each change on standard error, and ends with its verdict.
+///
+/// # Errors
+/// Where the service does not answer any more.
+pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
+    let mut told = None;
+    loop {
+        let reply = state(socket)?;
+        let line = words(&reply);
+        if told.as_ref() != Some(&line) {
+            eprintln!("{line}");
+        }
+        told = Some(line);
+        let is_other = reply.cycle_id != begun.cycle_id;
+        if is_other {
+            return Err(Fault::OtherCycle { waited_for: begun.cycle_id, found: reply.cycle_id });
+        }
+        let rests = matches!(reply.state.as_deref(), Some("stopped" | "complete" | "aborted"));
+        if let (Some(verdict), true, true) = (reply.verdict, rests, is_written(&reply)) {
+            let exit = verdict.exit_code();
+            return Ok(Outcome { exit, ..ctl::outcome(&reply) });
+        }
+        thread::sleep(EVERY);
+    }
+}
+
+/// The page follows the end.
+fn is_written(reply: &Reply) -> bool {
+    reply.page.is_some()
+}
+
+fn state(socket: &Path) -> Result<Reply, Fault> {
+    let since = Instant::now();
+    loop {
+        match ctl::ask(socket, &Wish::State {}) {
+            Ok(reply) if reply.state.is_some() => return Ok(reply),
+            Ok(reply) if since.elapsed() >= GONE => return Ok(reply),
+            Err(fault) if since.elapsed() >= GONE => return Err(fault),
+            Ok(_) | Err(_) => thread::sleep(EVERY),
+        }
+    }
+}
+
+/// What changes are told of: not how often the service was asked.
+fn seen(reply: &Reply) -> serde_json::Map<String, Value> {
+    let mut object = ctl::object(reply);
+    object.remove("answer");
+    object.insert("recording".to_owned(), json!(reply.recording.as_ref().map(|recorded| &recorded.message)));
+    object
+}
+
+fn words(reply: &Reply) -> String {
+    let verdict = reply.verdict.map_or(String::new(), |verdict| format!(": {}", verdict.word()));
+    let cycle = reply.cycle_id.map_or(String::new(), |cycle| format!("; cycle {cycle}{verdict}"));
+    let panel = reply.panel.as_ref().map_or(String::new(), |panel| format!(" of panel {panel}"));
+    let page = reply.page.as_ref().map_or(String::new(), |page| format!("; page {}", page.display()));
+    let reasons: Vec<&str> = reply.reasons.iter().map(|reason| reason.message.as_str()).collect();
+    let reasons = if reasons.is_empty() { String::new() } else { format!("; {}", reasons.join("; ")) };
+    format!("{}{cycle}{panel}{page}{reasons}", ctl::place(reply))
+}

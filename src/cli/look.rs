@@ -1,0 +1,41 @@
+//! `panelprep look`: a scan as a picture with a pixel ruler, from which a recipe's region is read.
+
+use super::args::{Common, Look};
+use super::disk;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use super::pictures;
+use crate::files;
+use crate::report::{missing_share, scan_picture};
+use crate::verdict::Judgement;
+use serde_json::json;
+
+/// Draws the scan and tells how much of it is missing. Neither cell nor calibration is needed, but for a PLY file that does
+/// not say how wide it is.
+///
+/// # Errors
+/// Where the file is no organised scan, or the disk refuses.
+pub fn run(args: &Look, common: &Common) -> Result<Outcome, Fault> {
+    let calibrated = CellFiles::read(common).and_then(|files| files.scanner()).ok();
+    let size_px = calibrated.map(|camera| (camera.value.width_px, camera.value.height_px));
+    let read = files::read_any_cloud(&disk::read(&args.scan)?, size_px);
+    let scan = read.map_err(|error| Fault::file(&args.scan, error))?;
+    let picture = scan_picture(&scan).map_err(Fault::stage)?;
+    let file = pictures::save(&args.pictures, "scan", &picture)?;
+    let share = missing_share(&scan);
+    let depths_mm = scan.valid().map(|(_, point)| point.mm.z);
+    let (near_mm, far_mm) =
+        depths_mm.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), z| (low.min(z), high.max(z)));
+    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    outcome.say(format!("{}×{} px; {:.1} % have no 3D point", scan.width(), scan.height(), 100.0 * share));
+    if near_mm <= far_mm {
+        outcome.say(format!("points from {near_mm:.0} to {far_mm:.0} mm before the camera"));
+    }
+    outcome.say(format!("{}: read the region's corners_px from its ruler", file.display()));
+    outcome.put("missing_share", json!(share));
+    outcome.put("width_px", json!(scan.width()));
+    outcome.put("height_px", json!(scan.height()));
+    outcome.put("picture", json!(file));
+    Ok(outcome)
+}

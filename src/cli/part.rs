@@ -1,0 +1,80 @@
+//! The part that a cycle is about: checked as it is named, kept as a text with the cycle, shown first on its page.
+
+use super::fault::Fault;
+use crate::daemon::PartNames;
+use crate::record::CycleRecord;
+use crate::report::page::{Row, Section};
+use crate::store::Store;
+
+/// The name under which a cycle keeps it.
+pub const PART: &str = "part";
+/// The longest of its names, in characters.
+const MOST_CHARACTERS: usize = 120;
+
+/// Takes the names where there is one.
+///
+/// # Errors
+/// Where one is empty, too long, or cannot be printed as it stands.
+pub fn checked(part: PartNames) -> Result<Option<PartNames>, Fault> {
+    let named = [("--part", &part.serial), ("--order", &part.order), ("--operator", &part.operator)];
+    for (option, name) in named {
+        let Some(name) = name else { continue };
+        let refused = |problem| Err(Fault::PartName { option, found: name.escape_debug().to_string(), problem });
+        match name.chars().count() {
+            _ if name.trim() != name || name.is_empty() => {
+                return refused("it is empty, or begins or ends with a space");
+            }
+            count if count > MOST_CHARACTERS => return refused("it is longer than 120 characters"),
+            _ if name.chars().any(char::is_control) => {
+                return refused("it has control characters, such as a line feed");
+            }
+            _ => {}
+        }
+    }
+    Ok((part != PartNames::default()).then_some(part))
+}
+
+/// The text that is kept.
+///
+/// # Errors
+/// Where it cannot be written as TOML.
+pub fn text(part: &PartNames) -> Result<String, Fault> {
+    toml::to_string(part).map_err(Fault::stage)
+}
+
+/// What a cycle's page says of its part; nothing where none was named.
+pub fn section(store: &Store, record: &CycleRecord) -> Option<Section> {
+    let kept = record.files.iter().find(|file| file.name == PART)?;
+    let text = store.blob(&kept.hash).ok().and_then(|bytes| String::from_utf8(bytes).ok());
+    let part: Option<PartNames> = text.and_then(|text| toml::from_str(&text).ok());
+    let (text, part) = match part {
+        Some(part) => ("As it was named when the cycle was started.", part),
+        None => ("It was named, and what was kept of it is missing or damaged in the store.", PartNames::default()),
+    };
+    let row =
+        |name: &str, value: Option<String>| Row::new(name, value.unwrap_or_else(|| "not named".to_owned()), "");
+    let rows = vec![
+        row("serial number", part.serial),
+        row("work order", part.order),
+        row("operator, as named at the start", part.operator),
+    ];
+    Some(Section { heading: "The part".to_owned(), text: text.to_owned(), rows, figures: vec![] })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_taken_as_they_stand_or_refused() {
+        let part = |serial: &str| PartNames { serial: Some(serial.to_owned()), ..PartNames::default() };
+        assert_eq!(checked(PartNames::default()).expect("no name"), None);
+        let good = part("SN 0017/ä \"7\"");
+        assert_eq!(checked(good.clone()).expect("good"), Some(good.clone()));
+        assert_eq!(toml::from_str::<PartNames>(&text(&good).expect("TOML")), Ok(good));
+        for (bad, words) in [("", "empty"), (" a", "space"), ("a\nb", "line feed"), (&"x".repeat(121), "120")] {
+            let error = checked(part(bad)).expect_err("refused").to_string();
+            assert!(error.contains("--part") && error.contains(words) && !error.contains('\n'), "{error}");
+        }
+    }
+}

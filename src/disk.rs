@@ -1,0 +1,97 @@
+//! Files that are read as input: regular files only, whole, and no larger than they may be.
+//!
+//! A pipe keeps its reader waiting for ever, a device may never end, and a file that is far too large takes the memory
+//! that the rest of the cell needs. So what a name stands for is asked before anything is read from it.
+
+use std::fs::{File, FileType, OpenOptions};
+use std::io::{Error, ErrorKind, Read, Result};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::Path;
+
+/// The largest file that is read whole: the numbers of a full-size scan as text take a quarter of it.
+pub const MOST_BYTES: u64 = 512 << 20;
+
+/// Opens a regular file for reading. Never waits for a writer.
+///
+/// # Errors
+/// Where there is no such file, it is a folder, a pipe, a socket or a device, or the system refuses.
+pub fn open(file: &Path) -> Result<File> {
+    // Opening a device may already do something, so its name is looked at first; then what was opened.
+    is_regular(file.metadata()?.file_type())?;
+    let without_waiting = rustix::fs::OFlags::NONBLOCK.bits().cast_signed();
+    let opened = OpenOptions::new().read(true).custom_flags(without_waiting).open(file)?;
+    is_regular(opened.metadata()?.file_type())?;
+    Ok(opened)
+}
+
+/// The bytes of a regular file of at most [`MOST_BYTES`].
+///
+/// # Errors
+/// As [`open`], and where the file is larger.
+pub fn read(file: &Path) -> Result<Vec<u8>> {
+    read_at_most(file, MOST_BYTES)
+}
+
+fn read_at_most(file: &Path, most_bytes: u64) -> Result<Vec<u8>> {
+    let opened = open(file)?;
+    let stated = opened.metadata()?.len();
+    let too_large = |found: u64| {
+        let words = format!("is {found} bytes or more; a file that is read may have {most_bytes} bytes at most");
+        Error::new(ErrorKind::FileTooLarge, words)
+    };
+    if stated > most_bytes {
+        return Err(too_large(stated));
+    }
+    let mut bytes = Vec::with_capacity(usize::try_from(stated).unwrap_or_default());
+    // It may grow while it is read.
+    opened.take(most_bytes + 1).read_to_end(&mut bytes)?;
+    match bytes.len() as u64 {
+        found if found > most_bytes => Err(too_large(found)),
+        _ => Ok(bytes),
+    }
+}
+
+fn is_regular(kind: FileType) -> Result<()> {
+    let found = match kind {
+        kind if kind.is_file() => return Ok(()),
+        kind if kind.is_dir() => "a folder",
+        kind if kind.is_fifo() => "a pipe",
+        kind if kind.is_socket() => "a socket",
+        _ => "a device",
+    };
+    let words = format!("is {found}; a regular file is needed (copy what it delivers into one)");
+    Err(Error::new(ErrorKind::InvalidInput, words))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rustix::fs::{CWD, FileType, Mode, mknodat};
+
+    #[test]
+    fn what_is_no_regular_file_is_refused_by_its_kind_and_without_waiting() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let pipe = folder.path().join("scan.pcd");
+        mknodat(CWD, &pipe, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0).expect("a pipe");
+        let socket = folder.path().join("socket");
+        let _listens = std::os::unix::net::UnixListener::bind(&socket).expect("a socket");
+        let cases = [(pipe.as_path(), "is a pipe"), (folder.path(), "is a folder"), (&socket, "is a socket")];
+        for (file, words) in cases.into_iter().chain([(Path::new("/dev/zero"), "is a device")]) {
+            let error = read(file).expect_err("refused").to_string();
+            assert!(error.contains(words), "{error}");
+        }
+    }
+
+    #[test]
+    fn a_file_that_is_too_large_is_not_read() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("notes.txt");
+        std::fs::write(&file, b"12345").expect("written");
+        assert_eq!(read_at_most(&file, 5).expect("fits"), b"12345");
+        let error = read_at_most(&file, 4).expect_err("too large").to_string();
+        assert!(error.contains("is 5 bytes or more") && error.contains("4 bytes at most"), "{error}");
+        // Sparse: it takes no disk, and reading it would take the memory.
+        File::create(&file).and_then(|file| file.set_len(MOST_BYTES + 1)).expect("grown");
+        assert!(read(&file).expect_err("too large").to_string().contains("536870912 bytes at most"));
+    }
+}

@@ -1,0 +1,198 @@
+//! What a clip says of the film method's settings: contrast in every grid, and how long places look dry for a moment.
+//!
+//! In the brightness v that the method sees, the channels by their weights, a pixel has the mean d of the dry pictures and
+//! w of the first wet ones. It looks dry in a picture whose light is s times that of the first wet ones where
+//!     v / s > (d + w) / 2.                                                                             (1)
+//! A place that looks dry and then wet again within a few seconds was a glint, a drop or a flicker: `persist_s` has to be
+//! longer. What stays dry longer has broken, and is no part of this.
+
+use super::advice::Sampler;
+use crate::geometry::{ColorPicture, Mask};
+use crate::panel::GridId;
+use crate::recipe;
+
+/// What looked dry for longer and then wet again is a film that closed, s.
+const MOST_FLASH_S: f64 = 4.0;
+/// So many pixels are no noise: fewer are no break that would be surely found.
+const MIN_FLASH_PX: usize = 12;
+
+/// One grid in the method's brightness.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GridContrast {
+    /// The grid.
+    pub id: GridId,
+    /// Mean brightness when dry, grey levels.
+    pub dry: f64,
+    /// Mean brightness under a whole film.
+    pub wet: f64,
+    /// How many times the noise of a pixel the film changes it.
+    pub contrast_to_noise: f64,
+    /// Its dry brightness against that of the whole region.
+    pub light: f64,
+}
+
+/// The clip's pictures, one by one.
+#[derive(Debug)]
+pub struct Flashes {
+    pixels: Vec<usize>,
+    weights: [f64; 3],
+    dry: Vec<f64>,
+    wet: Vec<f64>,
+    /// When the pixel began to look dry, s; none where it looks wet.
+    since_s: Vec<Option<f64>>,
+    longest_s: Vec<f64>,
+    is_first: bool,
+}
+
+/// Brightness of a pixel by the channels' weights, which add up to 1.
+fn brightness([r, g, b]: [u8; 3], weights: [f64; 3]) -> f64 {
+    f64::from(r) * weights[0] + f64::from(g) * weights[1] + f64::from(b) * weights[2]
+}
+
+fn shares(settings: &recipe::Inspect) -> [f64; 3] {
+    let weights = settings.channel_weights();
+    weights.map(|weight| weight / weights.iter().sum::<f64>())
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    let middle = values.len() / 2;
+    if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
+}
+
+impl Sampler {
+    /// Contrast in each grid of which pixels of the picture are given; those without one are left out.
+    pub fn contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
+        let weights = shares(settings);
+        let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
+        let squares = self.noise_levels().into_iter().zip(weights).map(|(noise, weight)| (noise * weight).powi(2));
+        let noise = squares.sum::<f64>().sqrt().max(0.1);
+        let whole = dry.values().sum::<f64>() / dry.len().max(1) as f64;
+        let grid = |(id, pixels): &(GridId, Vec<usize>)| {
+            let seen: Vec<(f64, f64)> =
+                pixels.iter().filter_map(|index| Some((*dry.get(index)?, *wet.get(index)?))).collect();
+            let count = seen.len() as f64;
+            let (dry, wet) = seen.iter().fold((0.0, 0.0), |sum, it| (sum.0 + it.0 / count, sum.1 + it.1 / count));
+            let (contrast_to_noise, light) = ((dry - wet) / noise, dry / whole.max(f64::MIN_POSITIVE));
+            (!seen.is_empty()).then_some(GridContrast { id: *id, dry, wet, contrast_to_noise, light })
+        };
+        grids.iter().filter_map(grid).collect()
+    }
+
+    /// Begins to look for places that look dry for a moment, without the pixels of `broken`, which are known to break.
+    pub fn flashes(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> Flashes {
+        let weights = shares(settings);
+        let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
+        // A pixel without contrast tells nothing.
+        let tells = |index: &&usize| {
+            dry[*index] > wet[*index] + 1.0 && !broken.is_some_and(|broken| broken.inside[**index])
+        };
+        let pixels: Vec<usize> = dry.keys().filter(tells).copied().collect();
+        Flashes {
+            dry: pixels.iter().map(|index| dry[index]).collect(),
+            wet: pixels.iter().map(|index| wet[index]).collect(),
+            since_s: vec![None; pixels.len()],
+            longest_s: vec![0.0; pixels.len()],
+            pixels,
+            weights,
+            is_first: true,
+        }
+    }
+}
+
+impl Flashes {
+    /// The next wet picture.
+    pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
+        let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
+        let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>());
+        for (index, now) in now.iter().enumerate() {
+            let is_dry = now / light > (self.dry[index] + self.wet[index]) / 2.0; // (1)
+            match (is_dry, self.since_s[index]) {
+                // What looks dry from the beginning never became wet, or became so late.
+                (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),
+                (false, Some(since_s)) => {
+                    let lasted_s = time_s - since_s;
+                    if lasted_s <= MOST_FLASH_S {
+                        self.longest_s[index] = self.longest_s[index].max(lasted_s);
+                    }
+                    self.since_s[index] = None;
+                }
+                _ => {}
+            }
+        }
+        self.is_first = false;
+    }
+
+    /// How long places of the size of a break looked dry and then wet again, s; 0 where none did.
+    pub fn longest_s(mut self) -> f64 {
+        if self.longest_s.len() < MIN_FLASH_PX {
+            return 0.0;
+        }
+        self.longest_s.sort_by(|a, b| b.total_cmp(a));
+        self.longest_s[MIN_FLASH_PX - 1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::inspect_table;
+    use super::*;
+
+    const WHOLE: usize = 20 * 20;
+
+    fn sampler() -> Sampler {
+        let mut sampler = Sampler::new(&Mask { width: 20, height: 20, inside: vec![true; WHOLE] });
+        // The left half is lit twice as much.
+        let lit = |level: u8| {
+            let mut picture = ColorPicture::filled(20, 20, [level; 3]);
+            (0..WHOLE).filter(|i| i % 20 < 10).for_each(|i| picture.rgb[i] = [2 * level; 3]);
+            picture
+        };
+        (0..2).for_each(|odd| sampler.dry(&lit(50 + odd)));
+        (0..2).for_each(|odd| sampler.wet(&lit(30 + odd)));
+        sampler
+    }
+
+    /// By hand: dry 101 and 50.5, wet 61 and 30.5; the mean of the halves is 75.75. From picture to picture the halves differ by
+    /// 2 and 1 levels: a mean square of 2.5, half of that for one picture, and of three channels alike a third of it.
+    #[test]
+    fn each_grid_has_its_own_contrast() {
+        let half = |right: bool| (0..WHOLE).filter(|i| (i % 20 >= 10) == right).collect::<Vec<_>>();
+        let id = |column: usize| GridId { row: 1, column };
+        let found = sampler().contrasts(&inspect_table(""), &[(id(1), half(false)), (id(2), half(true))]);
+        let noise = (2.5_f64 / 2.0 / 3.0).sqrt();
+        for (found, (dry, wet)) in found.iter().zip([(101.0, 61.0), (50.5, 30.5)]) {
+            assert!((found.dry - dry).abs() < 1e-9 && (found.wet - wet).abs() < 1e-9, "{found:?}");
+            assert!((found.contrast_to_noise - (dry - wet) / noise).abs() < 1e-9, "{found:?}");
+            assert!((found.light - dry / 75.75).abs() < 1e-9, "{found:?}");
+        }
+        assert_eq!(found.len(), 2);
+    }
+
+    /// By hand, five pictures a second: 20 pixels look dry in 3 pictures, 0.6 s; 5 of them for 1 s, fewer than a break; 40 from
+    /// 2 s on to the end, a break; the light grows by a fifth meanwhile.
+    #[test]
+    fn a_moment_s_dryness_is_told_from_a_break() {
+        let settings = inspect_table("");
+        let found = |broken: Option<&Mask>, closes_s: f64| {
+            let mut flashes = sampler().flashes(&settings, broken);
+            for frame in 0..60 {
+                let time_s = f64::from(frame) / 5.0;
+                let mut picture = ColorPicture::filled(20, 20, [0; 3]);
+                for (i, pixel) in picture.rgb.iter_mut().enumerate() {
+                    let flashes = (i < 20 && (5..8).contains(&frame)) || (i < 5 && (20..25).contains(&frame));
+                    let is_broken = (100..140).contains(&i) && (2.0..closes_s).contains(&time_s);
+                    let level = if flashes || is_broken { 50.0 } else { 30.5 } * (1.0 + time_s / 60.0);
+                    *pixel = [(if i % 20 < 10 { 2.0 * level } else { level }) as u8; 3];
+                }
+                flashes.push(&picture, time_s);
+            }
+            flashes.longest_s()
+        };
+        assert!((found(None, 99.0) - 0.6).abs() < 1e-9, "{}", found(None, 99.0));
+        assert!((found(None, 6.5) - 0.6).abs() < 1e-9, "a film that closed after 4.5 s is no flash");
+        assert!((found(None, 3.0) - 1.0).abs() < 1e-9, "one that closed after a second is");
+        let mut broken = Mask::empty(20, 20);
+        (100..140).for_each(|i| broken.inside[i] = true);
+        assert!((found(Some(&broken), 3.0) - 0.6).abs() < 1e-9, "unless it is known to have broken");
+    }
+}

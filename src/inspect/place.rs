@@ -1,0 +1,42 @@
+//! What the panel's place says before any film runs: does it stand there, and are the pixels fine enough for it?
+
+use crate::verdict::Reason;
+
+/// The panel's outline in the dry picture is nearer than this to where the pose puts it, px. In place it is a few tenths of a
+/// pixel away, by the errors of pose and calibration.
+pub const MAX_OFF_PX: f64 = 1.5;
+
+/// Why breaks that must fail a grid may be missed: the smallest one that is surely found is larger.
+pub fn too_coarse(detection_limit_mm2: f64, min_break_mm2: f64) -> Option<Reason> {
+    // A NaN is no limit that could be kept.
+    let is_fine = detection_limit_mm2 <= min_break_mm2;
+    (!is_fine).then(|| {
+        let message = format!(
+            "the smallest break that is surely found is {detection_limit_mm2:.1} mm², but a grid fails from {min_break_mm2:.1} \
+             mm² of broken film, and smaller breaks may be missed: bring the camera nearer, use all of its pixels, or state a \
+             min_break_mm2 in the recipe's [inspect] that is large enough, if the process allows it"
+        );
+        Reason::new("detection_limit", message)
+    })
+}
+
+/// Why the panel is not where the grids are looked for.
+pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Option<Reason> {
+    let message = match off_px {
+        Some(off_px) if off_px <= MAX_OFF_PX => return None,
+        None if !assumed || !has_dry => return None,
+        None => "the panel is taken to stand in its nominal place, and the dry picture cannot confirm it, because the panel's \
+                 outline has too little contrast"
+            .to_owned(),
+        Some(off_px) => {
+            let taken = if assumed { "its nominal place, where it is taken to stand" } else { "the place it was found" };
+            format!(
+                "in the dry picture the panel's outline lies {off_px:.1} px or more from {taken} (allowed {MAX_OFF_PX} px), and \
+                 the wrong places would be judged"
+            )
+        }
+    };
+    let remedy =
+        if assumed { "give --located with what `panelprep locate` printed" } else { "locate the panel again" };
+    Some(Reason::new("elsewhere", format!("{message}: {remedy}")))
+}

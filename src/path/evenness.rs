@@ -1,0 +1,218 @@
+//! How long each place is under the disc, and the feeds that make it even.
+//!
+//! A line that is travelled at w = 1 / feed holds a place within the disc's radius R of it under the disc for c w, c being
+//! the length of the line that lies within R of the place. All places together: t = C w. Near the border of what is
+//! treated fewer lines pass than in its middle, so there the feed is lower: with a wanted time t₀,
+//!     w ← w · Cᵀ(t₀ / C w) / Cᵀ1                                                  (Richardson and Lucy)
+//! brings C w near to t₀ and keeps w positive; w stays between that of the recipe's feed, or of what the controller can
+//! plan, and [`SLOWEST`] times as much. t₀ is what the long times are at an equal feed, and at least the time of rows that
+//! lie beside one another without an end. All areas of a plan are looked at together, because neighbours lap.
+
+use super::piece::Piece;
+use super::spread::Spread;
+use crate::geometry::{Panel, Point};
+use crate::panel::{GridId, Region};
+use crate::recipe;
+use crate::surface::{BSplineSurface, Parameter, Patch};
+use rayon::prelude::*;
+use std::f64::consts::PI;
+
+/// The feed is nowhere less than the recipe's divided by this.
+const SLOWEST: f64 = 3.0;
+/// Steps towards an even time; more change the third digit.
+const STEPS: usize = 15;
+/// The wanted time is that which this share of the places has at most, at an equal feed.
+const WANTED: f64 = 0.9;
+/// A time this much longer than wanted or shorter counts as so much alone: one place must not rule a line.
+const MOST_WEIGHT: f64 = 3.0;
+
+/// The feeds along the lines of each piece, and the times that come of them.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Even {
+    /// For each piece the feed on the way to each place of its track, mm/s.
+    pub feeds_mm_s: Vec<Vec<f64>>,
+    /// Over all that is treated; `None` where nothing is.
+    pub all: Option<Spread>,
+    /// The same for each grid.
+    pub grids: Vec<(GridId, Spread)>,
+}
+
+/// Lowers the feed where that makes the times under the disc more even.
+pub(super) fn even(surface: &BSplineSurface, region: &Region, pieces: &[Piece], settings: &recipe::Path) -> Even {
+    let radius_mm = settings.disc_diameter_mm() / 2.0;
+    let ids: Vec<GridId> = pieces.iter().flat_map(|piece| piece.area.grids.iter().copied()).collect();
+    let patch = |id: &GridId| Patch::of_grid(region, *id);
+    let lines: Vec<Vec<Option<Line>>> = pieces.iter().map(|piece| lines(surface, piece, radius_mm)).collect();
+    let treating: Vec<&Line> = lines.iter().flatten().flatten().collect();
+    let coarse: Vec<Places> = {
+        let spacing_mm = (radius_mm / 5.0).clamp(1.0, 3.0);
+        ids.par_iter().filter_map(|id| patch(id).map(|patch| Places::of(surface, patch, spacing_mm))).collect()
+    };
+    let slowness = slowness(&treating, &coarse, radius_mm, settings);
+    let mut next = slowness.iter();
+    let mut feed = |line: &Option<Line>| match line {
+        Some(_) => next.next().map_or(settings.feed_mm_s(), |slowness| 1.0 / slowness),
+        None => settings.feed_mm_s(),
+    };
+    // The first place of a track is come to from the air.
+    let feeds_mm_s = lines
+        .iter()
+        .map(|lines| std::iter::once(settings.feed_mm_s()).chain(lines.iter().map(&mut feed)).collect())
+        .collect();
+    let spacing_mm = (radius_mm / 10.0).clamp(0.5, 1.5);
+    let of_grid = |id: &GridId| {
+        let places = Places::of(surface, patch(id)?, spacing_mm);
+        let mut times_s = vec![0.0; places.points.len()];
+        for (line, slowness) in treating.iter().zip(&slowness) {
+            places.under(line, radius_mm, |place, chord_mm| times_s[place] += chord_mm * slowness);
+        }
+        Some((*id, times_s.into_iter().zip(places.area_mm2).collect::<Vec<_>>()))
+    };
+    let times: Vec<(GridId, Vec<(f64, f64)>)> = ids.par_iter().filter_map(of_grid).collect();
+    let mut grids: Vec<(GridId, Spread)> =
+        times.iter().filter_map(|(id, times)| Some((*id, Spread::of(times.iter().copied())?))).collect();
+    grids.sort_by_key(|(id, _)| *id);
+    Even { feeds_mm_s, all: Spread::of(times.iter().flat_map(|(_, times)| times.iter().copied())), grids }
+}
+
+/// A straight piece of a track in contact.
+struct Line {
+    ends: [Parameter; 2],
+    points: [Point<Panel>; 2],
+    length_mm: f64,
+    /// As far as the disc reaches along u and v, in parameters.
+    reach: [f64; 2],
+}
+
+/// The ways between neighbouring places of a track; `None` where the tool is lifted.
+fn lines(surface: &BSplineSurface, piece: &Piece, radius_mm: f64) -> Vec<Option<Line>> {
+    let line = |(ends, contact): (&[Parameter], &[bool])| {
+        let [from, to] = [ends[0], ends[1]];
+        let tangents = surface.tangents(from);
+        // Slanted parameters reach farther than the radius: the height of a rhombus is its side times the sine.
+        let [lu, lv] = [tangents.s_u.mm.norm(), tangents.s_v.mm.norm()];
+        let sine = tangents.area_mm2() / (lu * lv);
+        let points = [tangents.point, surface.point(to)];
+        (contact[0] && contact[1]).then(|| Line {
+            ends: [from, to],
+            points,
+            length_mm: points[0].distance_mm(points[1]),
+            reach: [1.1 * radius_mm / (lu * sine), 1.1 * radius_mm / (lv * sine)],
+        })
+    };
+    piece.track.windows(2).zip(piece.contact.windows(2)).map(line).collect()
+}
+
+/// Places spread evenly over a grid.
+struct Places {
+    patch: Patch,
+    columns: usize,
+    rows: usize,
+    points: Vec<Point<Panel>>,
+    /// Surface of each, mm².
+    area_mm2: Vec<f64>,
+}
+
+impl Places {
+    fn of(surface: &BSplineSurface, patch: Patch, spacing_mm: f64) -> Self {
+        let middle = surface.tangents(patch.at(Parameter { u: 0.5, v: 0.5 }));
+        let (size_u, size_v) = (patch.high.u - patch.low.u, patch.high.v - patch.low.v);
+        let count = |length_mm: f64| (length_mm / spacing_mm).ceil().max(1.0) as usize;
+        let (columns, rows) = (count(middle.s_u.mm.norm() * size_u), count(middle.s_v.mm.norm() * size_v));
+        let share = |index: usize, count: usize| (index as f64 + 0.5) / count as f64;
+        let cell = size_u * size_v / (columns * rows) as f64;
+        let place = |index: usize| {
+            let at = Parameter { u: share(index % columns, columns), v: share(index / columns, rows) };
+            let tangents = surface.tangents(patch.at(at));
+            (tangents.point, tangents.area_mm2() * cell)
+        };
+        let (points, area_mm2) = (0..columns * rows).map(place).unzip();
+        Places { patch, columns, rows, points, area_mm2 }
+    }
+
+    /// Tells each place that the disc passes on a line, with the length of the line that lies within the radius of it, mm.
+    fn under(&self, line: &Line, radius_mm: f64, mut tell: impl FnMut(usize, f64)) {
+        let range = |ends: [f64; 2], reach: f64, [low, high]: [f64; 2], count: usize| {
+            let index = |at: f64| ((at - low) / (high - low) * count as f64).clamp(0.0, count as f64) as usize;
+            let (first, last) = (ends[0].min(ends[1]) - reach, ends[0].max(ends[1]) + reach);
+            if last < low || first > high { 0..0 } else { index(first)..(index(last) + 1).min(count) }
+        };
+        let (low, high) = (self.patch.low, self.patch.high);
+        let across = range(line.ends.map(|end| end.u), line.reach[0], [low.u, high.u], self.columns);
+        for row in range(line.ends.map(|end| end.v), line.reach[1], [low.v, high.v], self.rows) {
+            for column in across.clone() {
+                let place = row * self.columns + column;
+                let chord_mm = chord_mm(line, self.points[place], radius_mm);
+                if chord_mm > 0.0 {
+                    tell(place, chord_mm);
+                }
+            }
+        }
+    }
+}
+
+/// How much of a line lies within the radius of a point, mm.
+fn chord_mm(line: &Line, point: Point<Panel>, radius_mm: f64) -> f64 {
+    let [from, to] = line.points;
+    let (way, offset) = ((to - from).mm, (point - from).mm);
+    let along_mm = offset.dot(&way) / line.length_mm;
+    let half2 = radius_mm * radius_mm - (offset.norm_squared() - along_mm * along_mm);
+    if half2 <= 0.0 {
+        return 0.0;
+    }
+    let half_mm = half2.sqrt();
+    ((along_mm + half_mm).min(line.length_mm) - (along_mm - half_mm).max(0.0)).max(0.0)
+}
+
+/// 1 / feed for each line, s/mm.
+fn slowness(lines: &[&Line], places: &[Places], radius_mm: f64, settings: &recipe::Path) -> Vec<f64> {
+    let (fastest, planning_s) = (1.0 / settings.feed_mm_s(), settings.planning_time_ms() / 1_000.0);
+    let least: Vec<f64> = lines.iter().map(|line| fastest.max(planning_s / line.length_mm)).collect();
+    let starts: Vec<usize> = places
+        .iter()
+        .scan(0, |next, places| {
+            let start = *next;
+            *next += places.points.len();
+            Some(start)
+        })
+        .collect();
+    let column = |line: &&Line| {
+        let mut column: Vec<(usize, f64)> = Vec::new();
+        for (places, start) in places.iter().zip(&starts) {
+            places.under(line, radius_mm, |place, chord_mm| column.push((start + place, chord_mm)));
+        }
+        column
+    };
+    let columns: Vec<Vec<(usize, f64)>> = lines.par_iter().map(column).collect();
+    let count: usize = places.iter().map(|places| places.points.len()).sum();
+    let times_s = |slowness: &[f64]| {
+        let mut times_s = vec![0.0; count];
+        for (column, slowness) in columns.iter().zip(slowness) {
+            column.iter().for_each(|(place, chord_mm)| times_s[*place] += chord_mm * slowness);
+        }
+        times_s
+    };
+    let wanted_s = wanted_s(times_s(&least), PI * radius_mm * radius_mm / settings.step_over_mm() * fastest);
+    let mut slowness = least.clone();
+    for _ in 0..STEPS {
+        let weights: Vec<f64> = times_s(&slowness)
+            .into_iter()
+            .map(|time_s| (wanted_s / time_s.max(f64::MIN_POSITIVE)).clamp(1.0 / MOST_WEIGHT, MOST_WEIGHT))
+            .collect();
+        for ((column, least), slowness) in columns.iter().zip(&least).zip(&mut slowness) {
+            let sums = column.iter().fold((0.0, 0.0), |(weighted, all), (place, chord_mm)| {
+                (weighted + chord_mm * weights[*place], all + chord_mm)
+            });
+            if sums.1 > 0.0 {
+                *slowness = (*slowness * sums.0 / sums.1).clamp(*least, least.max(SLOWEST * fastest));
+            }
+        }
+    }
+    slowness
+}
+
+fn wanted_s(mut times_s: Vec<f64>, of_endless_rows_s: f64) -> f64 {
+    times_s.sort_by(f64::total_cmp);
+    let long_s = times_s.get((times_s.len() as f64 * WANTED) as usize).copied().unwrap_or_default();
+    long_s.max(of_endless_rows_s)
+}

@@ -1,0 +1,149 @@
+//! One area's share of the work: its lines, laid again until the disc keeps to the outline, reaches all of it, and no two
+//! lines are farther apart than the recipe's step-over.
+
+use super::areas::Area;
+use super::coverage::{GridCoverage, MIN_COVERAGE, coverage, step_overs_mm, strokes};
+use super::edge::Outline;
+use super::lines::{Lines, lines};
+use super::plan::{PlanError, There};
+use super::raster::Insets;
+use crate::geometry::{Panel, Point};
+use crate::panel::{GridId, Region};
+use crate::recipe;
+use crate::surface::{BSplineSurface, Parameter, Patch};
+
+/// What is done in one area, before paths are joined.
+#[derive(Debug, Clone)]
+pub(super) struct Piece {
+    pub area: Area,
+    pub track: Vec<Parameter>,
+    /// Is there a panel below each place of the track?
+    pub contact: Vec<bool>,
+    pub spacing_mm: f64,
+    pub coverage: Vec<GridCoverage>,
+    pub step_overs_mm: Vec<f64>,
+    pub overhangs_mm: Vec<f64>,
+}
+
+/// Times that lines are laid again because the disc reaches too far beyond the outline, or lines are too far apart.
+const ROUNDS: usize = 16;
+/// A disc that reaches this much farther than allowed is right, mm.
+pub(super) const OUTLINE_EXACT_MM: f64 = 0.01;
+/// Lines are laid this much closer again than what they were too far apart.
+const CLOSER: f64 = 0.999;
+/// Places on each side of a patch at which its bend is looked at.
+const BEND_STEPS: usize = 6;
+/// Where one place would do for all of a patch, the disc moves over it by so much of its radius: it never comes down and
+/// leaves at one place.
+const STROKE_RADII: f64 = 0.5;
+/// Times that this way is halved where the disc would reach beyond the outline.
+const STROKE_HALVES: usize = 3;
+
+pub(super) fn first_grid(area: &Area) -> GridId {
+    area.grids.first().copied().unwrap_or(GridId { row: 1, column: 1 })
+}
+
+pub(super) fn piece(
+    surface: &BSplineSurface,
+    region: &Region,
+    area: Area,
+    (outline, there): (&Outline, There<'_>),
+    settings: &recipe::Path,
+) -> Result<Piece, PlanError> {
+    let radius_mm = settings.disc_diameter_mm() / 2.0;
+    let spacing_mm = spacing_mm(surface, &area.patch, settings);
+    let on_surface = |places: &[Parameter]| places.iter().map(|at| surface.point(*at)).collect::<Vec<_>>();
+    let patch_of = |id: &GridId| Patch::of_grid(region, *id).unwrap_or(area.patch);
+    let covered = |track: &[Point<Panel>], contact: &[bool]| -> Vec<GridCoverage> {
+        let strokes = strokes(track, |index| contact[index]);
+        area.grids.iter().map(|id| coverage(surface, (*id, &patch_of(id)), &strokes, radius_mm)).collect()
+    };
+    let mut insets = Insets::of_disc(settings);
+    let mut step_over_mm = settings.step_over_mm();
+    let mut round = 0;
+    loop {
+        let laid = lines(surface, &area.patch, insets, settings, [step_over_mm, spacing_mm])
+            .map_err(|cause| PlanError::Raster { grid: first_grid(&area), cause })?;
+        let Lines { mut track, neighbours } = laid;
+        if let [only] = track[..] {
+            track = stroke(surface, only, (outline, settings));
+        }
+        let on_track = on_surface(&track);
+        let overhangs_mm: Vec<f64> =
+            on_track.iter().map(|contact| outline.overhang_mm(*contact, radius_mm)).collect();
+        round += 1;
+        if round < ROUNDS && outline.is_known() {
+            let allowed_mm = settings.edge_overhang_mm();
+            let mut beyond = false;
+            for ((at, point), mm) in track.iter().zip(&on_track).zip(&overhangs_mm) {
+                if let Some(outward) = outline.outward(*point).filter(|_| *mm > allowed_mm + OUTLINE_EXACT_MM) {
+                    insets.keep_off(&surface.tangents(*at), outward, mm - allowed_mm);
+                    beyond = true;
+                }
+            }
+            if beyond {
+                insets.settle();
+                continue;
+            }
+        }
+        let beside = |[line, next]: &[Vec<Parameter>; 2]| step_overs_mm(&on_surface(line), &on_surface(next));
+        let step_overs_mm: Vec<f64> = neighbours.iter().flat_map(beside).collect();
+        let widest_mm = step_overs_mm.iter().copied().fold(0.0, f64::max);
+        if round < ROUNDS && widest_mm > settings.step_over_mm() {
+            step_over_mm *= CLOSER * settings.step_over_mm() / widest_mm;
+            continue;
+        }
+        let contact: Vec<bool> = track.iter().map(|at| there(*at)).collect();
+        let coverage = covered(&on_track, &contact);
+        let short = coverage.iter().any(|grid| grid.share() < MIN_COVERAGE);
+        if !(round < ROUNDS && short && insets.give_way()) {
+            return Ok(Piece { area, track, contact, spacing_mm, coverage, step_overs_mm, overhangs_mm });
+        }
+    }
+}
+
+/// A short way over one place, along u or v, whichever keeps the disc more on the panel.
+fn stroke(
+    surface: &BSplineSurface,
+    at: Parameter,
+    (outline, settings): (&Outline, &recipe::Path),
+) -> Vec<Parameter> {
+    let (radius_mm, tangents) = (settings.disc_diameter_mm() / 2.0, surface.tangents(at));
+    let (per_u, per_v) = (tangents.s_u.mm.norm(), tangents.s_v.mm.norm());
+    let ends = |half_mm: f64, along_u: bool| {
+        let (du, dv) = if along_u { (half_mm / per_u, 0.0) } else { (0.0, half_mm / per_v) };
+        [Parameter { u: at.u - du, v: at.v - dv }, Parameter { u: at.u + du, v: at.v + dv }]
+    };
+    let overhang_mm = |ends: &[Parameter; 2]| {
+        ends.iter().map(|end| outline.overhang_mm(surface.point(*end), radius_mm)).fold(0.0, f64::max)
+    };
+    let mut best = ends(STROKE_RADII * radius_mm / 2.0, true);
+    for half in 0..=STROKE_HALVES {
+        let half_mm = STROKE_RADII * radius_mm / 2.0 / f64::powi(2.0, half as i32);
+        for along_u in [true, false] {
+            let ends = ends(half_mm, along_u);
+            if overhang_mm(&ends) < overhang_mm(&best) {
+                best = ends;
+            }
+        }
+        if overhang_mm(&best) <= settings.edge_overhang_mm() + OUTLINE_EXACT_MM {
+            break;
+        }
+    }
+    best.to_vec()
+}
+
+/// The recipe's spacing, or less where a chord of it would leave the surface by more than the recipe allows: a chord of
+/// length s over curvature κ lies κ s² / 8 off.
+fn spacing_mm(surface: &BSplineSurface, patch: &Patch, settings: &recipe::Path) -> f64 {
+    let mut bend: f64 = 0.0;
+    for n in 0..=BEND_STEPS * BEND_STEPS {
+        let share = |index: usize| index as f64 / BEND_STEPS as f64;
+        let at = patch.at(Parameter { u: share(n % (BEND_STEPS + 1)).min(1.0), v: share(n / (BEND_STEPS + 1)) });
+        if let Some(bends) = surface.principal_curvatures(&surface.derivatives(at)) {
+            bend = bends.iter().fold(bend, |most, one| most.max(one.abs()));
+        }
+    }
+    let chord_mm = if bend > 0.0 { (8.0 * settings.chord_error_mm() / bend).sqrt() } else { f64::INFINITY };
+    settings.waypoint_spacing_mm().min(chord_mm)
+}

@@ -1,0 +1,89 @@
+//! A ruler of a picture's pixels, from which a place in it is read.
+
+use super::canvas::{Canvas, FONT, Ink, Pen, drawn, lettering};
+use crate::geometry::Pixel;
+use crate::imaging::ImagingError;
+use opencv::core::{Mat, MatTraitConst, MatTraitManual};
+use opencv::imgproc;
+
+/// Distances between the numbers of a ruler, px, and how many numbers it has at most.
+const RULER_STEPS_PX: [usize; 6] = [20, 50, 100, 200, 500, 1000];
+const MOST_NUMBERS: usize = 20;
+
+impl Canvas {
+    /// The picture with a ruler of its pixels above and beside it, and faint lines across it at the ruler's numbers.
+    ///
+    /// # Errors
+    /// As [`Canvas::polyline`].
+    pub fn with_ruler(mut self) -> Result<Self, ImagingError> {
+        let (width, height) = (self.mat.cols() as usize, self.mat.rows() as usize);
+        let text_px = (height as f64 / 60.0).max(11.0);
+        let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MOST_NUMBERS);
+        let step = step.unwrap_or(width.max(height));
+        self.lines_at(step)?;
+        // As wide as the largest number, and a tick.
+        let (scale, weight) = lettering(text_px);
+        let widest = drawn(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
+        let band = widest.width + (1.6 * text_px).ceil() as i32;
+        let mut mat = Mat::default();
+        let (border, ground) = (opencv::core::BORDER_CONSTANT, Ink::RIM.scalar());
+        drawn(opencv::core::copy_make_border(&self.mat, &mut mat, band, 0, band, 0, border, ground))?;
+        let (mut canvas, band) = (Canvas { mat }, f64::from(band));
+        let pen = Pen { ink: Ink::WHITE, width_px: 1 };
+        let tick = |at: usize| if at.is_multiple_of(step) { 0.9 * text_px } else { 0.4 * text_px };
+        for u in (0..width).step_by(step / 5) {
+            let at = band + u as f64;
+            canvas.polyline(&[Pixel::at(at, band - tick(u)), Pixel::at(at, band - 1.0)], false, pen)?;
+            if u % step == 0 {
+                let place = Pixel::at(at + 0.2 * text_px, band - 1.1 * text_px);
+                canvas.label(place, &u.to_string(), text_px, Ink::WHITE)?;
+            }
+        }
+        for v in (0..height).step_by(step / 5) {
+            let at = band + v as f64;
+            canvas.polyline(&[Pixel::at(band - tick(v), at), Pixel::at(band - 1.0, at)], false, pen)?;
+            if v % step == 0 {
+                let place = Pixel::at(0.2 * text_px, at + 1.1 * text_px);
+                canvas.label(place, &v.to_string(), text_px, Ink::WHITE)?;
+            }
+        }
+        let corner = Pixel::at(0.2 * text_px, band - 1.1 * text_px);
+        canvas.label(corner, "px", text_px, Ink::WHITE)?;
+        Ok(canvas)
+    }
+
+    /// Faint lines every so many pixels, across and down.
+    fn lines_at(&mut self, step: usize) -> Result<(), ImagingError> {
+        const FAINT: f64 = 0.25;
+        let width = self.mat.cols() as usize;
+        let pixels = drawn(self.mat.data_bytes_mut())?.as_chunks_mut::<3>().0;
+        for (index, pixel) in pixels.iter_mut().enumerate() {
+            let (u, v) = (index % width, index / width);
+            if (u > 0 && u % step == 0) || (v > 0 && v % step == 0) {
+                *pixel = Ink(*pixel).mixed(Ink::WHITE, FAINT).0;
+            }
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::ColorPicture;
+
+    /// By hand: 300 px have 15 numbers 20 px apart; the picture begins where the ruler ends, and its lines lie at whole steps.
+    #[test]
+    fn a_ruler_stands_beside_the_picture_and_counts_its_pixels() {
+        let mut plain = ColorPicture::filled(300, 200, [90; 3]);
+        plain.rgb[37 * 300 + 45] = [1, 2, 3];
+        let ruled = Canvas::on(&plain).expect("a picture").with_ruler().expect("drawn").finish().expect("pixels");
+        let band = ruled.width - 300;
+        assert!(band > 20 && ruled.height == 200 + band, "{band}");
+        let at = |u: usize, v: usize| ruled.rgb[(v + band) * ruled.width + u + band];
+        assert_eq!((at(45, 37), at(0, 0), at(19, 21)), ([1, 2, 3], [90; 3], [90; 3]));
+        assert!(at(40, 37)[0] > 100 && at(45, 60)[0] > 100, "lines at 40 and 60");
+        let tick = |u: usize| ruled.rgb[(band - 6) * ruled.width + band + u][0];
+        assert!(tick(100) > 200 && tick(90) < 60, "a long tick at 100, none at 90");
+    }
+}

@@ -1,0 +1,106 @@
+//! A scan as a picture: its colours, where it has no points, and the recipe's region in it.
+
+use super::canvas::{Canvas, Ink, Pen};
+use crate::geometry::{ColorPicture, Frame, Mask, OrganizedCloud, Pixel};
+use crate::imaging::ImagingError;
+
+/// The pixels of a scan that have no point.
+pub fn missing<F: Frame>(scan: &OrganizedCloud<F>) -> Mask {
+    let inside = (0..scan.width() * scan.height()).map(|index| scan.point_at(index).is_none()).collect();
+    Mask { width: scan.width(), height: scan.height(), inside }
+}
+
+/// The share of a scan's pixels that have no point, 0…1.
+pub fn missing_share<F: Frame>(scan: &OrganizedCloud<F>) -> f64 {
+    missing(scan).count() as f64 / (scan.width() * scan.height()) as f64
+}
+
+/// The scan with a pixel ruler, its missing points tinted.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn scan_picture<F: Frame>(scan: &OrganizedCloud<F>) -> Result<ColorPicture, ImagingError> {
+    let canvas = tinted(scan)?;
+    canvas.with_ruler()?.with_legend(&[(MISSING, &legend(scan))])?.finish()
+}
+
+/// The same with the corners of the region that a recipe chooses; the wrong ones, counted from 1, are told.
+///
+/// # Errors
+/// Where OpenCV refuses to draw.
+pub fn region_in_scan<F: Frame>(
+    scan: &OrganizedCloud<F>,
+    corners_px: &[Pixel; 4],
+    wrong: &[usize],
+) -> Result<ColorPicture, ImagingError> {
+    let mut canvas = tinted(scan)?;
+    let size_px = (scan.height() as f64 / 60.0).max(9.0);
+    let width_px = (scan.height() as f64 / 600.0).round().max(1.0) as i32;
+    canvas.polyline(corners_px, true, Pen { ink: Ink::WHITE, width_px })?;
+    for (index, corner) in corners_px.iter().enumerate() {
+        let number = index + 1;
+        let (ink, word) = if wrong.contains(&number) { (Ink::VERMILLION, " wrong") } else { (Ink::BLUE, "") };
+        canvas.cross(*corner, size_px, Pen { ink, width_px: width_px + 1 })?;
+        // A corner outside of the picture is named at the picture's border.
+        let longest = 14.0 * size_px;
+        let u = (corner.u + size_px).clamp(size_px, (scan.width() as f64 - longest).max(size_px));
+        let v = (corner.v - size_px).clamp(2.0 * size_px, scan.height() as f64 - size_px);
+        let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
+        canvas.label(Pixel::at(u, v), &text, size_px, ink)?;
+    }
+    let said = legend(scan);
+    let lines = [
+        (Ink::WHITE, "the region of the recipe: corners_px, from the first to the fourth"),
+        (Ink::BLUE, "corner that can be used"),
+        (Ink::VERMILLION, "wrong corner"),
+        (MISSING, &*said),
+    ];
+    let lines = if wrong.is_empty() { [&lines[..2], &lines[3..]].concat() } else { lines.to_vec() };
+    canvas.with_ruler()?.with_legend(&lines)?.finish()
+}
+
+const MISSING: Ink = Ink::YELLOW;
+
+fn tinted<F: Frame>(scan: &OrganizedCloud<F>) -> Result<Canvas, ImagingError> {
+    let mut canvas = Canvas::on(&scan.picture())?;
+    canvas.shade(&missing(scan), MISSING, 0.45)?;
+    Ok(canvas)
+}
+
+fn legend<F: Frame>(scan: &OrganizedCloud<F>) -> String {
+    format!("no 3D point: {:.1} % of {} x {} px", 100.0 * missing_share(scan), scan.width(), scan.height())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Camera;
+
+    fn scan() -> OrganizedCloud<Camera> {
+        let points = (0..400 * 300).map(|i| if i % 400 < 100 { [f32::NAN; 3] } else { [1.0, 2.0, 800.0] });
+        OrganizedCloud::new(400, 300, points.collect(), vec![[100; 3]; 400 * 300]).expect("organised")
+    }
+
+    /// By hand: the left quarter of the scan has no points; yellow is (240, 228, 66), and 0.45 of the way from 100 to it (163,
+    /// 158, 85).
+    #[test]
+    fn missing_points_are_counted_and_tinted() {
+        assert!((missing_share(&scan()) - 0.25).abs() < 1e-12);
+        let picture = scan_picture(&scan()).expect("drawn");
+        // The ruler and the legend lie to the left and above.
+        let (left, top) = (picture.width - 400, picture.height - 300);
+        let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
+        assert_eq!((at(33, 33), at(133, 33)), ([163, 158, 85], [100; 3]));
+    }
+
+    #[test]
+    fn wrong_corners_stand_out_from_right_ones() {
+        let corners = [[150.0, 50.0], [350.0, 50.0], [350.0, 250.0], [20.0, 250.0]].map(|[u, v]| Pixel::at(u, v));
+        let picture = region_in_scan(&scan(), &corners, &[4]).expect("drawn");
+        let (left, top) = (picture.width - 400, picture.height - 300);
+        let at = |u: usize, v: usize| picture.rgb[(top + v) * picture.width + left + u];
+        assert_eq!((at(150, 50), at(350, 250), at(20, 250)), (Ink::BLUE.0, Ink::BLUE.0, Ink::VERMILLION.0));
+        let outside = corners.map(|corner| Pixel::at(corner.u + 300.0, corner.v));
+        assert!(region_in_scan(&scan(), &outside, &[1, 2, 3]).is_ok(), "also beyond the picture");
+    }
+}

@@ -1,0 +1,267 @@
+//! Do the program's threads still work? Each one that the cell depends on says so, and one place asks all of them.
+//!
+//! A sign of life from one thread proves nothing about the others. So systemd's watchdog is fed, and the robot kept under
+//! control, only while every thread has answered: a thread that panics, ends or is silent for longer than it may be is a
+//! [`ThreadFault`], and the process ends by it in the safe way.
+
+use std::fmt;
+use std::panic;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// What is wrong with a thread.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ThreadFault {
+    /// The thread's name.
+    pub thread: String,
+    /// What it did.
+    pub what: Failure,
+}
+
+/// How a thread fails.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Failure {
+    /// It panicked, which was reported where it happened.
+    Panicked,
+    /// It ended, and nobody asked it to.
+    Ended,
+    /// It has not answered for so long.
+    Silent(Duration),
+}
+
+impl fmt::Display for ThreadFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let ThreadFault { thread, what } = self;
+        match what {
+            Failure::Panicked => write!(f, "the thread \"{thread}\" panicked")?,
+            Failure::Ended => write!(f, "the thread \"{thread}\" ended by itself")?,
+            Failure::Silent(since) => {
+                write!(f, "the thread \"{thread}\" has not answered for {:.1} s", since.as_secs_f64())?;
+            }
+        }
+        f.write_str("; this is a fault of the program: the robot is stopped and the program ends")
+    }
+}
+
+impl std::error::Error for ThreadFault {}
+
+/// What a thread said of itself last.
+#[derive(Debug, Clone, Copy)]
+enum Sign {
+    /// It worked at this time, and will say so again.
+    Works(Instant),
+    /// It waits until somebody gives it work; it may be silent.
+    Rests,
+    /// It ended as it should.
+    Done,
+    /// It ended otherwise.
+    Lost,
+}
+
+#[derive(Debug)]
+struct Thread {
+    name: &'static str,
+    longest_silence: Duration,
+    sign: Mutex<Sign>,
+}
+
+impl Thread {
+    fn sign(&self) -> MutexGuard<'_, Sign> {
+        self.sign.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn fault(&self) -> Option<Failure> {
+        match *self.sign() {
+            Sign::Works(at) => {
+                Some(at.elapsed()).filter(|since| *since > self.longest_silence).map(Failure::Silent)
+            }
+            Sign::Rests | Sign::Done => None,
+            Sign::Lost => Some(Failure::Ended),
+        }
+    }
+}
+
+/// The thread's own end: it moves into the thread. Where the thread is left without [`Supervised::done`], it is lost.
+#[derive(Debug)]
+pub struct Supervised(Arc<Thread>);
+
+/// The other end, for the [`Supervisor`].
+#[derive(Debug, Clone)]
+pub struct Watched(Arc<Thread>);
+
+/// Both ends for a thread of this name, which says that it works at least once in `longest_silence`, or that it rests.
+pub fn supervised(name: &'static str, longest_silence: Duration) -> (Supervised, Watched) {
+    #[cfg(debug_assertions)]
+    let longest_silence = injected::shortened(longest_silence);
+    let thread = Arc::new(Thread { name, longest_silence, sign: Mutex::new(Sign::Rests) });
+    (Supervised(thread.clone()), Watched(thread))
+}
+
+impl Supervised {
+    /// It works. Called in each round of what it does.
+    pub fn works(&self) {
+        *self.0.sign() = Sign::Works(Instant::now());
+        #[cfg(debug_assertions)]
+        injected::fails(self.0.name);
+    }
+
+    /// It has nothing to do until somebody gives it work.
+    pub fn rests(&self) {
+        *self.0.sign() = Sign::Rests;
+    }
+
+    /// It ends because it was asked to.
+    pub fn done(&self) {
+        *self.0.sign() = Sign::Done;
+    }
+}
+
+impl Drop for Supervised {
+    fn drop(&mut self) {
+        let mut sign = self.0.sign();
+        if !matches!(*sign, Sign::Done) {
+            *sign = Sign::Lost;
+        }
+    }
+}
+
+impl Watched {
+    /// Whether the thread fails.
+    ///
+    /// # Errors
+    /// Where it ended by itself or is silent for too long.
+    pub fn check(&self) -> Result<(), ThreadFault> {
+        self.0.fault().map_or(Ok(()), |what| Err(ThreadFault { thread: self.0.name.to_owned(), what }))
+    }
+}
+
+/// Asks all threads. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct Supervisor(Arc<Mutex<Inside>>);
+
+#[derive(Debug, Default)]
+struct Inside {
+    threads: Vec<Watched>,
+    panicked: Option<String>,
+}
+
+impl Supervisor {
+    /// Asks this thread too. One that is done is forgotten.
+    pub fn watch(&self, thread: Watched) {
+        let mut inside = self.lock();
+        inside.threads.retain(|watched| !matches!(*watched.0.sign(), Sign::Done));
+        inside.threads.push(thread);
+    }
+
+    /// From now on a panic of any thread of this process, named or not, is a fault that [`Supervisor::check`] tells.
+    pub fn notice_panics(&self) {
+        let (supervisor, report) = (self.clone(), panic::take_hook());
+        panic::set_hook(Box::new(move |panicked| {
+            report(panicked);
+            supervisor.panicked(std::thread::current().name().unwrap_or("without a name"));
+        }));
+    }
+
+    /// A thread of this name panicked.
+    fn panicked(&self, thread: &str) {
+        self.lock().panicked.get_or_insert_with(|| thread.to_owned());
+    }
+
+    /// Whether all threads have answered.
+    ///
+    /// # Errors
+    /// The first fault that there is.
+    pub fn check(&self) -> Result<(), ThreadFault> {
+        let inside = self.lock();
+        if let Some(thread) = &inside.panicked {
+            return Err(ThreadFault { thread: thread.clone(), what: Failure::Panicked });
+        }
+        inside.threads.iter().try_for_each(Watched::check)
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Faults on demand, for tests of the whole program; a release build has none. `PANELPREP_INJECT` names a file; once it
+/// holds `panic NAME` or `hang NAME`, the supervised thread of that name does so when it next says that it works. No
+/// thread may be silent for longer than three seconds then, so that the test need not wait.
+#[cfg(debug_assertions)]
+mod injected {
+    use std::sync::LazyLock;
+    use std::time::Duration;
+
+    static FILE: LazyLock<Option<String>> = LazyLock::new(|| std::env::var("PANELPREP_INJECT").ok());
+
+    pub(super) fn shortened(silence: Duration) -> Duration {
+        if FILE.is_some() { silence.min(Duration::from_secs(3)) } else { silence }
+    }
+
+    #[expect(clippy::panic, reason = "the fault that is asked for")]
+    pub(super) fn fails(thread: &str) {
+        let asked = FILE.as_ref().and_then(|file| std::fs::read_to_string(file).ok()).unwrap_or_default();
+        match asked.trim().split_once(' ') {
+            Some(("panic", name)) if name == thread => panic!("injected"),
+            Some(("hang", name)) if name == thread => loop {
+                std::thread::park();
+            },
+            _ => {}
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SOON: Duration = Duration::from_millis(20);
+
+    fn words(supervisor: &Supervisor) -> String {
+        supervisor.check().expect_err("a fault").to_string()
+    }
+
+    #[test]
+    fn a_thread_that_works_is_silent_for_no_longer_than_it_may_be() {
+        let supervisor = Supervisor::default();
+        let (thread, watched) = supervised("link", SOON);
+        supervisor.watch(watched);
+        std::thread::sleep(2 * SOON);
+        assert_eq!(supervisor.check(), Ok(()), "it has no work yet");
+        thread.works();
+        assert_eq!(supervisor.check(), Ok(()));
+        std::thread::sleep(2 * SOON);
+        assert!(words(&supervisor).contains("the thread \"link\" has not answered for 0.0"));
+        thread.works();
+        assert_eq!(supervisor.check(), Ok(()));
+        thread.rests();
+        std::thread::sleep(2 * SOON);
+        assert_eq!(supervisor.check(), Ok(()));
+    }
+
+    #[test]
+    fn a_thread_that_ends_unasked_is_a_fault() {
+        let supervisor = Supervisor::default();
+        let (thread, watched) = supervised("socket", Duration::MAX);
+        supervisor.watch(watched);
+        thread.works();
+        drop(thread);
+        assert!(words(&supervisor).contains("\"socket\" ended by itself"));
+
+        let supervisor = Supervisor::default();
+        let (thread, watched) = supervised("recorder", Duration::MAX);
+        supervisor.watch(watched);
+        thread.done();
+        drop(thread);
+        assert_eq!(supervisor.check(), Ok(()));
+    }
+
+    /// A panic that the runtime of a thread catches is none the less a fault.
+    #[test]
+    fn a_panic_is_a_fault_whoever_catches_it() {
+        let supervisor = Supervisor::default();
+        let (one, other) = (supervisor.clone(), Supervisor::default());
+        supervisor.panicked("connection");
+        assert!(words(&one).contains("\"connection\" panicked") && other.check().is_ok());
+    }
+}

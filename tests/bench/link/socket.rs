@@ -1,0 +1,142 @@
+//! From a client's abort at the service's socket to the frame at the controller, while two hundred clients do harm.
+
+use super::peer::Peer;
+use crate::clients::harass;
+use panelprep::cell::Cell;
+use panelprep::daemon::{
+    self, Beside, Desk, Eyes, LinkedRobot, Picture2d, Service, SightError, Site, Socket, StoreRecord, Taping,
+    WrittenPage,
+};
+use panelprep::devices::robot::{Address, BlockingLink, link_limits};
+use panelprep::eki::Pace;
+use panelprep::geometry::{Camera, ColorPicture, OrganizedCloud};
+use panelprep::store::Store;
+use panelprep::supervision::Supervisor;
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+
+pub const CLIENTS: usize = 200;
+const PATIENCE: Duration = Duration::from_secs(20);
+const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_deg = 0, a5_deg = 0, a6_deg = 0 }\n\
+     [limits]\nbox_min_mm = [-2000, -2000, -2000]\nbox_max_mm = [2000, 2000, 2000]\n\
+     [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
+     [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
+
+/// No camera is asked here.
+struct NoEyes;
+
+fn none<T>() -> Result<T, SightError> {
+    Err(SightError { camera: "the camera", why: "there is none".to_owned() })
+}
+
+impl Eyes for NoEyes {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        none()
+    }
+    fn picture(&mut self) -> Result<Picture2d, SightError> {
+        none()
+    }
+    fn begin_film(&mut self, _: f64) -> Result<f64, SightError> {
+        none()
+    }
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+        none()
+    }
+    fn end_film(&mut self) -> Result<u64, SightError> {
+        none()
+    }
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        none()
+    }
+    fn check(&mut self) -> Vec<SightError> {
+        vec![]
+    }
+}
+
+/// What a request is answered; empty where it was not.
+fn ask(socket: &Path, word: &str) -> String {
+    let mut answer = String::new();
+    if let Ok(mut stream) = UnixStream::connect(socket) {
+        stream.set_read_timeout(Some(PATIENCE)).expect("set");
+        let line = format!("{{\"ask\":\"{word}\"}}\n");
+        let _ = stream.write_all(line.as_bytes()).and_then(|()| stream.read_to_string(&mut answer));
+    }
+    answer
+}
+
+fn until(what: &str, mut done: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !done() {
+        assert!(since.elapsed() < PATIENCE, "{what} never came");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+/// How long each abort took, and how much the clients did meanwhile.
+pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (store, socket) = (folder.path().join("store"), folder.path().join("socket"));
+    let cell = Cell::check("cell.toml", CELL).expect("a good cell");
+    let (peer, supervisor) = (Peer::start(), Supervisor::default());
+    let (command_port, state_port) = peer.ports();
+    let address = Address { host: "127.0.0.1".to_owned(), command_port, state_port };
+    let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
+    let (letters, inbox) = daemon::letters();
+    let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
+    let _socket = Socket::listen(&socket, letters.clone(), loader, &supervisor).expect("a socket");
+    let service = {
+        let supervisor = supervisor.clone();
+        std::thread::spawn(move || {
+            let mut robot = LinkedRobot::new(link, Pace::Wall);
+            let store_folder = store;
+            let mut store = Store::create(&store_folder).expect("a store");
+            let keep = daemon::keeper(&store).expect("writable");
+            let mut record = StoreRecord::new(&mut store, None);
+            let (pages, _) = mpsc::channel();
+            let beside = Beside {
+                taping: Taping::new(&store_folder, false),
+                supervisor: supervisor.clone(),
+                pages,
+                written: WrittenPage::default(),
+            };
+            let service = Service {
+                robot: &mut robot,
+                eyes: Box::new(NoEyes),
+                readable: Box::new(Vec::new),
+                keep,
+                record: &mut record,
+                requests: &mut Desk::new(inbox, None, beside),
+                supervisor,
+            };
+            daemon::serve(Site::new(&cell).expect("whole"), service, []).map(drop)
+        })
+    };
+    let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));
+    let mut found = Vec::with_capacity(trials);
+    std::thread::scope(|scope| {
+        for kind in 0..CLIENTS {
+            let (socket, ends, done) = (&socket, &ends, &done);
+            scope.spawn(move || harass(socket, kind, ends, done));
+        }
+        for _ in 0..trials {
+            until("a clear", || {
+                ask(&socket, "clear").contains("\"stopped\"") || ask(&socket, "state").contains("\"stopped\"")
+            });
+            peer.forget();
+            let asked = Instant::now();
+            let answer = ask(&socket, "abort");
+            until("the frame", || peer.stopped().is_some());
+            found.push(peer.stopped().map_or(PATIENCE, |stopped| stopped - asked));
+            assert!(answer.contains("\"done\""), "{answer}");
+        }
+        ends.store(true, Ordering::Relaxed);
+    });
+    letters.send(daemon::Letter::Signal).expect("it serves");
+    service.join().expect("no panic").expect("no fault");
+    (found, done.load(Ordering::Relaxed))
+}

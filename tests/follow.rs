@@ -1,0 +1,108 @@
+//! How a person or a script follows a cell: `ctl state`, `ctl watch`, `ctl start --wait`, and files for the next command.
+
+use super::commands::{TEACH, json, rendered};
+use super::service::{START, Service, taught};
+use serde_json::Value;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+
+/// `--wait` ends with the cycle, by its exit code; meanwhile `watch` tells what changes, an object a line. The part is on
+/// the page, and a new disc is confirmed.
+#[test]
+fn a_cycle_is_followed_to_its_end() {
+    let folder = taught("good");
+    let folder = folder.path();
+    let service = Service::start(folder);
+    let confirmed = service.done("new-disc");
+    assert!(confirmed["done"].as_str().is_some_and(|words| words.contains("new disc is mounted")), "{confirmed}");
+    assert_eq!(service.done("state")["done"], Value::Null, "it is told to who asked");
+    service.reset();
+    let mut watch = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args("ctl watch --json --cell cell/cell.toml".split_whitespace())
+        .current_dir(folder)
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(watch.stdout.take().expect("piped")).lines().map_while(Result::ok);
+    let object = |line: String| -> Value { serde_json::from_str(&line).expect("an object a line") };
+    let first = object(lines.next().expect("how it stands"));
+    assert!(first["state"] == "idle" && first["panel"].is_null(), "{first}");
+    let (exit, ended) = service.ctl(&format!("{START} --wait --part SN-7<b> --order W-4 --operator Anna"));
+    let found = (exit, ended["verdict"].as_str(), ended["state"].as_str());
+    assert_eq!(found, (0, Some("pass"), Some("complete")), "{ended}");
+    let told: Vec<Value> = lines.map(object).take_while(|told| told["page"].is_null()).collect();
+    watch.kill().and_then(|()| watch.wait()).expect("ended");
+    assert!(told.windows(2).all(|pair| pair[0] != pair[1]), "only changes are told");
+    // How many of the phases are seen depends on the machine.
+    let at_work: Vec<&Value> = told.iter().filter(|told| told["state"] == "execute").collect();
+    assert!(at_work.iter().all(|told| told["phase"].is_string()) && !at_work.is_empty(), "{told:#?}");
+    let panel = ended["panel"].as_str().expect("a name");
+    assert!(at_work.iter().all(|told| told["panel"] == panel), "{told:#?}");
+    assert_eq!(ended["pass"], 1);
+    let page =
+        std::fs::read_to_string(folder.join(ended["page"].as_str().expect("a page"))).expect("it is written");
+    for words in ["SN-7&lt;b&gt;", "W-4", "Anna"] {
+        assert!(page.contains(words), "{words}");
+    }
+    service.reset();
+    let (exit, refused) = service.ctl(&format!("{START} --part SN\u{1}7"));
+    assert!(exit == 2 && refused["reasons"].to_string().contains("control characters"), "{refused}");
+
+    // Held, it tells where it goes on; whoever waits, waits on, and hears of the stop.
+    let mut waits = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(format!("ctl {START} --wait --cell cell/cell.toml").split_whitespace())
+        .current_dir(folder)
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("the program starts");
+    service.wait("work", |service| service.state() == "execute");
+    service.done("hold");
+    service.reach("held");
+    let held = service.done("state");
+    assert!(held["phase"].as_str().is_some() && held["panel"].as_str() == Some(panel), "{held}");
+    assert!(waits.try_wait().expect("its status").is_none(), "a held cycle is not over");
+    service.done("stop");
+    assert_eq!(waits.wait().expect("its status").code(), Some(3), "stopped: aborted, a cycle's own code");
+}
+
+/// A store that was left aborted is cleared without a service, by the command that the message names.
+#[test]
+fn a_cell_without_a_service_is_cleared() {
+    let folder = taught("clean");
+    let folder = folder.path();
+    let service = Service::start(folder);
+    service.reset();
+    service.done("abort");
+    service.reach("aborted");
+    service.signal(rustix::process::Signal::TERM);
+    service.ended();
+    let cycle = "cycle --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+    let (exit, refused) = json(folder, cycle);
+    let words = refused["reasons"][0]["message"].as_str().unwrap_or_default().to_owned();
+    assert!(exit == 2 && words.contains("`panelprep clear --cell cell/cell.toml`"), "{refused}");
+    let (exit, cleared) = json(folder, "clear --cell cell/cell.toml");
+    assert_eq!((exit, cleared["state"].as_str()), (0, Some("stopped")), "{cleared}");
+    let (exit, again) = json(folder, "clear --cell cell/cell.toml");
+    assert_eq!((exit, again["verdict"].as_str()), (0, Some("accept")), "{again}");
+    let (_, ran) = json(folder, cycle);
+    assert!(ran["cycle_id"].as_i64().is_some(), "{ran}");
+}
+
+/// What `--out` wrote is what the next command takes.
+#[test]
+fn places_go_from_file_to_file() {
+    let folder = rendered("clean");
+    let folder = folder.path();
+    assert_eq!(json(folder, TEACH).0, 0);
+    let cell = "--cell cell/cell.toml --recipe cell/recipe.toml";
+    let written = |name: &str| -> Value {
+        serde_json::from_slice(&std::fs::read(folder.join(name)).expect("written")).expect("JSON")
+    };
+    let (exit, located) = json(folder, &format!("locate {cell} --scan cell/scan.pcd --out out/located.json"));
+    assert_eq!((exit, &located), (0, &written("out/located.json")));
+    let corner = "--corner cell/corner.png --flange cell/flange.json --out refined.json";
+    let (exit, refined) = json(folder, &format!("refine {cell} --located out/located.json {corner}"));
+    assert_eq!((exit, &refined), (0, &written("refined.json")));
+    assert_ne!(refined["base_from_panel"], located["base_from_panel"]);
+}

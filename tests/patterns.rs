@@ -1,0 +1,186 @@
+//! Every pattern over many sets of grids of the demo's own panels: planned, finite, its lines no farther apart than the recipe
+//! says, everything reached, and how even. `make test` plans a few sets, `make bench-surface` all of them.
+
+use panelprep::panel::{GridId, TaughtPanel};
+use panelprep::path::{self, Plan};
+use panelprep::recipe::Recipe;
+use panelprep::sim::{Cell, SEARCH_BOX_MM, Scene};
+use panelprep::surface::{self, BSplineSurface};
+use panelprep::verdict::Verdict;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+pub const PATTERNS: [&str; 5] = ["raster", "cross-hatch", "spiral", "offset", "offset-spiral"];
+/// The disc of the limits that a pattern has by itself, mm.
+pub const USUAL_DISC_MM: f64 = 30.0;
+
+/// One pattern with one disc, over many sets of grids.
+#[derive(Debug, Clone, Default)]
+pub struct Row {
+    pub plans: usize,
+    /// Of all grids of all plans, 0…1.
+    pub least_coverage: f64,
+    pub widest_step_mm: f64,
+    /// One for each plan: its largest.
+    pub dwell_ratios: Vec<f64>,
+    /// What is wrong, with pattern, disc, seed and grids.
+    pub faults: Vec<String>,
+    /// Plans that a person is asked about.
+    pub reviews: usize,
+}
+
+impl Row {
+    /// The dwell ratio that a share of the plans keeps.
+    pub fn dwell_ratio(&self, share: f64) -> f64 {
+        let mut sorted = self.dwell_ratios.clone();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(((sorted.len().saturating_sub(1)) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
+    }
+}
+
+/// A panel of the demo, as it is taught.
+struct Demo {
+    seed: u64,
+    text: String,
+    panel: TaughtPanel,
+    surface: BSplineSurface,
+}
+
+impl Demo {
+    fn new(seed: u64, reduction: usize) -> Self {
+        let cell = Cell::new(seed, Scene::Good, reduction);
+        let (region, [low, high]) = (cell.region(), SEARCH_BOX_MM);
+        let corners = region.corners_px.map(|pixel| [pixel.u, pixel.v]);
+        let text = format!(
+            "panel = \"simulated\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\n\
+             [region]\ncorners_px = {corners:?}\nrows = {}\ncolumns = {}\n",
+            region.rows, region.columns
+        );
+        let recipe = recipe(&text);
+        let base_from_camera = cell.calibrated_base_from_camera();
+        let panel = TaughtPanel::learn(&cell.taught_scan(), *cell.scanner(), base_from_camera, &recipe)
+            .expect("a panel that can be taught");
+        let surface = surface::fit(&panel, recipe.surface()).expect("a surface").surface;
+        Demo { seed, text, panel, surface }
+    }
+
+    fn planned(&self, (pattern, disc_mm): (&str, f64), grids: &[GridId]) -> Result<(Plan, Recipe), String> {
+        let recipe =
+            recipe(&format!("{}[path]\npattern = \"{pattern}\"\ndisc_diameter_mm = {disc_mm}\n", self.text));
+        let plan = path::plan(&self.surface, &self.panel.region, grids, &self.panel.outline, recipe.path());
+        plan.map(|plan| (plan, recipe)).map_err(|error| error.to_string())
+    }
+}
+
+fn recipe(text: &str) -> Recipe {
+    Recipe::check("demo.toml", text).unwrap_or_else(|problems| panic!("{problems}"))
+}
+
+/// Every single grid, pair of neighbours, L of three, row, and all.
+pub fn every_set(rows: usize, columns: usize) -> Vec<Vec<GridId>> {
+    let mut sets: Vec<Vec<GridId>> = Vec::new();
+    let there = |id: &GridId| (1..=rows).contains(&id.row) && (1..=columns).contains(&id.column);
+    for (row, column) in (1..=rows).flat_map(|row| (1..=columns).map(move |column| (row, column))) {
+        let at = |down: usize, right: usize| GridId { row: row + down, column: column + right };
+        sets.push(vec![at(0, 0)]);
+        sets.push(vec![at(0, 0), at(0, 1)]);
+        sets.push(vec![at(0, 0), at(1, 0)]);
+        let square = [at(0, 0), at(0, 1), at(1, 0), at(1, 1)];
+        sets.extend((0..4).map(|without| {
+            square.iter().enumerate().filter(|(index, _)| *index != without).map(|(_, id)| *id).collect()
+        }));
+    }
+    sets.retain(|set| set.iter().all(there));
+    sets.extend((1..=rows).map(|row| (1..=columns).map(|column| GridId { row, column }).collect()));
+    sets.push((1..=rows).flat_map(|row| (1..=columns).map(move |column| GridId { row, column })).collect());
+    sets.sort();
+    sets.dedup();
+    sets
+}
+
+/// Plans sets of grids with every pattern and each of these discs, on these seeds of the demo; `wanted` picks the sets.
+pub fn run(
+    (seeds, reduction): (std::ops::RangeInclusive<u64>, usize),
+    discs_mm: &[f64],
+    wanted: impl Fn(usize, &[GridId]) -> bool + Sync,
+) -> BTreeMap<(usize, u64), Row> {
+    let mut rows: BTreeMap<(usize, u64), Row> = BTreeMap::new();
+    for seed in seeds {
+        let demo = Demo::new(seed, reduction);
+        let sets = every_set(demo.panel.region.rows, demo.panel.region.columns);
+        let sets: Vec<&Vec<GridId>> =
+            sets.iter().enumerate().filter(|(index, set)| wanted(*index, set)).map(|(_, set)| set).collect();
+        for (index, pattern) in PATTERNS.iter().enumerate() {
+            for disc_mm in discs_mm {
+                let row =
+                    rows.entry((index, *disc_mm as u64)).or_insert(Row { least_coverage: 1.0, ..Row::default() });
+                let planned: Vec<_> = sets.par_iter().map(|set| demo.planned((pattern, *disc_mm), set)).collect();
+                for (set, planned) in sets.iter().zip(planned) {
+                    let names: Vec<String> = set.iter().map(ToString::to_string).collect();
+                    let name = format!("{pattern}, disc {disc_mm} mm, seed {}, {}", demo.seed, names.join(" "));
+                    row.plans += 1;
+                    match planned {
+                        Ok((plan, recipe)) => row.take(&name, &plan, recipe.path()),
+                        Err(error) => row.faults.push(format!("{name}: {error}")),
+                    }
+                }
+            }
+        }
+    }
+    rows
+}
+
+impl Row {
+    fn take(&mut self, name: &str, plan: &Plan, settings: &panelprep::recipe::Path) {
+        let judgement = path::judge(plan, settings);
+        let least = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
+        let step_mm = plan.step_over_mm.map_or(0.0, |step_over| step_over.max_mm);
+        let ratio = plan.dwell_ratio().map(|(ratio, _)| ratio);
+        self.least_coverage = self.least_coverage.min(least);
+        self.widest_step_mm = self.widest_step_mm.max(step_mm);
+        self.dwell_ratios.extend(ratio);
+        self.reviews += usize::from(judgement.verdict == Verdict::Review);
+        let is_finite = plan.is_finite() && plan.duration_s > 0.0;
+        let mut wrong = vec![
+            (!is_finite, "a number is not finite".to_owned()),
+            (judgement.verdict == Verdict::Reject, format!("rejected: {:?}", judgement.reasons)),
+            (step_mm > settings.step_over_mm(), format!("lines {step_mm:.3} mm apart")),
+            (least < 0.995, format!("coverage {least:.4}")),
+            (ratio.is_none(), "no dwell is told".to_owned()),
+        ];
+        if settings.disc_diameter_mm() == USUAL_DISC_MM {
+            let uneven = ratio.is_none_or(|ratio| ratio > settings.max_dwell_ratio());
+            wrong.push((uneven, format!("dwell ratio {ratio:?}, allowed {}", settings.max_dwell_ratio())));
+        }
+        self.faults
+            .extend(wrong.into_iter().filter(|(is_so, _)| *is_so).map(|(_, what)| format!("{name}: {what}")));
+    }
+}
+
+#[test]
+fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
+    // One set in eleven, the whole rows and all grids.
+    let some = |index: usize, set: &[GridId]| index % 11 == 0 || set.len() > 3;
+    let rows = run((1..=2, 4), &[20.0, 30.0, 60.0], some);
+    let faults: Vec<&String> = rows.values().flat_map(|row| &row.faults).collect();
+    for ((pattern, disc_mm), row) in &rows {
+        println!(
+            "{} {disc_mm}: {} plans, coverage {:.4}, step-over {:.2}, dwell ratio {:.2} to {:.2}, {} reviews",
+            PATTERNS[*pattern],
+            row.plans,
+            row.least_coverage,
+            row.widest_step_mm,
+            row.dwell_ratio(0.5),
+            row.dwell_ratio(1.0),
+            row.reviews
+        );
+    }
+    assert!(rows.len() == 15 && rows.values().all(|row| row.plans > 20));
+    assert!(faults.is_empty(), "{} faults: {:#?}", faults.len(), &faults[..faults.len().min(20)]);
+}
+
+/// By hand: 4 × 6 grids have 24 singles, 4·5 + 3·6 = 38 pairs, 4 · 15 = 60 Ls, 4 rows and all.
+#[test]
+fn every_set_is_there() {
+    assert_eq!(every_set(4, 6).len(), 24 + 38 + 60 + 4 + 1);
+}
