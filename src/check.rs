@@ -1,9 +1,12 @@
 //! What a file is, whether it is right, and what was understood: `panelprep check`.
 //!
 //! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
-//! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other.
+//! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
+//! `.sub` or `.dat` is KRL; such files are checked as one program.
 
 mod eki;
+mod krl;
+mod text;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
@@ -11,10 +14,13 @@ use crate::cell::{
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector};
+use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
 use crate::requirements::{Purpose, Unmet, unmet};
 use crate::words::{fixed, list};
 use std::collections::BTreeMap;
+
+pub use text::{NotText, decode};
 
 /// What was found in one file.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,11 +65,23 @@ const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
 }
 
 /// Checks the texts of configuration files, by themselves and against each other; a file is its name in messages and
-/// its text. A cell must say all that the purpose needs, where one is given.
+/// its text. A cell must say all that the purpose needs, where one is given. KRL is held against the lowest version of
+/// KSS that the installation page names.
 pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<FileReport> {
+    check_files_for(files, purpose, LOWEST_KSS)
+}
+
+/// [`check_files`] for controllers with this version of KSS and higher ones.
+pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Kss) -> Vec<FileReport> {
     let mut channels = Vec::new();
+    let mut programs = Vec::new();
     let mut reports = Vec::new();
     for (place, &(name, text)) in files.iter().enumerate() {
+        if krl::is_krl(name) {
+            programs.push((place, name, text));
+            reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], says: vec![] });
+            continue;
+        }
         if !is_eki(name, text) {
             reports.push(check_ours(name, text, purpose));
             continue;
@@ -77,6 +95,9 @@ pub fn check_files(files: &[(&str, &str)], purpose: Option<Purpose>) -> Vec<File
     for (place, problem) in eki::clashes(&channels) {
         reports[place].problems.push(problem);
         reports[place].problems.sort_by_key(|problem| problem.line);
+    }
+    for (place, report) in krl::check(&programs, kss) {
+        reports[place] = report;
     }
     reports
 }

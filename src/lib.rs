@@ -17,6 +17,8 @@ pub mod imaging;
 pub mod phase;
 pub mod verdict;
 
+pub mod krl;
+
 pub mod cell;
 pub mod recipe;
 

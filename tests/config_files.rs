@@ -38,6 +38,55 @@ fn the_channel_files_that_ship_are_right() {
     }
 }
 
+/// The programs that ship, and one slip in them, as a user sees it; a file that cannot be read hides nothing.
+#[test]
+fn the_programs_that_ship_are_right_and_one_bad_file_hides_no_other() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
+    let run = |folder: &Path, files: &[&str]| {
+        let mut program = Command::new(env!("CARGO_BIN_EXE_panelprep"));
+        let output =
+            program.args(["check", "--kss", "8.7"]).args(files).current_dir(folder).output().expect("starts");
+        (output.status.code(), String::from_utf8(output.stdout).expect("UTF-8"))
+    };
+    let programs = [
+        "cell_judge.src",
+        "cell_link.src",
+        "cell_motion.src",
+        "cell_submit.src",
+        "cell_tell.src",
+        "cell_user.src",
+        "cell_config.dat",
+        "cell_data.dat",
+    ];
+    let (exit, text) = run(&folder, &programs);
+    assert!(exit == Some(0) && !text.contains("warning"), "{text}");
+    assert!(
+        text.contains("cell_motion.src: ok\n  a program: routines that other files see: CELL_MOTION; 11 more"),
+        "{text}"
+    );
+    assert!(text.contains("cell_data.dat: ok\n  a data list: "), "{text}");
+    let copies = tempfile::tempdir().expect("a folder");
+    for name in programs {
+        let text = fs::read_to_string(folder.join(name)).expect("it is there");
+        let text =
+            text.replace("  CELL_USER_0( )", "  CELL_USER_0(1)").replace("DECL INT N\n", "DECL INT N ; f\u{fc}r\n");
+        let latin: Vec<u8> = text.chars().map(|c| u8::try_from(u32::from(c)).expect("Latin-1")).collect();
+        fs::write(copies.path().join(name), latin).expect("written");
+    }
+    fs::write(copies.path().join("torn.xml"), b"<A>\xFC</A>").expect("written");
+    let (exit, text) = run(copies.path(), &[&programs[..], &["torn.xml", "missing.xml"]].concat());
+    assert_eq!(exit, Some(2), "{text}");
+    assert!(
+        text.contains("cell_user.src: not right\n  line 16: CELL_USER_0: 1 arguments are given, 0 are wanted"),
+        "{text}"
+    );
+    assert!(text.contains("torn.xml: not right\n  line 1: : line 1 is not UTF-8"), "{text}");
+    assert!(
+        text.contains("missing.xml: not right\n  line 1: : missing.xml: ") && text.contains("cell_judge.src: ok"),
+        "{text}"
+    );
+}
+
 /// The unit lets through what the program itself calls beyond its groups (nice, for the link and for computing), and is
 /// hardened as far as it says: 2.0 at most where systemd is here to judge it.
 #[test]

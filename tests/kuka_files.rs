@@ -65,7 +65,7 @@ const KEYWORDS: [&str; 52] = [
 const TYPES: [&str; 11] =
     ["INT", "REAL", "BOOL", "FRAME", "AXIS", "E6AXIS", "E6POS", "EKI_STATUS", "STATE_T", "MODUS_T", "CELL_CMD_T"];
 /// What KUKA's own software brings.
-const FOREIGN: [&str; 3] = ["BAS", "IR_STOPM", "CWRITE"];
+const FOREIGN: [&str; 5] = ["BAS", "IR_STOPM", "CWRITE", "VARSTATE", "ON_ERROR_PROCEED"];
 /// The functions of `eki.md` 3 that the programs use.
 const EKI: [&str; 11] = [
     "EKI_INIT",
@@ -81,7 +81,7 @@ const EKI: [&str; 11] = [
     "EKI_CLOSE",
 ];
 /// Every system variable that the programs touch; the installation page asks to prove those that matter.
-const SYSTEM: [&str; 35] = [
+const SYSTEM: [&str; 34] = [
     "$ACC",
     "$ACC_AXIS",
     "$ADVANCE",
@@ -91,7 +91,6 @@ const SYSTEM: [&str; 35] = [
     "$AXIS_ACT_MEAS",
     "$BASE",
     "$CMD",
-    "$COULD_START_MOTION",
     "$DATE",
     "$FLAG",
     "$IN",

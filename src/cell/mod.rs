@@ -10,6 +10,7 @@ mod calibration;
 mod date;
 mod devices;
 mod gige;
+mod keep;
 mod limits;
 mod names;
 mod rough;
@@ -27,6 +28,7 @@ pub use calibration::{
 pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
+pub use keep::{Keep, KeepFor};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
 pub use rough::RoughMounts;
@@ -86,6 +88,7 @@ impl CalibrationFiles {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
     store: PathBuf,
+    keep: Keep,
     socket: Option<PathBuf>,
     scanner: Camera<ZividCamera>,
     flange_camera: Camera<Gige>,
@@ -125,7 +128,7 @@ impl Cell {
     }
 
     fn take(folder: &Path, top: &Section<'_, '_>) -> Option<Self> {
-        let store = top.take::<String>("store", (), Some("store".to_owned()));
+        let store = keep::take_store(top);
         let socket = top.take::<Option<String>>("socket", (), Some(None));
         let scanner = devices::take_camera(folder, &top.section("scanner"), zivid::kind(folder));
         let flange_camera = devices::take_camera(folder, &top.section("flange_camera"), gige::KIND);
@@ -137,8 +140,10 @@ impl Cell {
         let rough = rough::take_rough(&top.section("rough"));
         let arm = arm::take_arm(&top.section("arm"), &top.sections("keep_out"));
         top.done();
+        let (store, keep) = store?;
         Some(Cell {
-            store: folder.join(store?),
+            store: folder.join(store),
+            keep,
             socket: socket?.map(|name| folder.join(name)),
             scanner: scanner?,
             flange_camera: flange_camera?,
@@ -155,6 +160,11 @@ impl Cell {
     /// The folder of the store.
     pub fn store(&self) -> &Path {
         &self.store
+    }
+
+    /// How long clips and scans are kept in it.
+    pub fn keep(&self) -> &Keep {
+        &self.keep
     }
 
     /// The service's socket, where the file names one; else it lies in the store.

@@ -383,6 +383,31 @@ proptest! {
     }
 }
 
+/// Pages and records stay for ever; of clips and scans the file says how long.
+#[test]
+fn the_store_s_table_says_what_is_kept() {
+    let check = |text: &str| Cell::check("a/cell.toml", text).unwrap_or_else(|problems| panic!("{problems}"));
+    assert!(check("store = 'kept'").keep().is_for_ever());
+    let cell = check("[store]\nfolder = 'kept'\nkeep = { days = 30, cycles = 200, failed_days = 180 }");
+    assert_eq!(cell.store(), Path::new("a/kept"));
+    let expected = Keep {
+        passed: KeepFor { days: Some(30), cycles: Some(200) },
+        failed: KeepFor { days: Some(180), cycles: None },
+    };
+    assert_eq!(*cell.keep(), expected);
+    assert_eq!(check("[store]").store(), Path::new("a/store"));
+    for (text, words) in [
+        ("[store]\nkeep = { days = 0 }", "2: store.keep.days: found 0, allowed is a whole number from 1 to 36500"),
+        ("[store]\nkeep = { day = 3 }", "store.keep.day"),
+        ("[store.keep]\ndays = 30\nfailed_days = 7", "3: store.keep.failed_days: found 7, allowed is 30"),
+        ("[store]\nkeep = 30", "store.keep: found 30, allowed is a table"),
+        ("store = 7", "store: found 7, allowed is a text"),
+    ] {
+        let told = says(text);
+        assert!(told.iter().any(|told| told.contains(words)), "{text}: {told:?}");
+    }
+}
+
 #[test]
 fn a_host_is_an_address_or_a_name() {
     let of = |host: &str| Cell::check("f", &format!("[robot]\nkind = 'eki'\nhost = '{host}'"));

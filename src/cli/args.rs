@@ -90,9 +90,9 @@ pub enum Command {
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
-    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels.
+    /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
     #[command(
-        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml"
+        after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
     )]
     Check(Check),
     /// Check the cell from the bottom up, and say what to do: libraries, disk, clock, store, calibrations, EthernetKRL
@@ -139,6 +139,10 @@ pub enum Command {
         panelprep plan --cell target/cell/cell.toml --recipe target/cell/recipe.toml --grids r1c1,r1c2 \
         --out target/cell/plan.json --pictures target/cell/pictures")]
     Plan(Plan),
+    /// Look after the store: is everything in it what was written?
+    #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
+        panelprep store verify --cell target/cell/cell.toml")]
+    Store(StoreCommand),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \
@@ -146,6 +150,32 @@ pub enum Command {
         The recording is an MCAP file: Foxglove and Lichtblick open it."
     )]
     Replay(Replay),
+}
+
+/// Options of `store`.
+#[derive(Debug, Clone, Args)]
+pub struct StoreCommand {
+    /// What to do with it.
+    #[command(subcommand)]
+    pub what: StoreTask,
+}
+
+/// What may be done with a store.
+#[derive(Debug, Clone, Subcommand)]
+pub enum StoreTask {
+    /// Hold every row against the chain of hashes, the chain against its head outside of the database, and every file
+    /// against its hash: name what was changed, deleted, put in, reordered or rolled back.
+    #[command(after_help = "Example, of a copy:\n  panelprep store verify --store /media/copy/store --rows-only\n\
+        Exit codes: 0 nothing was found, 1 something was found, 2 there is no store to read.")]
+    Verify(VerifyStore),
+}
+
+/// Options of `store verify`.
+#[derive(Debug, Clone, Args)]
+pub struct VerifyStore {
+    /// Leave out the files (scans, pictures), which takes most of the time.
+    #[arg(long)]
+    pub rows_only: bool,
 }
 
 /// Options of `replay`.
@@ -482,9 +512,12 @@ pub struct PartArguments {
 /// Options of `check`.
 #[derive(Debug, Clone, Args)]
 pub struct Check {
-    /// The files.
+    /// The files. KRL files that belong together are named together.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// The lowest version of KUKA System Software that the KRL files are for, 8.2 to 8.7.
+    #[arg(long, value_name = "VERSION", default_value_t = crate::krl::LOWEST_KSS)]
+    pub kss: crate::krl::Kss,
     /// What a cell's file must be complete for.
     #[arg(long = "for", value_name = "PURPOSE", value_enum, default_value_t)]
     pub purpose: PurposeName,

@@ -5,28 +5,32 @@ use super::fault::Fault;
 use super::outcome::Outcome;
 use super::{disk, load};
 use crate::cell::Cell;
-use crate::check::check_files;
+use crate::check::{FileReport, check_files_for, decode};
 use crate::config::{Problem, line_of_key};
 use crate::requirements::Purpose;
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::path::Path;
 
-/// Checks every file; all problems of all files are told, traps too. EthernetKRL files are checked against each other.
+/// Checks every file; all problems of all files are told, traps too. EthernetKRL files are checked against each other,
+/// KRL files as one program. A file that cannot be read is told beside the others, with exit code 2.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// None; what cannot be read is part of the outcome.
 pub fn run(args: &Check) -> Result<Outcome, Fault> {
     let mut files = Vec::new();
     let mut lines = Vec::new();
     let mut reasons = Vec::new();
-    let mut texts = Vec::new();
-    for file in &args.files {
-        texts.push((file.display().to_string(), disk::read_text(file)?));
-    }
-    let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
-    for ((name, _), report) in named.iter().zip(check_files(&named, purpose(args.purpose))) {
-        let mut report = report;
+    let texts: Vec<(String, Result<String, String>)> = args.files.iter().map(|file| named_text(file)).collect();
+    let named: Vec<(&str, &str)> =
+        texts.iter().filter_map(|(name, text)| Some((name.as_str(), text.as_deref().ok()?))).collect();
+    let mut found = check_files_for(&named, purpose(args.purpose), args.kss).into_iter();
+    for (name, text) in &texts {
+        let report = match text {
+            Ok(_) => found.next(),
+            Err(message) => Some(unreadable(message)),
+        };
+        let Some(mut report) = report else { continue };
         report.warnings.extend(calibrations_that_are_not_there(name, report.kind));
         let warnings: Vec<String> = report.warnings.iter().map(warning).collect();
         let ok = report.problems.is_empty();
@@ -45,9 +49,25 @@ pub fn run(args: &Check) -> Result<Outcome, Fault> {
     }
     let verdict = if reasons.is_empty() { Verdict::Pass } else { Verdict::Fail };
     let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    if texts.iter().any(|(_, text)| text.is_err()) {
+        outcome.exit = 2;
+    }
     outcome.words = lines;
     outcome.put("files", json!(files));
     Ok(outcome)
+}
+
+/// A file's name in messages, and its text or why it has none.
+fn named_text(file: &Path) -> (String, Result<String, String>) {
+    let name = file.display().to_string();
+    let bytes = disk::read(file).map_err(|fault| fault.to_string());
+    let text = bytes.and_then(|bytes| decode(&name, &bytes).map_err(|error| error.to_string()));
+    (name, text)
+}
+
+fn unreadable(message: &str) -> FileReport {
+    let problem = Problem { line: 1, key: String::new(), message: message.to_owned() };
+    FileReport { kind: None, problems: vec![problem], warnings: Vec::new(), says: Vec::new() }
 }
 
 fn purpose(name: PurposeName) -> Option<Purpose> {

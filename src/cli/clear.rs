@@ -35,7 +35,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
         outcome.put("state", recovered.at.word().into());
         return Ok(outcome);
     }
-    let journal = store.journal().map_err(Fault::stage)?;
+    let state = store.state().map_err(Fault::stage)?;
     let (mut robot, _simulated) = robot_alone(&files.cell)?;
     let supervisor = Supervisor::default();
     supervisor.watch(robot.watched());
@@ -51,7 +51,7 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
         requests: &mut clears,
         supervisor,
     };
-    let ended = daemon::serve(site, service, journal).map_err(Fault::of_loop)?;
+    let ended = daemon::serve(site, service, state).map_err(Fault::of_loop)?;
     Ok(outcome(&ended, clears.refused))
 }
 

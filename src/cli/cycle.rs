@@ -4,13 +4,14 @@ use super::args::{Common, Cycle, Simulation};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
+use super::kept;
 use super::live::{FlangeLink, Live, Simulated};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::recording;
 use super::report::{self, Kept};
 use crate::cell::Cell;
-use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why, fold};
+use crate::cycle::{At, Event, Hold, Phase, Refusal, Report, Request, Robot, State, Why};
 use crate::daemon::{
     self, Ask, Calibrations, CycleOutcome, Ports, Recorded, Requests, Robot as _, StoreRecord, Taped, Taping,
     run_cycle_from,
@@ -89,7 +90,8 @@ fn once(
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
     let ran = one(&files, (&assignment, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
-    ran.kept.write(&page, ran.recorded.iter().map(recording::section).collect())?;
+    let kept = kept::section(files.cell.keep(), &ran.kept.record, ran.kept.pruned);
+    ran.kept.write(&page, ran.recorded.iter().map(recording::section).chain(kept).collect())?;
     let mut outcome = ran.outcome(ran.judgement());
     outcome.say(format!("page: {}", page.display()));
     outcome.put("report", json!(page));
@@ -119,7 +121,6 @@ pub fn one(
     let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
-    let journal = store.journal().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.eyes.scanner.warm();
@@ -128,7 +129,7 @@ pub fn one(
     }
     let cycle = store.begin_cycle(&assignment.start(calibrated)).map_err(Fault::stage)?;
     let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
-    let state = fold(journal);
+    let state = store.state().map_err(Fault::stage)?;
     let taping = Taping::new(files.store_folder(), live.robot.is_lock_step());
     if let Some(file) = record {
         let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;

@@ -2,7 +2,8 @@
 
 use super::fault::Fault;
 use crate::disk;
-use std::fs;
+use std::fs::{self, File};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// The bytes of a file.
@@ -26,6 +27,21 @@ pub fn read_text(file: &Path) -> Result<String, Fault> {
 /// # Errors
 /// Where the folder cannot be made or the disk refuses.
 pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
+    placed(file, bytes.as_ref(), |_| Ok(()))
+}
+
+/// The same for what must survive a power cut, such as calibrations and pages: file and folder are on the disk when this
+/// returns, and the file is the old one or the new one whatever happens.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_through(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
+    placed(file, bytes.as_ref(), File::sync_all)?;
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file(file, error))
+}
+
+fn placed(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io::Result<()>) -> Result<(), Fault> {
     let named = |error: std::io::Error| Fault::file(file, error);
     if let Some(folder) = file.parent() {
         fs::create_dir_all(folder).map_err(named)?;
@@ -33,8 +49,13 @@ pub fn write(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
     let mut beside = file.as_os_str().to_owned();
     beside.push(".part");
     let beside = PathBuf::from(beside);
-    let written = fs::write(&beside, bytes).and_then(|()| fs::rename(&beside, file));
-    written.map_err(|error| {
+    let write = || {
+        let mut part = File::create(&beside)?;
+        part.write_all(bytes)?;
+        flush(&part)?;
+        fs::rename(&beside, file)
+    };
+    write().map_err(|error| {
         let _ = fs::remove_file(&beside); // Best effort: the error that counts is the first one.
         named(error)
     })

@@ -90,6 +90,15 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
+    /// Something in the store is not what was written there.
+    #[error(
+        "something in the store is not what this program wrote there: `panelprep store verify` names it; nothing moves before a \
+         person has looked at the cell and run `panelprep clear --cell {}`", cell.display()
+    )]
+    StoreChanged {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// A simulated camera without a simulated world.
     #[error("a camera is simulated and there is no simulated world that it could look at")]
     NoWorld,

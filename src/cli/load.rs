@@ -5,7 +5,7 @@ use super::disk;
 use super::fault::Fault;
 use crate::calib::health::Verification;
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
-use crate::cycle::At;
+use crate::cycle::{At, Cause};
 use crate::files;
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Point, Rigid,
@@ -94,6 +94,9 @@ impl CellFiles {
     pub fn settled_store(&self) -> Result<Store, Fault> {
         let mut store = self.store_for_writing()?;
         let recovered = store.recover().map_err(Fault::stage)?;
+        if matches!(recovered.at, At::Aborted { cause: Cause::StoreChanged }) {
+            return Err(Fault::StoreChanged { cell: self.file.clone() });
+        }
         if recovered.intent.is_some() || store.has_open_motion().map_err(Fault::stage)? {
             return Err(Fault::MotionOpen { cell: self.file.clone() });
         }

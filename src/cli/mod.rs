@@ -17,6 +17,7 @@ mod fault;
 mod follow;
 mod health;
 mod inspect;
+mod kept;
 mod labels;
 mod live;
 mod load;
@@ -39,6 +40,7 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod store;
 mod teach;
 mod tune;
 mod validate;
@@ -81,6 +83,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Inspect(args) => inspect::run(args, common),
         Command::Tune(args) => tune::run(args, common),
         Command::Plan(args) => plan::run(args, common),
+        Command::Store(args) => store::run(args, common),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {

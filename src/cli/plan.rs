@@ -79,7 +79,6 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
     outcome.put("dwell", planned.numbers(&dwell));
     outcome.put("dwell_ratio", json!(planned.plan.dwell_ratio().map(|(ratio, _)| ratio)));
     outcome.put("max_dwell_ratio", json!(recipe.path().max_dwell_ratio()));
-    let text = Value::Object(outcome.json.clone()).to_string();
     if let Some((file, name)) = &program {
         let start = reached.as_ref().and_then(|reached| reached.travel.joints.first()).copied();
         let (is_written, words) =
@@ -88,7 +87,7 @@ pub fn run(args: &Plan, common: &Common) -> Result<Outcome, Fault> {
         outcome.put("krl", json!(is_written.then_some(file)));
     }
     if let Some(file) = &args.out {
-        disk::write(file, text)?;
+        disk::write(file, Value::Object(outcome.json.clone()).to_string())?;
     }
     if let Some(folder) = &args.pictures {
         let taught_picture = taught.panel.scan.picture();

@@ -6,7 +6,7 @@ use super::part;
 use crate::record::{CycleId, CycleRecord};
 use crate::report::cycle_page;
 use crate::report::page::{Page, Section};
-use crate::store::Store;
+use crate::store::{Pruned, Store};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -14,6 +14,8 @@ use std::path::{Path, PathBuf};
 pub struct Kept {
     /// The record.
     pub record: CycleRecord,
+    /// What was removed of it.
+    pub pruned: Option<Pruned>,
     pictures: BTreeMap<String, Vec<u8>>,
     /// What is told of the part, where it was named.
     part: Option<Section>,
@@ -29,8 +31,10 @@ impl Kept {
         let shown = record.findings.iter().flat_map(|finding| &finding.pictures);
         let pictures = shown.filter_map(|picture| Some((picture.hash.clone(), store.blob(&picture.hash).ok()?)));
         let pictures = pictures.collect();
+        // A store of an earlier program has removed nothing.
+        let pruned = store.pruned_of(cycle).unwrap_or_default();
         let part = part::section(store, &record);
-        Ok(Kept { record, pictures, part })
+        Ok(Kept { record, pruned, pictures, part })
     }
 
     /// Writes the page, with `more` at its end.
@@ -40,7 +44,7 @@ impl Kept {
     pub fn write(&self, file: &Path, more: Vec<Section>) -> Result<(), Fault> {
         let page = cycle_page(&self.record, &self.pictures);
         let sections = self.part.iter().cloned().chain(page.sections).chain(more).collect();
-        disk::write(file, Page { sections, ..page }.html())
+        disk::write_through(file, Page { sections, ..page }.html())
     }
 
     /// Writes the pictures into a folder, numbered as they came; those of an earlier cycle there go.

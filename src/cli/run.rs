@@ -4,6 +4,7 @@ use super::args::{Common, Run};
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::health;
+use super::kept;
 use super::live::Live;
 use super::load::{CellFiles, calibrated_serial};
 use super::outcome::Outcome;
@@ -11,13 +12,14 @@ use super::person::Person;
 use super::recording;
 use super::report::{self, Kept};
 use super::zivid;
-use crate::cycle::{At, State};
+use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, Beside, Desk, EndedCycle, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording, Robot as _,
-    Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
+    self, Beside, Desk, EndedCycle, Inbox, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording,
+    Requests as _, Robot as _, Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::requirements::Purpose;
+use crate::store::{Pruned, Store, StoreError};
 use crate::supervision::Supervisor;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
@@ -41,11 +43,11 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     files.require(Purpose::Cycle)?;
     let site = Site::new(&files.cell).map_err(Fault::stage)?;
     let calibrated = Calibrated::read(&files, common)?;
-    let mut store = files.store_for_writing()?;
+    let Some(mut store) = opened(&files, (&tell, &letters))? else { return Ok(outcome(&State::NEW)) };
     let recovered = store.recover().map_err(Fault::stage)?;
-    let journal = store.journal().map_err(Fault::stage)?;
+    let (state, events) = (store.state().map_err(Fault::stage)?, store.lines().map_err(Fault::stage)?);
     tracing::info!(
-        version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events = journal.len(),
+        version = env!("CARGO_PKG_VERSION"), cell = %common.cell.display(), events,
         "starts in {}", recovered.at.word()
     );
     let taken_by = cameras_by(&files)?;
@@ -63,7 +65,13 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let written = WrittenPage::default();
     let pages = write_pages(files.clone(), pages, written.clone())?;
     let beside = Beside { taping: taping.clone(), supervisor: supervisor.clone(), pages: ended, written };
-    let desk = Desk::new(letters, left_open, beside);
+    let mut desk = Desk::new(letters, left_open, beside);
+    // Also what an earlier start found, while nobody has cleared it.
+    if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
+        let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
+        let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
+        desk.noted(&found);
+    }
     let mut person = Person { asks: desk, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
@@ -77,7 +85,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
         requests: &mut Taped::new(&mut person, taping.clone()),
         supervisor,
     };
-    let ended = daemon::serve(site, service, journal);
+    let ended = daemon::serve(site, service, state);
     // One that is still open belongs to a loop that failed: the very one to look at.
     if let Some(recorded) = taping.finish() {
         tracing::info!("{}", recorded.message);
@@ -88,6 +96,26 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let _ = pages.join();
     tracing::info!("ends in {}", ended.at.word());
     Ok(outcome(&ended))
+}
+
+/// Opens the store. On a disk that is full to the last byte the service starts all the same: it answers, refuses whatever is
+/// asked, says what to delete, and goes on once there is room. None where a signal ends it before.
+fn opened(files: &CellFiles, (tell, letters): (&Letters, &Inbox)) -> Result<Option<Store>, Fault> {
+    let full = match Store::create(files.store_folder()) {
+        Err(error @ StoreError::Full { .. }) => error.to_string(),
+        opened => return opened.map(Some).map_err(Fault::stage),
+    };
+    let refuse: Arc<Loader> = Arc::new(move |_: Started| Err(vec![Reason::new("disk_full", full.clone())]));
+    let socket = Socket::listen(&files.socket(), tell.clone(), refuse, &Supervisor::default());
+    if let Err(error) = &socket {
+        tracing::warn!("nobody can ask meanwhile: {error}");
+    }
+    // What else goes wrong ends the waiting.
+    let opened = daemon::wait_for(letters, || match Store::create(files.store_folder()) {
+        Err(error @ StoreError::Full { .. }) => Err(Reason::new("disk_full", error.to_string())),
+        opened => Ok(opened),
+    });
+    opened.transpose().map_err(Fault::stage)
 }
 
 /// Signals come to the desk, however many there are.
@@ -110,12 +138,16 @@ fn write_pages(
     ended: Receiver<EndedCycle>,
     written: WrittenPage,
 ) -> Result<JoinHandle<()>, Fault> {
+    let again = files.clone();
     let page = move |cycle, recorded: Option<&Recorded>| -> Result<PathBuf, Fault> {
         let page = report::page_file(files.store_folder(), cycle);
-        Kept::read(&files.store()?, cycle)?.write(&page, recorded.map(recording::section).into_iter().collect())?;
+        let all = Kept::read(&files.store()?, cycle)?;
+        let kept = kept::section(files.cell.keep(), &all.record, all.pruned);
+        all.write(&page, recorded.map(recording::section).into_iter().chain(kept).collect())?;
         Ok(page)
     };
     let each = move || {
+        prune(&again);
         for EndedCycle { id: cycle, recording } in ended {
             let recorded = recording.map(Recording::finish);
             if let Some(Recorded { message, .. }) = &recorded {
@@ -128,9 +160,24 @@ fn write_pages(
                 }
                 Err(fault) => tracing::warn!("no page of cycle {cycle}: {fault}"),
             }
+            prune(&again);
         }
     };
     std::thread::Builder::new().name("pages".to_owned()).spawn(each).map_err(Fault::stage)
+}
+
+/// Removes what is kept no longer; what fails is tried again after the next cycle.
+fn prune(files: &CellFiles) {
+    match Store::prune(files.store_folder(), files.cell.keep()) {
+        Ok(Pruned { files: 0, .. }) => {}
+        Ok(Pruned { files, bytes, .. }) => {
+            tracing::info!(
+                "{files} files of old clips and scans were removed, {} MB, as [store] keep says",
+                bytes / 1_000_000
+            );
+        }
+        Err(error) => tracing::warn!("old clips and scans could not be removed: {error}"),
+    }
 }
 
 /// What the cameras were started by and hold what comes against: settings, and which cameras were calibrated at which size.

@@ -38,6 +38,11 @@ impl<'d, 't> Section<'d, 't> {
         self.entry(key).is_some()
     }
 
+    /// Is this key there, and a table?
+    pub fn is_table(&self, key: &str) -> bool {
+        self.entry(key).is_some_and(|(_, value)| value.is_table())
+    }
+
     /// Notes a problem with one key of this table, at the key's line where it is there.
     pub fn problem(&self, key: &str, message: impl Into<String>) {
         let line = self.entry(key).map_or(self.line, |(line, _)| line);

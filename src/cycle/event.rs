@@ -82,6 +82,8 @@ pub enum Report {
     Robot(Robot),
     /// Something went wrong that no act asked for.
     Trouble(Trouble),
+    /// The program starts on a store in which something is not what it wrote there.
+    StoreChanged,
     /// The link has ended the epoch by itself: a refusal, a wrong count, silence, a stop by the controller's program. The
     /// abort frame has been sent and is not yet answered.
     EpochOver {
@@ -227,6 +229,8 @@ pub enum Trouble {
     Deviation,
     /// The store does not write (S1, S2).
     Store,
+    /// The store's disk is full; what must be kept of a retract and a hold still finds its place (S1).
+    DiskFull,
     /// No answer by the deadline.
     Late,
     /// An answer that does not fit its act.
@@ -236,7 +240,7 @@ pub enum Trouble {
 impl Trouble {
     /// Whether the work may go on once a person has looked; what it is not for ends in Aborted.
     pub fn holds(self) -> bool {
-        use Trouble::{Camera, Computing, Feedback, Picture, Slow, Starved};
-        matches!(self, Camera | Picture | Computing | Feedback | Starved | Slow)
+        use Trouble::{Camera, Computing, DiskFull, Feedback, Picture, Slow, Starved};
+        matches!(self, Camera | Picture | Computing | DiskFull | Feedback | Starved | Slow)
     }
 }

@@ -201,6 +201,8 @@ pub enum Cause {
     StopTimedOut,
     /// The program ended while a motion was open.
     Interrupted,
+    /// Something in the store is not what the program wrote there.
+    StoreChanged,
     /// The program ended while tool or water was on.
     OutputsOn,
 }

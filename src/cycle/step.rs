@@ -78,6 +78,7 @@ impl Turn {
             Report::Boot => self.boot(),
             Report::Robot(robot) => self.condition(robot),
             Report::Trouble(trouble) => self.unasked(trouble),
+            Report::StoreChanged => self.store_changed(),
             Report::EpochOver { trouble } => self.epoch_over(trouble),
             Report::OutputsOff => {
                 (self.state.facts.tool_may_run, self.state.facts.water_may_run) = (false, false);
@@ -238,6 +239,15 @@ impl Turn {
         }
         let until = self.arm(Deadline::Stop);
         self.state.at = At::Stopping { until };
+    }
+
+    /// Told at a start, before anything moves: a person looks at it first. What the state says may not be so.
+    fn store_changed(&mut self) {
+        let cause = Cause::StoreChanged;
+        match self.state.at {
+            At::Stopped | At::Aborted { .. } => self.aborted(cause),
+            _ => self.abort(cause),
+        }
     }
 
     fn boot(&mut self) {

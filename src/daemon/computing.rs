@@ -86,7 +86,10 @@ impl Record for Notes<'_> {
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         let name = name.to_owned();
         self.notes.push(match &mut self.keep {
-            Some(keep) => Note::Kept(Kept::Shot(KeptFile { name, hash: keep(picture)? })),
+            Some(keep) => match keep(picture)? {
+                Some(hash) => Note::Kept(Kept::Shot(KeptFile { name, hash })),
+                None => return Ok(()),
+            },
             None => Note::Picture(name, picture.clone()),
         });
         Ok(())
@@ -94,7 +97,10 @@ impl Record for Notes<'_> {
 
     fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         self.notes.push(match &mut self.keep {
-            Some(keep) => Note::Kept(Kept::Frame(ClipEntry { file: keep(picture)?, time_s, phase })),
+            Some(keep) => match keep(picture)? {
+                Some(file) => Note::Kept(Kept::Frame(ClipEntry { file, time_s, phase })),
+                None => return Ok(()),
+            },
             None => Note::Frame(picture.clone(), time_s, phase),
         });
         Ok(())
@@ -103,7 +109,7 @@ impl Record for Notes<'_> {
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
         self.notes.push(match &mut self.keep {
             Some(keep) => {
-                let hash = keep(&figure.picture)?;
+                let Some(hash) = keep(&figure.picture)? else { return Ok(()) };
                 let Figure { name, caption, .. } = figure.clone();
                 Note::Kept(Kept::Figure(Picture { name, caption, hash }))
             }

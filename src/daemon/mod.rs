@@ -43,6 +43,7 @@ mod sight;
 mod single;
 mod socket;
 mod trace;
+mod waiting;
 mod wiring;
 mod words;
 
@@ -67,6 +68,7 @@ pub use replay::{
 pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Loader, Socket, SocketError, Started};
+pub use waiting::wait_for;
 pub use wiring::Wiring;
 pub use words::{refusal, request_word, why};
 

@@ -155,8 +155,9 @@ pub enum Kept {
     Figure(Picture),
 }
 
-/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back.
-pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<String, RecordError> + Send>;
+/// Keeps a picture, which takes longer than a loop may wait; its name in the store comes back. None where the disk is full and
+/// the picture was dropped.
+pub type Keeper = Box<dyn FnMut(&ColorPicture) -> Result<Option<String>, RecordError> + Send>;
 
 /// What is remembered. Each call returns when it is on disk.
 pub trait Journal: Record {
@@ -209,6 +210,11 @@ pub trait Journal: Record {
     fn mount_disc(&mut self) -> Result<(), RecordError>;
     /// Whether a cycle's record would find its place; else why not.
     fn check(&mut self) -> Vec<Reason>;
+    /// That the disk has filled since this was last asked: why, and what to delete. Pictures are dropped from then on; the
+    /// journal goes on until the cell rests.
+    fn filled(&mut self) -> Option<Reason> {
+        None
+    }
 }
 
 /// The store does not write. Nothing moves without it.

@@ -23,6 +23,7 @@ pub struct StoreRecord<'a> {
     store: &'a mut Store,
     cycle: Option<CycleId>,
     pages: Pages,
+    is_full_told: bool,
 }
 
 /// What is known of the cycle between two writings.
@@ -44,11 +45,12 @@ struct Pages {
 impl<'a> StoreRecord<'a> {
     /// Writes to this cycle, or to none.
     pub fn new(store: &'a mut Store, cycle: impl Into<Option<CycleId>>) -> Self {
-        StoreRecord { store, cycle: cycle.into(), pages: Pages::default() }
+        StoreRecord { store, cycle: cycle.into(), pages: Pages::default(), is_full_told: false }
     }
 
-    fn keep(&self, picture: &ColorPicture) -> Result<String, RecordError> {
-        self.store.put_blob(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
+    /// Keeps a picture; none where the disk is full.
+    fn keep(&self, picture: &ColorPicture) -> Result<Option<String>, RecordError> {
+        self.store.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)
     }
 
     /// Keeps the clip's pictures that wait, compressed side by side.
@@ -56,8 +58,8 @@ impl<'a> StoreRecord<'a> {
         let waiting = std::mem::take(&mut self.pages.waiting);
         let compressed: Vec<_> = waiting.par_iter().map(|(picture, ..)| write_color_jpeg(picture)).collect();
         for ((_, time_s, phase), jpeg) in waiting.into_iter().zip(compressed) {
-            let file = self.store.put_blob(&jpeg.map_err(failed)?).map_err(failed)?;
-            self.pages.clip.push(ClipEntry { file, time_s, phase });
+            let file = self.store.put_picture(&jpeg.map_err(failed)?).map_err(failed)?;
+            self.pages.clip.extend(file.map(|file| ClipEntry { file, time_s, phase }));
         }
         Ok(())
     }
@@ -67,8 +69,9 @@ impl<'a> StoreRecord<'a> {
         self.keep_waiting()?;
         let entries = std::mem::take(&mut self.pages.clip);
         if let Ok(clip) = Clip::new(entries) {
-            let hash = self.store.put_blob(clip.to_csv().as_bytes()).map_err(failed)?;
-            self.pages.shots.push(KeptFile { name: format!("clip.csv of {} pictures", clip.shots().len()), hash });
+            let hash = self.store.put_picture(clip.to_csv().as_bytes()).map_err(failed)?;
+            let name = format!("clip.csv of {} pictures", clip.shots().len());
+            self.pages.shots.extend(hash.map(|hash| KeptFile { name, hash }));
         }
         Ok(())
     }
@@ -80,7 +83,12 @@ impl<'a> StoreRecord<'a> {
 /// Where the store is open for reading.
 pub fn keeper(store: &Store) -> Result<Keeper, StoreError> {
     let writer = store.blob_writer()?;
-    Ok(Box::new(move |picture| writer.put(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
+    Ok(Box::new(move |picture| writer.put_picture(&write_color_jpeg(picture).map_err(failed)?).map_err(failed)))
+}
+
+/// The disk is full, what to delete, and how much.
+fn full(store: &Store) -> Reason {
+    Reason::new("disk_full", format!("{}; a cycle needs {FLOOR_MB} MB", store.full()))
 }
 
 /// Why this event ends a cycle without a result, where it is one that can.
@@ -166,14 +174,20 @@ impl Journal for StoreRecord<'_> {
 
     fn check(&mut self) -> Vec<Reason> {
         match self.store.free_mb() {
-            Ok(free_mb) if free_mb >= FLOOR_MB => vec![],
-            Ok(free_mb) => {
-                let message =
-                    format!("the store's disk has {free_mb} MB left, a cycle needs {FLOOR_MB} MB; make room");
-                vec![Reason::new("disk_full", message)]
+            Ok(free_mb) if free_mb >= FLOOR_MB && self.store.has_room() => {
+                self.is_full_told = false;
+                vec![]
             }
+            Ok(_) => vec![full(self.store)],
+            Err(_) if self.store.is_disk_full() => vec![full(self.store)],
             Err(error) => vec![Reason::new("store", error.to_string())],
         }
+    }
+
+    fn filled(&mut self) -> Option<Reason> {
+        let is_new =
+            self.store.is_disk_full() && !std::mem::replace(&mut self.is_full_told, self.store.is_disk_full());
+        is_new.then(|| full(self.store))
     }
 }
 
@@ -185,6 +199,10 @@ impl Record for StoreRecord<'_> {
         let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
         let mut kept = Finding { pictures, shots, ..finding.clone() };
         // What is no number was not measured; a fit that failed must not stop the record of its rejection.
+        let dropped = self.store.dropped_pictures();
+        if dropped > 0 {
+            kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
+        }
         kept.numbers.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
         self.store.note(cycle, &kept).map_err(failed)
     }
@@ -192,7 +210,7 @@ impl Record for StoreRecord<'_> {
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             let hash = self.keep(picture)?;
-            self.pages.shots.push(KeptFile { name: name.to_owned(), hash });
+            self.pages.shots.extend(hash.map(|hash| KeptFile { name: name.to_owned(), hash }));
         }
         Ok(())
     }
@@ -210,8 +228,8 @@ impl Record for StoreRecord<'_> {
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
         if self.cycle.is_some() {
             let hash = self.keep(&figure.picture)?;
-            let Figure { name, caption, .. } = figure;
-            self.pages.pictures.push(Picture { name: name.clone(), caption: caption.clone(), hash });
+            let Figure { name, caption, .. } = figure.clone();
+            self.pages.pictures.extend(hash.map(|hash| Picture { name, caption, hash }));
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
 use super::sight::{Sight, reason};
 use super::trace::Trace;
 use super::{DaemonError, Job, Site, Task, words};
-use crate::cycle::{self, Act, Deadline, Effect, Event, Motion, Path, Report, State, fold, step};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Motion, Path, Report, Request, State, Trouble, fold, step};
 use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
@@ -98,22 +98,18 @@ pub fn run_cycle_from(
     Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
 }
 
-/// Serves from Boot until whoever asks leaves, one cycle after the other, each by what it was ordered with. `journal`
-/// is what the store holds. The state that was left comes back.
+/// Serves from Boot until whoever asks leaves, one cycle after the other, each by what it was ordered with. `state` is what
+/// the store's journal folds to. The state that was left comes back.
 ///
 /// # Errors
 /// As [`run_cycle`], and where the system gives no thread.
-pub fn serve(
-    site: Site,
-    service: Service<'_>,
-    journal: impl IntoIterator<Item = Event>,
-) -> Result<State, DaemonError> {
+pub fn serve(site: Site, service: Service<'_>, state: State) -> Result<State, DaemonError> {
     let Service { robot, eyes, readable, keep, record, requests, supervisor } = service;
     let seeing = (eyes, readable, keep);
     let computing = Computing::aside(seeing, site.clone(), !robot.is_lock_step(), &supervisor);
     let computing = computing.map_err(DaemonError::Thread)?;
     let outside = Outside { robot, record, requests };
-    let mut running = Running::new(site, Seat::Empty, computing, outside, fold(journal));
+    let mut running = Running::new(site, Seat::Empty, computing, outside, state);
     running.live()?;
     Ok(running.state)
 }
@@ -163,6 +159,8 @@ pub(super) struct Running<'p> {
     pub robot_state: Option<eki::State>,
     pub condition: cycle::Robot,
     verdict: Option<Verdict>,
+    /// The disk was found full, and not yet otherwise.
+    is_disk_full: bool,
 }
 
 impl<'p> Running<'p> {
@@ -184,6 +182,7 @@ impl<'p> Running<'p> {
             robot_state: None,
             condition: cycle::Robot::Unknown,
             verdict: None,
+            is_disk_full: false,
         }
     }
 
@@ -261,7 +260,13 @@ impl<'p> Running<'p> {
             if self.comes_in(Duration::ZERO)? {
                 continue;
             }
+            if let Some(why) = self.ports.record.filled() {
+                self.is_disk_full = true;
+                self.note(Kind::SelfTest, vec![why])?;
+                return Ok(Some(Event::Told(Report::Trouble(Trouble::DiskFull))));
+            }
             match self.ports.requests.next(&self.state) {
+                Ask::For(Request::Unhold { .. } | Request::Accept) if self.lacks_room() => continue,
                 Ask::For(request) => return Ok(Some(Event::Asked(request))),
                 Ask::Begin(order) => {
                     let event = self.order(*order);
@@ -296,6 +301,16 @@ impl<'p> Running<'p> {
                 None => self.ports.robot.works()?,
             }
         }
+    }
+
+    /// Whether the disk was found full and still is; whoever asks is told.
+    fn lacks_room(&mut self) -> bool {
+        let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
+        self.is_disk_full = !wrong.is_empty();
+        if self.is_disk_full {
+            self.ports.requests.unable(wrong);
+        }
+        self.is_disk_full
     }
 
     /// Takes what was computed, where it is there; waits so long for it.

@@ -142,6 +142,7 @@ pub(super) fn trouble(trouble: Trouble) -> Reason {
         Trouble::Protocol => ("protocol", "what the controller sent is not the protocol"),
         Trouble::Deviation => ("deviation", "the arm is not where it was sent"),
         Trouble::Store => ("store", "the store does not write, or its disk is full"),
+        Trouble::DiskFull => ("disk_full", "the store's disk is full; `panelprep ctl state` says what to delete"),
         Trouble::Late => ("late", "there was no answer by the deadline"),
         Trouble::Unexpected => ("unexpected", "an answer does not fit what was asked"),
     };
@@ -192,6 +193,11 @@ fn aborted(cause: Cause) -> Reason {
         Cause::Trouble(what) => trouble(what),
         Cause::StopTimedOut => Reason::new("stop_timed_out", "the stop took too long"),
         Cause::Interrupted => Reason::new("interrupted", "the program ended while a motion was open"),
+        Cause::StoreChanged => {
+            let message = "something in the store is not what this program wrote there, and `panelprep store verify` names it; \
+                           what the cell did last may not be known";
+            Reason::new("store_changed", message)
+        }
         Cause::OutputsOn => Reason::new("outputs_on", "the program ended while the tool or the water was on"),
     };
     let message = format!(

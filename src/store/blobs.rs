@@ -1,6 +1,7 @@
 //! Files named by their content.
 
 use super::error::StoreError;
+use super::reserve::Fullness;
 use crate::files::content_hash;
 use std::fs::{self, File};
 use std::io::{ErrorKind, Write};
@@ -17,21 +18,21 @@ pub(super) struct Blobs {
 
 /// Keeps files for a store's writer.
 #[derive(Debug)]
-pub struct BlobWriter(Blobs);
+pub struct BlobWriter(Blobs, Fullness);
 
 impl BlobWriter {
-    /// As [`Store::put_blob`](super::Store::put_blob).
+    /// As [`Store::put_picture`](super::Store::put_picture).
     ///
     /// # Errors
-    /// Where the file cannot be written, or is there already and damaged.
-    pub fn put(&self, bytes: &[u8]) -> Result<String, StoreError> {
-        self.0.put(bytes)
+    /// Where the file cannot be written but for a full disk, or is there already and damaged.
+    pub fn put_picture(&self, bytes: &[u8]) -> Result<Option<String>, StoreError> {
+        self.1.put_picture(&self.0, bytes)
     }
 }
 
 impl Blobs {
-    pub fn writer(&self) -> BlobWriter {
-        BlobWriter(Blobs { folder: self.folder.clone() })
+    pub fn writer(&self, fullness: &Fullness) -> BlobWriter {
+        BlobWriter(Blobs { folder: self.folder.clone() }, fullness.clone())
     }
 
     /// For reading: nothing is made.
@@ -43,6 +44,16 @@ impl Blobs {
         let blobs = Blobs::at(store);
         fs::create_dir_all(&blobs.folder).map_err(at("create", &blobs.folder))?;
         Ok(blobs)
+    }
+
+    /// Where they are.
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The store that these are in.
+    pub fn store(&self) -> &Path {
+        self.folder.parent().unwrap_or(Path::new("."))
     }
 
     /// Written under another name, flushed, then renamed: under its hash a file is whole or not there.
@@ -93,8 +104,13 @@ impl Blobs {
 /// # Errors
 /// Where nothing is there.
 pub fn free_mb(path: &Path) -> std::io::Result<u64> {
+    free_bytes(path).map(|bytes| bytes / 1_000_000)
+}
+
+/// The same in bytes.
+pub(super) fn free_bytes(path: &Path) -> std::io::Result<u64> {
     let disk = rustix::fs::statvfs(path)?;
-    Ok(disk.f_bavail.saturating_mul(disk.f_frsize) / 1_000_000)
+    Ok(disk.f_bavail.saturating_mul(disk.f_frsize))
 }
 
 fn write_flushed(path: &Path, bytes: &[u8]) -> std::io::Result<()> {

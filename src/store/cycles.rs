@@ -1,7 +1,7 @@
 //! Cycles: what each ran with, what its phases found, how it ended.
 
+use super::Store;
 use super::error::StoreError;
-use super::{Store, now};
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
@@ -56,21 +56,18 @@ impl Store {
         };
         let files: Vec<KeptFile> = start.file_texts.iter().map(kept).collect::<Result<_, StoreError>>()?;
         let recipe_hash = self.put_blob(start.recipe_text.as_bytes())?;
-        self.connection
-            .execute(
+        let (started_unix_s, files) = (self.unix_s(), self.text(&files)?);
+        self.commit("write a cycle to", |writing| {
+            let (panel, version, program) = (&start.panel, &start.taught_version, env!("CARGO_PKG_VERSION"));
+            writing.execute(
                 "INSERT INTO cycles (started_unix_s, panel, taught_version, recipe_hash, files, program_version)
                  VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-                params![
-                    now()?.as_secs() as i64,
-                    start.panel,
-                    start.taught_version,
-                    recipe_hash,
-                    self.text(&files)?,
-                    env!("CARGO_PKG_VERSION")
-                ],
-            )
-            .map_err(|error| self.failed("write a cycle to", &error))?;
-        Ok(CycleId(self.connection.last_insert_rowid()))
+                params![started_unix_s, panel, version, recipe_hash, files, program],
+            )?;
+            let id = writing.last_insert_rowid();
+            writing.chain("cycles", id)?;
+            Ok(CycleId(id))
+        })
     }
 
     /// Keeps how a running cycle ended.
@@ -78,11 +75,11 @@ impl Store {
     /// # Errors
     /// Where it cannot be written, or there is no such cycle or it is over.
     pub fn conclude(&mut self, id: CycleId, verdict: Verdict, reasons: &[Reason]) -> Result<(), StoreError> {
-        let reasons = self.text(&reasons)?;
+        let (ended_unix_s, reasons) = (self.unix_s(), self.text(&reasons)?);
         self.change(
-            id,
+            (id, "cycle_ends"),
             "UPDATE cycles SET ended_unix_s = ?2, verdict = ?3, reasons = ?4 WHERE id = ?1 AND verdict IS NULL",
-            params![id.0, now()?.as_secs() as i64, verdict.word(), reasons],
+            params![id.0, ended_unix_s, verdict.word(), reasons],
         )
     }
 
@@ -96,14 +93,22 @@ impl Store {
             return Err(StoreError::NotFinite { name: "error budget".to_owned() });
         }
         let budget = self.text(budget)?;
-        self.change(id, "UPDATE cycles SET budget = ?2 WHERE id = ?1 AND verdict IS NULL", params![id.0, budget])
+        let sql = "UPDATE cycles SET budget = ?2 WHERE id = ?1 AND verdict IS NULL";
+        self.change((id, "cycle_budgets"), sql, params![id.0, budget])
     }
 
-    fn change(&self, id: CycleId, sql: &str, values: &[&dyn rusqlite::ToSql]) -> Result<(), StoreError> {
+    fn change(
+        &mut self,
+        (id, part): (CycleId, &'static str),
+        sql: &str,
+        values: &[&dyn rusqlite::ToSql],
+    ) -> Result<(), StoreError> {
         self.writable()?;
-        let changed =
-            self.connection.execute(sql, values).map_err(|error| self.failed("write a cycle to", &error))?;
-        if changed == 1 { Ok(()) } else { Err(self.unknown_cycle("running cycle", id)) }
+        let path = self.path().to_owned();
+        self.commit("write a cycle to", |writing| match writing.execute(sql, values)? {
+            1 => writing.chain(part, id.0),
+            _ => Err(StoreError::UnknownCycle { path: path.clone(), what: "running cycle", id: id.0 }.into()),
+        })
     }
 
     /// Keeps what a phase of a cycle found. Its pictures are kept before, with [`Store::put_blob`].
@@ -121,13 +126,13 @@ impl Store {
         finding.pictures.iter().try_for_each(|picture| self.blob(&picture.hash).map(drop))?;
         finding.shots.iter().try_for_each(|shot| self.blob(&shot.hash).map(drop))?;
         let (kind, text) = (self.text(&finding.kind)?, self.text(finding)?);
-        self.connection
-            .execute(
+        self.commit("write a finding to", |writing| {
+            writing.execute(
                 "INSERT INTO findings (cycle_id, kind, pass, finding) VALUES (?1, ?2, ?3, ?4)",
                 params![id.0, kind.trim_matches('"'), finding.pass, text],
-            )
-            .map_err(|error| self.failed("write a finding to", &error))?;
-        Ok(())
+            )?;
+            writing.chain("findings", writing.last_insert_rowid())
+        })
     }
 
     /// All that is kept of a cycle.

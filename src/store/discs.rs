@@ -1,7 +1,7 @@
 //! What the disc in use has worn: what it swept, path by path, and when a new one was mounted.
 
+use super::Store;
 use super::error::StoreError;
-use super::{Store, now};
 use crate::record::CycleId;
 use rusqlite::params;
 
@@ -38,13 +38,14 @@ impl Store {
 
     fn keep_disc(&mut self, cycle: Option<CycleId>, is_new: bool, swept_mm2: f64) -> Result<(), StoreError> {
         self.writable()?;
-        self.connection
-            .execute(
+        let at_unix_s = self.unix_s();
+        self.commit("write the disc's wear to", |writing| {
+            writing.execute(
                 "INSERT INTO discs (cycle_id, at_unix_s, is_new, swept_mm2) VALUES (?1, ?2, ?3, ?4)",
-                params![cycle.map(|id| id.0), now()?.as_secs() as i64, is_new, swept_mm2],
-            )
-            .map_err(|error| self.failed("write the disc's wear to", &error))?;
-        Ok(())
+                params![cycle.map(|id| id.0), at_unix_s, is_new, swept_mm2],
+            )?;
+            writing.chain("discs", writing.last_insert_rowid())
+        })
     }
 
     /// What the disc in use has swept since it was mounted, mm².

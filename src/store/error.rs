@@ -180,9 +180,16 @@ pub enum StoreError {
         /// All versions.
         known: Vec<String>,
     },
-    /// The computer's clock.
-    #[error("the computer's clock stands before 1970; set it, since the time of teaching is recorded")]
-    Clock,
+    /// The disk is full.
+    #[error("the disk of the store {} is full ({free_mb} MB are left); {advice}", path.display())]
+    Full {
+        /// The folder.
+        path: PathBuf,
+        /// Free space.
+        free_mb: u64,
+        /// What may be deleted.
+        advice: String,
+    },
 }
 
 impl StoreError {

@@ -1,14 +1,17 @@
 //! The journal: every event of the table, one JSON line each, in order and without gaps.
 //!
 //! A line carries the first 16 digits of a hash over its own content and that of the line before. A line that was
-//! changed, lost or put in is found when the journal is read.
+//! changed, lost or put in is found when the journal is read. The store's chain (see `chain`) holds it too.
 
+use super::checkpoints;
+use super::commit::{Failed, Writing};
 use super::error::StoreError;
-use super::{Store, now};
-use crate::cycle::{Event, State};
+use super::motions::Settled;
+use super::{Store, unix_ms};
+use crate::cycle::{Event, Report, State};
 use crate::files::content_hash;
 use crate::record::{Asked, CycleId};
-use rusqlite::{OptionalExtension, Row, TransactionBehavior, params};
+use rusqlite::{OptionalExtension, Row, params};
 
 pub(super) const TABLES: &str = "
     CREATE TABLE journal (
@@ -55,31 +58,23 @@ impl Store {
         if self.journal_in_doubt {
             return Err(StoreError::JournalInDoubt { path: self.path().to_owned() });
         }
-        let unix_ms = now()?.as_millis() as i64;
-        let event = serde_json::to_string(event).map_err(|error| self.journal_problem(0, error.to_string()))?;
-        let cycle = cycle.map(|id| id.0);
-        let line = Line { sequence: 0, cycle, unix_ms, event, chain: String::new() };
-        let written = self.write_line(line);
-        self.journal_in_doubt = written.is_err();
-        written.map_err(|error| self.failed("write the journal of", &error))
-    }
-
-    fn write_line(&mut self, mut line: Line) -> Result<u64, rusqlite::Error> {
-        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let last: Option<(i64, String)> = transaction
-            .prepare_cached("SELECT sequence, chain FROM journal ORDER BY sequence DESC LIMIT 1")?
-            .query_row([], |row| Ok((row.get(0)?, row.get(1)?)))
-            .optional()?;
-        let (sequence, before) = last.unwrap_or((0, BEGIN.to_owned()));
-        line.sequence = sequence + 1;
-        line.chain = line.chained(&before);
-        transaction
-            .prepare_cached(
-                "INSERT INTO journal (sequence, cycle_id, unix_ms, event, chain) VALUES (?1, ?2, ?3, ?4, ?5)",
-            )?
-            .execute(params![line.sequence, line.cycle, line.unix_ms, line.event, line.chain])?;
-        transaction.commit()?;
-        Ok(line.sequence as u64)
+        let unix_ms = unix_ms(self.clock());
+        let text = serde_json::to_string(event).map_err(|error| self.journal_problem(0, error.to_string()))?;
+        let number = cycle.map(|id| id.0);
+        let line = Line { sequence: 0, cycle: number, unix_ms, event: text, chain: String::new() };
+        // What the journal folds to with this line.
+        let folded = self.folded.clone().map(|mut folded| {
+            folded.step(*event, cycle);
+            folded
+        });
+        let told = folded.as_ref().map(|folded| self.text(folded)).transpose()?;
+        let written = self.commit("write the journal of", |writing| write_line(writing, &line, told.as_deref()));
+        // A full disk takes nothing; of any other failure nobody knows.
+        self.journal_in_doubt = matches!(&written, Err(error) if !matches!(error, StoreError::Full { .. }));
+        if written.is_ok() {
+            self.folded = folded;
+        }
+        written
     }
 
     /// Every event so far, in order.
@@ -88,20 +83,66 @@ impl Store {
     /// Where it cannot be read, or a line is not what was written.
     pub fn journal(&self) -> Result<Vec<Event>, StoreError> {
         let mut events = Vec::new();
-        self.each_event(|event, _| events.push(event))?;
+        self.each_event((0, BEGIN.to_owned()), |event, _| events.push(event))?;
         Ok(events)
     }
 
     /// Where a program starts that has this store: what the journal folds to, then at rest, Aborted or Stopped. Rows of
-    /// motions and cycles that the last process did not come to write after its last event are written first.
+    /// motions and cycles that the last process did not come to write after its last event are written first. Where the
+    /// store was changed behind the program's back, that is one more event, and the state is Aborted until a person clears
+    /// it.
     ///
     /// # Errors
     /// Where the journal cannot be read, a line is not what was written, or a motion is open that it does not know.
     pub fn recover(&mut self) -> Result<State, StoreError> {
-        let mut settled = super::motions::Settled::NEW;
-        self.each_event(|event, cycle| settled.step(event, cycle))?;
+        let (settled, last, tail) = self.folded()?;
         self.settle(&settled)?;
-        Ok(settled.rested())
+        if self.writable().is_ok() {
+            if tail > checkpoints::TAIL {
+                let told = self.text(&settled)?;
+                self.commit("write a checkpoint to", |writing| {
+                    checkpoints::write(writing, (last.0, &last.1), &told)
+                })?;
+            }
+            self.folded = Some(settled.clone());
+            if !std::mem::replace(&mut self.change_is_told, true) && !self.changed.is_empty() {
+                self.append(&Event::Told(Report::StoreChanged), None)?;
+            }
+        }
+        Ok(self.folded.as_ref().unwrap_or(&settled).rested())
+    }
+
+    /// What the journal folds to, without the start that follows.
+    ///
+    /// # Errors
+    /// As [`Store::recover`].
+    pub fn state(&self) -> Result<State, StoreError> {
+        match &self.folded {
+            Some(folded) => Ok(folded.state()),
+            None => Ok(self.folded()?.0.state()),
+        }
+    }
+
+    /// Lines of the journal.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn lines(&self) -> Result<i64, StoreError> {
+        let last =
+            self.connection.query_row("SELECT coalesce(max(sequence), 0) FROM journal", [], |row| row.get(0));
+        last.map_err(|error| self.failed("read the journal of", &error))
+    }
+
+    /// Folds the journal from the last checkpoint on; its last line and how many were read come with it.
+    fn folded(&self) -> Result<(Settled, (i64, String), i64), StoreError> {
+        let (mut settled, from) = match self.checkpoint()? {
+            Some(checkpoint) => (checkpoint.settled, (checkpoint.sequence, checkpoint.journal_chain)),
+            None => (Settled::NEW, (0, BEGIN.to_owned())),
+        };
+        let first = from.0;
+        let last = self.each_event(from, |event, cycle| settled.step(event, cycle))?;
+        let tail = last.0 - first;
+        Ok((settled, last, tail))
     }
 
     /// What was asked in a cycle, in order.
@@ -122,16 +163,22 @@ impl Store {
         Ok(asked)
     }
 
-    /// Calls with each event and its cycle, in order, and holds one line at a time.
-    fn each_event(&self, mut each: impl FnMut(Event, Option<CycleId>)) -> Result<(), StoreError> {
+    /// Calls with each event after this line and its cycle, in order, and holds one line at a time. The last line, and the
+    /// chain at it, come back.
+    fn each_event(
+        &self,
+        (after, mut before): (i64, String),
+        mut each: impl FnMut(Event, Option<CycleId>),
+    ) -> Result<(i64, String), StoreError> {
         let failed = |error: rusqlite::Error| self.failed("read the journal of", &error);
         let mut lines = self
             .connection
-            .prepare("SELECT sequence, cycle_id, unix_ms, event, chain FROM journal ORDER BY sequence")
+            .prepare(
+                "SELECT sequence, cycle_id, unix_ms, event, chain FROM journal WHERE sequence > ?1 ORDER BY sequence",
+            )
             .map_err(failed)?;
-        let mut before = BEGIN.to_owned();
-        let mut expected = 1;
-        for line in lines.query_map([], Line::of).map_err(failed)? {
+        let mut expected = after + 1;
+        for line in lines.query_map([after], Line::of).map_err(failed)? {
             let line = line.map_err(failed)?;
             if line.sequence != expected {
                 return Err(self.journal_problem(expected, format!("the next line is {}", line.sequence)));
@@ -146,10 +193,44 @@ impl Store {
             );
             (before, expected) = (line.chain, expected + 1);
         }
-        Ok(())
+        Ok((expected - 1, before))
     }
 
     pub(super) fn journal_problem(&self, sequence: i64, problem: String) -> StoreError {
         StoreError::DamagedJournal { path: self.path().to_owned(), sequence, problem }
     }
+}
+
+/// Writes many lines at once, as a store has them after years.
+#[cfg(test)]
+pub(super) fn fill(store: &mut Store, lines: u32) -> Result<(), StoreError> {
+    let line = |done| Line {
+        sequence: 0,
+        cycle: None,
+        unix_ms: 1_795_297_432_000 + i64::from(done),
+        event: format!("{{\"told\":{{\"progress\":{{\"id\":18446744073709551614,\"done\":{done}}}}}}}"),
+        chain: String::new(),
+    };
+    store.commit("fill", |writing| (0..lines).try_for_each(|done| write_line(writing, &line(done), None).map(drop)))
+}
+
+/// Writes a line after the last one, and a checkpoint where one is due; `folded` is what the journal then folds to.
+fn write_line(writing: &mut Writing<'_>, line: &Line, folded: Option<&str>) -> Result<u64, Failed> {
+    let last: Option<(i64, String)> = writing
+        .prepare_cached("SELECT sequence, chain FROM journal ORDER BY sequence DESC LIMIT 1")?
+        .query_row([], |row| Ok((row.get(0)?, row.get(1)?)))
+        .optional()?;
+    let (sequence, before) = last.unwrap_or((0, BEGIN.to_owned()));
+    let line = Line { sequence: sequence + 1, event: line.event.clone(), chain: String::new(), ..*line };
+    let chain = line.chained(&before);
+    writing
+        .prepare_cached(
+            "INSERT INTO journal (sequence, cycle_id, unix_ms, event, chain) VALUES (?1, ?2, ?3, ?4, ?5)",
+        )?
+        .execute(params![line.sequence, line.cycle, line.unix_ms, line.event, chain])?;
+    writing.chain("journal", line.sequence)?;
+    if let (0, Some(folded)) = (line.sequence % checkpoints::EVERY, folded) {
+        checkpoints::write(writing, (line.sequence, &chain), folded)?;
+    }
+    Ok(line.sequence as u64)
 }

@@ -9,6 +9,7 @@ use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
 use crate::record::{CycleId, MotionRecord};
 use crate::verdict::{Judgement, Reason, Verdict};
 use rusqlite::{OptionalExtension, Row, params};
+use serde::{Deserialize, Serialize};
 
 /// `one_open_motion` holds at most one row: a second motion is refused by the database itself.
 pub(super) const TABLES: &str = "
@@ -27,6 +28,8 @@ pub(super) const TABLES: &str = "
 type Closed = (Motion, Outcome, u32);
 
 /// What a journal says of motions and cycles, as far as it was read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub(super) struct Settled {
     state: State,
     closed: Option<Closed>,
@@ -50,6 +53,11 @@ impl Settled {
         }
     }
 
+    /// The state as the journal leaves it.
+    pub fn state(&self) -> State {
+        self.state
+    }
+
     /// The state after the start that follows.
     pub fn rested(&self) -> State {
         step(self.state, Event::Told(Report::Boot)).0
@@ -64,10 +72,13 @@ impl Store {
     pub fn open_intent(&mut self, motion: &Motion, cycle: Option<CycleId>) -> Result<(), StoreError> {
         self.writable()?;
         let text = self.text(motion)?;
-        self.connection
-            .execute("INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)", params![cycle.map(|id| id.0), text])
-            .map_err(|error| self.failed("write a motion to", &error))?;
-        Ok(())
+        self.commit("write a motion to", |writing| {
+            writing.execute(
+                "INSERT INTO motions (cycle_id, motion) VALUES (?1, ?2)",
+                params![cycle.map(|id| id.0), text],
+            )?;
+            writing.chain("motions", writing.last_insert_rowid())
+        })
     }
 
     /// Commits how the open motion ended, with the waypoints that the robot executed.
@@ -76,15 +87,16 @@ impl Store {
     /// Where it cannot be written, or this motion is not the open one.
     pub fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), StoreError> {
         self.writable()?;
-        let outcome = self.text(&outcome)?;
-        let closed = self
-            .connection
-            .execute(
-                "UPDATE motions SET outcome = ?2, done = ?3 WHERE outcome IS NULL AND motion = ?1",
-                params![self.text(motion)?, outcome, done],
-            )
-            .map_err(|error| self.failed("write a motion to", &error))?;
-        if closed == 1 { Ok(()) } else { Err(StoreError::MotionNotOpen { motion: self.text(motion)? }) }
+        let (text, outcome) = (self.text(motion)?, self.text(&outcome)?);
+        self.commit("write a motion to", |writing| {
+            let sql =
+                "UPDATE motions SET outcome = ?2, done = ?3 WHERE outcome IS NULL AND motion = ?1 RETURNING id";
+            let closed = writing.query_row(sql, params![text, outcome, done], |row| row.get(0)).optional()?;
+            match closed {
+                Some(id) => writing.chain("motion_ends", id),
+                None => Err(StoreError::MotionNotOpen { motion: text.clone() }.into()),
+            }
+        })
     }
 
     /// Whether a motion is open: a person must clear it before anything moves. As of the last [`Store::recover`].
@@ -120,7 +132,10 @@ impl Store {
         let expected = settled.state.intent.map(|intent| intent.motion);
         let mut open = self.open_motion()?;
         if let Some(motion) = open.filter(|motion| Some(*motion) != expected) {
-            let Some((_, outcome, done)) = settled.closed.filter(|(closed, ..)| *closed == motion) else {
+            let closed = settled.closed.filter(|(closed, ..)| *closed == motion);
+            // Where the journal was cut it is a person who ends the motion, by the clear that the store then asks for.
+            let cleared = (!self.changed.is_empty()).then_some((motion, Outcome::Cleared, 0));
+            let Some((_, outcome, done)) = closed.or(cleared) else {
                 return Err(
                     self.journal_problem(0, format!("it does not know of the open motion {}", self.text(&motion)?))
                 );

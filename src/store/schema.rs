@@ -1,13 +1,16 @@
 //! The tables' version: looked at before anything is written, raised step by step.
 
+use super::chain::Place;
 use super::error::StoreError;
-use super::{cycles, discs, journal, motions, teaching, verifications};
-use rusqlite::{Connection, TransactionBehavior};
+use super::{chain, checkpoints, cycles, discs, incidents, journal, motions, prune, teaching, verifications};
+use rusqlite::Connection;
 use std::path::Path;
 
 /// The newest schema that this program knows. 1: taught panels. 2: cycles, findings, journal, motions.
-/// 3: verifications. 4: discs. 5: strikes of verifications.
-pub(super) const SCHEMA: i64 = 5;
+/// 3: verifications. 4: discs. 5: strikes of verifications. 6: the chain, checkpoints, incidents, removed files.
+pub(super) const SCHEMA: i64 = 6;
+/// The first with a chain.
+pub(super) const CHAINED: i64 = 6;
 
 /// The database's version; 0 is an empty one. Nothing is written: a database that is not ours stays as it is.
 pub(super) fn version(connection: &Connection, path: &Path) -> Result<i64, StoreError> {
@@ -27,8 +30,15 @@ fn read(connection: &Connection) -> Result<(i64, i64), rusqlite::Error> {
     Ok((version, entries))
 }
 
+/// A larger database is not looked at page by page when it is opened: that takes a second for each 200 MB. What is read of it
+/// is held against the chain, and `panelprep store verify` looks at all of it.
+const CHECKED_BYTES: u64 = 64 << 20;
+
 /// SQLite's own look at every page; what it finds wrong.
 pub(super) fn check(connection: &Connection, path: &Path) -> Result<(), StoreError> {
+    if std::fs::metadata(path).is_ok_and(|file| file.len() > CHECKED_BYTES) {
+        return Ok(());
+    }
     let damaged = |problem: String| StoreError::Damaged { path: path.to_owned(), problem };
     let found: Result<String, _> = connection.pragma_query_value(None, "quick_check", |row| row.get(0));
     match found {
@@ -38,13 +48,20 @@ pub(super) fn check(connection: &Connection, path: &Path) -> Result<(), StoreErr
     }
 }
 
-/// Sets the database to survive a power cut and brings its tables up to date, whole or not at all.
-pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error> {
+/// Sets the database to survive a power cut.
+pub(super) fn prepare(connection: &Connection) -> Result<(), rusqlite::Error> {
     connection.pragma_update(None, "journal_mode", "WAL")?;
     connection.pragma_update(None, "synchronous", "FULL")?;
-    connection.pragma_update(None, "foreign_keys", "ON")?;
-    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    let (found, _) = read(&transaction)?;
+    connection.pragma_update(None, "foreign_keys", "ON")
+}
+
+/// Brings the tables up to date and takes what a store without a chain holds into one, where that is not done yet; the
+/// chain's end, where something was. Part of a transaction.
+pub(super) fn raise(transaction: &Connection) -> Result<Option<Place>, rusqlite::Error> {
+    let (found, _) = read(transaction)?;
+    if found == SCHEMA {
+        return Ok(None);
+    }
     if found < 1 {
         transaction.execute_batch(teaching::TABLES)?;
     }
@@ -62,6 +79,40 @@ pub(super) fn prepare(connection: &mut Connection) -> Result<(), rusqlite::Error
     if found < 5 {
         transaction.execute_batch(verifications::STRIKES)?;
     }
+    if found < CHAINED {
+        for tables in [chain::TABLES, checkpoints::TABLES, incidents::TABLES, prune::TABLES] {
+            transaction.execute_batch(tables)?;
+        }
+        chain::adopt(transaction)?;
+    }
     transaction.pragma_update(None, "user_version", SCHEMA)?;
-    transaction.commit()
+    chain::last(transaction).map(Some)
+}
+
+/// What the database has beside this program's own tables, or has not; SQLite's own entries are none of ours.
+pub(super) fn differences(connection: &Connection) -> Result<Vec<String>, rusqlite::Error> {
+    let ours = Connection::open_in_memory()?;
+    raise(&ours)?;
+    let (ours, found) = (entries(&ours)?, entries(connection)?);
+    let gone = ours
+        .iter()
+        .filter(|entry| !found.contains(entry))
+        .map(|(name, _)| format!("{name} was changed or is gone"));
+    let more = found.iter().filter(|(name, _)| !ours.iter().any(|(own, _)| own == name));
+    let more = more.map(|(name, _)| format!("{name} is not of this program"));
+    let mut told: Vec<String> =
+        gone.chain(more).map(|words| format!("in the database's schema: {words}")).collect();
+    let check: String = connection.query_row("PRAGMA integrity_check", [], |row| row.get(0))?;
+    told.extend((check != "ok").then(|| format!("the database is damaged: {check}")));
+    Ok(told)
+}
+
+/// Each table, index, view and trigger with its text, spaces left out.
+fn entries(connection: &Connection) -> Result<Vec<(String, String)>, rusqlite::Error> {
+    let sql = "SELECT type || ' ' || name, coalesce(sql, '') FROM sqlite_master WHERE name NOT LIKE 'sqlite_%'";
+    let entry = |row: &rusqlite::Row<'_>| {
+        let text: String = row.get(1)?;
+        Ok((row.get(0)?, text.split_whitespace().collect()))
+    };
+    connection.prepare(sql)?.query_map([], entry)?.collect()
 }

@@ -1,11 +1,12 @@
 //! Taught panels as immutable, content-hashed versions.
 
 use super::Store;
+use super::commit::{Failed, Writing};
 use super::error::StoreError;
 use crate::config::nearest;
 use crate::files::{content_hash, read_flange, write_pose};
 use crate::geometry::KukaPose;
-use rusqlite::{Row, TransactionBehavior, params};
+use rusqlite::{Row, params};
 
 pub(super) const TABLES: &str = "
     CREATE TABLE taught_panels (
@@ -98,7 +99,7 @@ impl Store {
         if let Some(corner) = teaching.corners.iter().position(|corner| !corner.base_from_flange.is_finite()) {
             return Err(StoreError::Pose { corner: corner + 1 });
         }
-        let now = super::now()?;
+        self.writable()?;
         let corner =
             |corner: &TaughtCorner| Ok((self.put_blob(&corner.picture)?, write_pose(&corner.base_from_flange)));
         let record = Record {
@@ -113,39 +114,9 @@ impl Store {
             corners: teaching.corners.iter().map(corner).collect::<Result<_, StoreError>>()?,
         };
         let version = record.version();
-        self.insert(&teaching.name, &version, now.as_secs(), &record)
-            .map_err(|error| self.failed("write", &error))?;
+        let taught_at_unix_s = self.unix_s();
+        self.commit("write", |writing| insert(writing, (&teaching.name, &version, taught_at_unix_s), &record))?;
         Ok(version)
-    }
-
-    fn insert(&mut self, name: &str, version: &str, now_s: u64, record: &Record) -> Result<(), rusqlite::Error> {
-        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let [recipe, scanner, base_from_camera, flange_camera, flange_from_camera] = &record.texts;
-        transaction.execute(
-            "INSERT INTO taught_panels (name, version, taught_at_unix_s, scan_hash, recipe_text,
-                scanner_calibration_text, base_from_camera_text, flange_camera_text, flange_from_camera_text)
-             VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
-            params![
-                name,
-                version,
-                now_s as i64,
-                record.scan_hash,
-                recipe,
-                scanner,
-                base_from_camera,
-                flange_camera,
-                flange_from_camera
-            ],
-        )?;
-        let panel_id = transaction.last_insert_rowid();
-        for (position, (picture_hash, base_from_flange)) in record.corners.iter().enumerate() {
-            transaction.execute(
-                "INSERT INTO taught_corners (panel_id, position, picture_hash, base_from_flange)
-                 VALUES (?1, ?2, ?3, ?4)",
-                params![panel_id, position as i64, picture_hash, base_from_flange],
-            )?;
-        }
-        transaction.commit()
     }
 
     /// A panel as it was taught: the version asked for, else the latest. Every part is checked against its hash.
@@ -248,4 +219,40 @@ impl Store {
             }
         }
     }
+}
+
+fn insert(
+    writing: &mut Writing<'_>,
+    (name, version, taught_at_unix_s): (&str, &str, i64),
+    record: &Record,
+) -> Result<(), Failed> {
+    let [recipe, scanner, base_from_camera, flange_camera, flange_from_camera] = &record.texts;
+    writing.execute(
+        "INSERT INTO taught_panels (name, version, taught_at_unix_s, scan_hash, recipe_text,
+            scanner_calibration_text, base_from_camera_text, flange_camera_text, flange_from_camera_text)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
+        params![
+            name,
+            version,
+            taught_at_unix_s,
+            record.scan_hash,
+            recipe,
+            scanner,
+            base_from_camera,
+            flange_camera,
+            flange_from_camera
+        ],
+    )?;
+    let panel_id = writing.last_insert_rowid();
+    writing.chain("taught_panels", panel_id)?;
+    for (position, (picture_hash, base_from_flange)) in record.corners.iter().enumerate() {
+        let position = position as i64;
+        writing.execute(
+            "INSERT INTO taught_corners (panel_id, position, picture_hash, base_from_flange)
+             VALUES (?1, ?2, ?3, ?4)",
+            params![panel_id, position, picture_hash, base_from_flange],
+        )?;
+        writing.chain("taught_corners", panel_id * 65_536 + position)?;
+    }
+    Ok(())
 }

@@ -2,6 +2,7 @@
 //! who did so and why.
 
 use super::error::StoreError;
+use super::head::HeadFile;
 use super::{DATABASE, Store};
 use crate::calib::health::{Strike, Verification};
 use crate::files::content_hash;
@@ -47,8 +48,7 @@ impl Store {
     /// Where the store cannot be opened or written, or a number is not finite.
     pub fn keep_verification_in(folder: &Path, verification: &Verification) -> Result<(Self, i64), StoreError> {
         let mut store = Store::for_one_row(folder)?;
-        store.insert_verification(verification)?;
-        let number = store.connection.last_insert_rowid();
+        let number = store.insert_verification(verification)?;
         Ok((store, number))
     }
 
@@ -60,7 +60,7 @@ impl Store {
     pub fn strike_in(folder: &Path, number: i64, strike: &Strike) -> Result<(Self, Verification), StoreError> {
         // A mistyped folder must not become a store.
         drop(Store::open(folder)?);
-        let store = Store::for_one_row(folder)?;
+        let mut store = Store::for_one_row(folder)?;
         let all = store.verification_history()?;
         let path = || store.path().to_owned();
         let Some((_, found)) = all.into_iter().find(|(id, _)| *id == number) else {
@@ -69,13 +69,13 @@ impl Store {
         if let Some(Strike { by, .. }) = found.struck {
             return Err(StoreError::StruckAlready { path: path(), number, by });
         }
-        store
-            .connection
-            .execute(
+        store.commit("strike out a verification in", |writing| {
+            writing.execute(
                 "INSERT INTO verification_strikes (verification_id, by, why, at_unix_s) VALUES (?1, ?2, ?3, ?4)",
                 params![number, strike.by, strike.why, strike.at_unix_s],
-            )
-            .map_err(|error| store.failed("strike out a verification in", &error))?;
+            )?;
+            writing.chain("verification_strikes", number)
+        })?;
         Ok((store, Verification { struck: Some(strike.clone()), ..found }))
     }
 
@@ -86,13 +86,18 @@ impl Store {
         }
     }
 
-    fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
+    pub(super) fn beside_the_writer(folder: &Path) -> Result<Self, StoreError> {
         let mut store = Store::open(folder)?;
         let path = folder.join(DATABASE);
         let flags = OpenFlags::SQLITE_OPEN_READ_WRITE | OpenFlags::SQLITE_OPEN_NO_MUTEX;
         let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
         store.connection = Connection::open_with_flags(&path, flags).map_err(failed)?;
         store.connection.pragma_update(None, "synchronous", "FULL").map_err(failed)?;
+        store.head = Some(HeadFile::open(folder).map_err(|source| StoreError::File {
+            doing: "open the head of",
+            path,
+            source,
+        })?);
         Ok(store)
     }
 
@@ -102,15 +107,16 @@ impl Store {
     /// Where the store is open for reading or cannot be written, or a number is not finite.
     pub fn keep_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
         self.writable()?;
-        self.insert_verification(verification)
+        self.insert_verification(verification).map(drop)
     }
 
-    fn insert_verification(&mut self, verification: &Verification) -> Result<(), StoreError> {
+    /// Its number comes back.
+    fn insert_verification(&mut self, verification: &Verification) -> Result<i64, StoreError> {
         if !(verification.error_mm.is_finite() && verification.limit_mm.is_finite()) {
             return Err(StoreError::NotFinite { name: "verification".to_owned() });
         }
-        self.connection
-            .execute(
+        self.commit("write a verification to", |writing| {
+            writing.execute(
                 "INSERT INTO verifications (subject, error_mm, limit_mm, calibration_hash, at_unix_s)
                  VALUES (?1, ?2, ?3, ?4, ?5)",
                 params![
@@ -120,9 +126,11 @@ impl Store {
                     verification.calibration_hash,
                     verification.at_unix_s
                 ],
-            )
-            .map_err(|error| self.failed("write a verification to", &error))?;
-        Ok(())
+            )?;
+            let number = writing.last_insert_rowid();
+            writing.chain("verifications", number)?;
+            Ok(number)
+        })
     }
 
     /// All verifications of a subject, in the order in which they were kept.

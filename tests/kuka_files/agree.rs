@@ -92,7 +92,7 @@ fn flags_and_timers_agree_everywhere() {
     let page = page();
     let named: Vec<&String> =
         data.keys().filter(|name| name.starts_with("CELL_F_") || name.starts_with("CELL_T_")).collect();
-    assert_eq!(named.len(), 12);
+    assert_eq!(named.len(), 13);
     for name in &named {
         let kind = if name.starts_with("CELL_F_") { "$FLAG" } else { "$TIMER" };
         let row = format!("| `{kind}` | {} | `{name}` |", data[*name]);
@@ -101,7 +101,15 @@ fn flags_and_timers_agree_everywhere() {
     let numbers: BTreeSet<&String> = named.iter().map(|name| &data[*name]).collect();
     assert_eq!(numbers.len(), named.len(), "each number once");
     // CELL_INIT starts them in one loop.
-    let timers = ["CELL_T_HEARD", "CELL_T_SUBMIT", "CELL_T_ACK", "CELL_T_STATE", "CELL_T_SILENT", "CELL_T_OFF"];
+    let timers = [
+        "CELL_T_HEARD",
+        "CELL_T_SUBMIT",
+        "CELL_T_ACK",
+        "CELL_T_STATE",
+        "CELL_T_SILENT",
+        "CELL_T_OFF",
+        "CELL_T_STILL",
+    ];
     let timers = timers.map(|name| number(&data, name));
     assert!(timers.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "the timers follow one another");
     // Elsewhere they are used by their names.

@@ -7,5 +7,6 @@ mod fuzz;
 mod loopback;
 mod oracles;
 mod paths;
+mod programs;
 mod sockets;
 mod walks;

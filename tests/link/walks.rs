@@ -5,7 +5,7 @@
 
 use super::cell::{self, Cell, Side, pass, sanding_tool, setup, speed};
 use super::oracles::Oracles;
-use panelprep::devices::mock::{Clock, Fault, Mode, Rule, Setup, Side as End};
+use panelprep::devices::mock::{self, Clock, Fault, Mode, Programs, Rule, Setup, Side as End};
 use panelprep::eki::{Channel, Command, CommandId, Epoch, LinkLimits, MoveJ, MoveLin, QueueError, Report, Signal};
 use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};
@@ -22,11 +22,12 @@ const LENGTH_MS: u64 = 20_000;
 /// From mended to connected, opened and executed.
 const RECOVERY_MS: u64 = 12_000;
 
-/// What is weakened, to see that the walks notice.
-#[derive(Debug, Clone, Copy, Default)]
-struct Weak {
-    rule: Option<Rule>,
-    limits: Option<LinkLimits>,
+/// What is weakened, to see that the walks notice; and which programs the controller executes, if not the model in Rust.
+#[derive(Debug, Clone, Default)]
+pub struct Weak {
+    pub rule: Option<Rule>,
+    pub limits: Option<LinkLimits>,
+    pub programs: Option<Programs>,
 }
 
 struct Walk {
@@ -38,28 +39,53 @@ struct Walk {
     /// When the next fault strikes.
     next_fault_ms: u64,
     mended: bool,
+    /// When the foreign program is done and the cell's is selected again.
+    home_at_ms: Option<u64>,
 }
 
 /// One walk; what was wrong.
-fn walk(seed: u64, weak: Weak) -> Result<(), String> {
+fn walk(seed: u64, weak: &Weak) -> Result<(), String> {
+    walk_over(seed, weak).1
+}
+
+/// One walk: the cell at its end, and what was wrong.
+pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut draw = Pcg64::seed_from_u64(seed);
-    let setup = Setup { left_out: weak.rule, ..setup(Clock::Free) };
+    let setup = Setup { left_out: weak.rule, programs: weak.programs.clone(), ..setup(Clock::Free) };
     let mut cell = Cell::new(setup, weak.limits.unwrap_or_default(), seed);
     cell.delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
     cell.fragment = draw.random_bool(0.3);
     let oracles = Oracles::new(cell.delay_ms.1);
     let next_fault_ms = draw.random_range(300..4_000);
-    let mut walk = Walk { cell, oracles, draw, commands: 0, faults: 0, next_fault_ms, mended: false };
-    while !(walk.commands >= COMMANDS && walk.faults >= FAULTS && walk.cell.now_ms >= LENGTH_MS) {
-        walk.round()?;
-        if walk.cell.now_ms > 20 * LENGTH_MS {
-            return Err(format!("{} commands and {} faults in 400 s", walk.commands, walk.faults));
-        }
-    }
-    walk.recover()
+    let mut walk =
+        Walk { cell, oracles, draw, commands: 0, faults: 0, next_fault_ms, mended: false, home_at_ms: None };
+    let found = walk.whole();
+    (walk.cell, found)
 }
 
 impl Walk {
+    fn whole(&mut self) -> Result<(), String> {
+        while !(self.commands >= COMMANDS && self.faults >= FAULTS && self.cell.now_ms >= LENGTH_MS) {
+            self.round()?;
+            if self.cell.now_ms > 20 * LENGTH_MS {
+                return Err(format!("{} commands and {} faults in 400 s", self.commands, self.faults));
+            }
+        }
+        self.recover()
+    }
+
+    /// The drives go off and on while the foreign program runs; then the cell's is selected again.
+    fn work_with_another_program(&mut self) {
+        let Some(home_at_ms) = self.home_at_ms else { return };
+        if self.cell.now_ms >= home_at_ms {
+            self.home_at_ms = None;
+            self.cell.controller.deselect();
+            self.cell.controller.select();
+        } else if self.cell.now_ms >= home_at_ms - 1_000 && self.cell.controller.can_start() {
+            self.cell.controller.inject(Fault::Drives { for_ms: Some(2_000) });
+        }
+    }
+
     fn pass_time(&mut self, ms: u64) -> Result<(), String> {
         let end_ms = self.cell.now_ms + ms;
         while self.cell.now_ms < end_ms {
@@ -72,6 +98,7 @@ impl Walk {
             if let Some(violation) = self.oracles.violation.take() {
                 return Err(violation);
             }
+            self.work_with_another_program();
         }
         Ok(())
     }
@@ -170,7 +197,9 @@ impl Walk {
         let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
         let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
         let until_ms = self.cell.now_ms + lasts_ms;
-        let fault = match draw.random_range(0..24) {
+        let is_program = self.cell.controller.robot_state().is_some();
+        let kinds = if is_program { 27 } else { 24 };
+        let fault = match draw.random_range(0..kinds) {
             0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
             3 => return self.cell.client_stalls_until_ms = until_ms,
             4 => return self.cell.deaf_until_ms = until_ms,
@@ -194,7 +223,7 @@ impl Walk {
             }
             18 => Fault::EStop { for_ms },
             19 => Fault::Guard { for_ms },
-            23 => {
+            23 if !is_program => {
                 // Somebody else's, or what damage has made of one: any operation, any number.
                 let operation = draw.random_range(9..13);
                 let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
@@ -202,7 +231,23 @@ impl Walk {
             }
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
-            _ => Fault::Reboot { for_ms },
+            22 => Fault::Reboot { for_ms },
+            // Someone works with another program, with the drives going off and on.
+            23 => {
+                self.home_at_ms = Some(until_ms + 3_000);
+                return self.cell.controller.select_foreign_program();
+            }
+            // A client that is gone before the programs have looked.
+            24 => {
+                let channel = [mock::Channel::Command, mock::Channel::State][draw.random_range(0..2)];
+                if self.cell.controller.connect(channel) {
+                    self.cell.controller.disconnect(channel);
+                }
+                return;
+            }
+            // A thumb on the start key, whatever the program does.
+            25 => return self.cell.controller.hold_start_key(draw.random_bool(0.5)),
+            _ => Fault::Stall { for_ms: Some(draw.random_range(100..380)) },
         };
         self.cell.controller.inject(fault);
     }
@@ -210,7 +255,8 @@ impl Walk {
     /// Nothing goes wrong any more: the link comes back and a path is executed.
     fn recover(&mut self) -> Result<(), String> {
         self.mended = true;
-        self.pass_time(2_000)?;
+        self.cell.controller.hold_start_key(false);
+        self.pass_time(4_000)?;
         let end_ms = self.cell.now_ms + RECOVERY_MS;
         while self.cell.now_ms < end_ms {
             // What was set to happen to the next base or command may still happen, once.
@@ -241,23 +287,23 @@ impl Walk {
     }
 }
 
-fn first_violation(seeds: u64, weak: Weak) -> Option<(u64, String)> {
+fn first_violation(seeds: u64, weak: &Weak) -> Option<(u64, String)> {
     (0..seeds).into_par_iter().find_map_any(|seed| walk(seed, weak).err().map(|violation| (seed, violation)))
 }
 
 #[test]
 fn no_walk_violates_a_rule() {
-    let found = first_violation(WALKS, Weak::default());
+    let found = first_violation(WALKS, &Weak::default());
     assert_eq!(found, None);
 }
 
 /// Each rule that is taken out, on the controller or at the client, is missed within four hundred walks.
 #[test]
 fn a_missing_rule_turns_a_walk_red() {
-    let of = |rule| Weak { rule: Some(rule), limits: None };
+    let of = |rule| Weak { rule: Some(rule), ..Weak::default() };
     let patient = LinkLimits { watchdog: Duration::from_secs(3_600), ..LinkLimits::default() };
     let greedy = LinkLimits { window: Duration::from_secs(60), window_commands: 1_000, ..LinkLimits::default() };
-    let client = |limits| Weak { rule: None, limits: Some(limits) };
+    let client = |limits| Weak { limits: Some(limits), ..Weak::default() };
     let cases = [
         ("epoch check", of(Rule::EpochCheck)),
         ("watchdog", of(Rule::Watchdog)),
@@ -270,7 +316,7 @@ fn a_missing_rule_turns_a_walk_red() {
         ("client's window", client(greedy)),
     ];
     for (name, weak) in cases {
-        let found = first_violation(WEAK_WALKS, weak);
+        let found = first_violation(WEAK_WALKS, &weak);
         println!("without the {name}: {found:?}");
         assert!(found.is_some(), "without the {name} every walk is green");
     }

@@ -25,8 +25,8 @@ pub(super) fn sentences(channel: &Channel) -> Vec<String> {
     says.extend(channel.raw.iter().map(say_raw));
     for signal in &channel.signals {
         if let Some(tag) = &signal.tag {
-            let whole =
-                channel.received.iter().any(|element| element.root() == tag && !element.inside().is_empty());
+            let inside = format!("{tag}/");
+            let whole = channel.received.iter().any(|element| element.tag.starts_with(&inside));
             let when = if whole { format!("a whole <{tag}>") } else { tag.clone() };
             says.push(format!("{} rises when {when} has arrived; the program takes it back", signal.variable()));
         }
@@ -95,7 +95,7 @@ fn roots(verb: &str, elements: &[Element]) -> Vec<String> {
         let inside: Vec<String> = elements
             .iter()
             .filter(|element| element.root() == *root)
-            .filter(|element| !element.inside().is_empty() || element.kind.is_some())
+            .filter(|element| element.kind.is_some() || (verb == "sends" && !element.inside().is_empty()))
             .map(|element| {
                 let name = if element.inside().is_empty() { "its text" } else { element.inside() };
                 match element.kind.as_deref() {

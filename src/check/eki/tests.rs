@@ -265,6 +265,23 @@ fn elements_are_looked_at_one_by_one() {
     assert!(report.says.contains(&rises), "{:?}", report.says);
 }
 
+/// Two nodes below one that carries the flag: it rises when both have arrived. Beside it, a datum that it does not tell of.
+#[test]
+fn a_flag_above_all_data_is_as_good_as_the_roots() {
+    let receive = "<XML><ELEMENT Tag=\"A/C/@N\" Type=\"INT\"/><ELEMENT Tag=\"A/C/P\" Type=\"FRAME\"/>\
+                   <ELEMENT Tag=\"A/C\" Set_Flag=\"5\"/></XML>";
+    let report = expect(&file(INTERNAL, receive, ""), &[], &[]);
+    assert!(
+        report.says.contains(&"receives <A>: C/@N INT, C/P FRAME (X Y Z A B C)".to_owned()),
+        "{:?}",
+        report.says
+    );
+    let rises = "$FLAG[5] rises when a whole <A/C> has arrived; the program takes it back".to_owned();
+    assert!(report.says.contains(&rises), "{:?}", report.says);
+    let beside = receive.replace("<XML>", "<XML><ELEMENT Tag=\"A/@M\" Type=\"INT\"/>");
+    expect(&file(INTERNAL, &beside, ""), &[], &["6 RECEIVE/XML/ELEMENT[A]: no flag for the whole of <A>"]);
+}
+
 /// Records of bytes; a controller that dials; two roots sent, a text and an attribute of one node.
 #[test]
 fn other_kinds_of_channel_are_put_in_words() {

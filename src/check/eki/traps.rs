@@ -179,7 +179,7 @@ fn root_flags(channel: &Channel, found: &mut Findings) {
     for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
         let root = element.root();
         let raised: Vec<&str> = channel.signals.iter().filter_map(|signal| signal.tag.as_deref()).collect();
-        if !seen.insert(root) || raised.contains(&root) {
+        if !seen.insert(root) || raised.iter().any(|tag| is_above_all(channel, root, tag)) {
             continue;
         }
         let inside = format!("{root}/");
@@ -195,6 +195,13 @@ fn root_flags(channel: &Channel, found: &mut Findings) {
         };
         found.warn(element.line, format!("RECEIVE/XML/ELEMENT[{root}]"), message);
     }
+}
+
+/// Whether all data below this root lie inside of the element of this tag, so that its flag tells that all have arrived.
+fn is_above_all(channel: &Channel, root: &str, tag: &str) -> bool {
+    let inside = format!("{tag}/");
+    let mut data = channel.received.iter().filter(|element| element.root() == root && element.kind.is_some());
+    tag == root || (!tag.contains('@') && data.all(|element| element.tag.starts_with(&inside)))
 }
 
 fn duplicates(section: &str, elements: &[Element], found: &mut Findings) {

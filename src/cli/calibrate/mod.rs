@@ -63,7 +63,7 @@ fn keep(outcome: &mut Outcome, judgement: &Judgement, file: &Path, text: &str) -
         outcome.say(format!("{}: not written", file.display()));
         return Ok(());
     }
-    disk::write(file, text)?;
+    disk::write_through(file, text)?;
     outcome.say(format!("{}: written", file.display()));
     Ok(())
 }

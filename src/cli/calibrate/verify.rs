@@ -142,7 +142,7 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
     mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: named.square_mm });
     mounted.date = date::today();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
-    disk::write(target, mounted.to_toml())?;
+    disk::write_through(target, mounted.to_toml())?;
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     outcome.put("base_from_board", json!(pose));
     outcome.put("pnp_rms_px", json!(seen.look.pnp_rms_px));

@@ -144,7 +144,7 @@ impl Cell {
                 }
             }
             Report::Deadline { id, which } => self.elapsed(id, which),
-            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff => {}
+            Report::Progress { .. } | Report::Trouble(_) | Report::OutputsOff | Report::StoreChanged => {}
             // The link has sent the abort frame; the controller obeys by itself.
             Report::EpochOver { trouble } => {
                 self.condition_due |= trouble.is_none();

@@ -149,7 +149,7 @@ pub const REQUESTS: [Request; 11] = [
     Request::Clear,
 ];
 
-pub const TROUBLES: [Trouble; 14] = [
+pub const TROUBLES: [Trouble; 15] = [
     Trouble::Camera,
     Trouble::Picture,
     Trouble::Computing,
@@ -163,6 +163,7 @@ pub const TROUBLES: [Trouble; 14] = [
     Trouble::Protocol,
     Trouble::Deviation,
     Trouble::Store,
+    Trouble::DiskFull,
     Trouble::Late,
 ];
 

@@ -249,6 +249,7 @@ impl Cell {
             Report::Answered { id, answer: Answer::Epoch(epoch) } if is_due(id) => {
                 never(epoch <= before.epoch && self.state.facts.epoch == Epoch::Open, "an old epoch is taken")
             }
+            Report::StoreChanged => never(!aborts, "work goes on by a store that was changed"),
             Report::Trouble(_) if from.rests() => never(at != from, "trouble at rest changes the state"),
             Report::Trouble(Trouble::Store) => never(!aborts && at != At::Stopped, "motion without a journal"),
             _ => Ok(()),

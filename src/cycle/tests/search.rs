@@ -67,7 +67,12 @@ fn timers(state: &State) -> Vec<(Deadline, Id)> {
 
 /// All that can be said to this state, one of each kind that the table tells apart.
 fn events(state: &State) -> Vec<Event> {
-    let mut told = vec![Report::Boot, Report::Trouble(Trouble::Store), Report::Trouble(Trouble::Starved)];
+    let mut told = vec![
+        Report::Boot,
+        Report::StoreChanged,
+        Report::Trouble(Trouble::Store),
+        Report::Trouble(Trouble::Starved),
+    ];
     let over = [None, Some(Trouble::Refused), Some(Trouble::Starved)];
     told.extend(over.map(|trouble| Report::EpochOver { trouble }));
     let robots = [Robot::Ready, Robot::LinkLost, Robot::EmergencyStop, Robot::GuardOpen];

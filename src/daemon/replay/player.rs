@@ -400,6 +400,10 @@ impl Journal for Player<'_> {
     fn check(&mut self) -> Vec<Reason> {
         self.call(Topic::Store, json!("check")).unwrap_or_default()
     }
+
+    fn filled(&mut self) -> Option<Reason> {
+        self.heard(Topic::Store)
+    }
 }
 
 impl Requests for Player<'_> {

@@ -280,6 +280,12 @@ impl<P: DerefMut<Target: Journal>> Journal for Taped<P> {
         self.put(Topic::Store, || (json!("check"), told(&wrong)));
         wrong
     }
+
+    fn filled(&mut self) -> Option<Reason> {
+        let why = self.port.filled()?;
+        self.put(Topic::Store, || (Value::Null, told(&why)));
+        Some(why)
+    }
 }
 
 impl<P: DerefMut<Target: Requests>> Requests for Taped<P> {

@@ -2,7 +2,7 @@
 
 use super::fake::{Cell as Fake, FakeEyes};
 use super::*;
-use crate::cycle::{Act, Answer, Event, Refusal, Report, State};
+use crate::cycle::{Act, Answer, Event, Hold, Refusal, Report, State, Trouble, Why};
 use crate::geometry::{ColorPicture, OrganizedCloud};
 use crate::record::{CycleId, Kind};
 use crate::verdict::Reason;
@@ -256,4 +256,29 @@ fn a_self_test_names_all_that_is_wrong() {
     let mut script = Script::default().reset().leave_when(until(false));
     full.serve(|eyes| eyes, vec![], &mut script);
     assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
+}
+
+/// The disk fills while the cell works: it is held where it rests and says so, and goes on only once there is room.
+#[test]
+fn a_full_disk_holds_the_cell_until_there_is_room() {
+    let held = |state: &State| matches!(state.at, At::Held(Hold { why: Why::Trouble(Trouble::DiskFull), .. }));
+    let mut cell = Fake::new(Scene::Good);
+    cell.fills_at = Some(30);
+    let mut script = Script::default()
+        .reset()
+        .start(&cell)
+        .when(held, Ask::For(Request::Unhold { dried: true }))
+        .when(held, Ask::For(Request::Unhold { dried: true }))
+        .when(|state| matches!(state.at, At::Unholding { .. } | At::Execute(_)), Ask::For(Request::Stop))
+        .leave_when(|state| state.at == At::Stopped);
+    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    assert_eq!(
+        (script.unable, script.refusals),
+        (vec!["disk_full".to_owned()], vec![]),
+        "once, then there is room"
+    );
+    assert!(script.noted.iter().any(|reason| reason.message.contains("delete recordings")));
+    let full = record.events.iter().filter(|event| **event == Event::Told(Report::Trouble(Trouble::DiskFull)));
+    assert_eq!(full.count(), 1);
+    assert!(record.intents.iter().all(|(_, end)| end.is_some()), "every motion has its end");
 }

@@ -47,6 +47,9 @@ impl Controller {
     /// A client wants to connect: the channel is opened afresh. False where it has a client already, or does not listen.
     pub fn connect(&mut self, channel: Channel) -> bool {
         let (now_ms, unplugged) = (self.now_ms, self.troubles.unplugged());
+        if self.running.is_some() {
+            return !unplugged && self.connect_interpreted(channel);
+        }
         let link = self.link(channel);
         if link.connected || unplugged || now_ms < link.listens_at_ms {
             return false;
@@ -83,6 +86,9 @@ impl Controller {
 
     /// The program closes the channel, whatever the cable does.
     pub(super) fn drop_client(&mut self, channel: Channel, fault: EkiFault) {
+        if self.running.is_some() {
+            return self.lose_interpreted(channel, fault);
+        }
         let reopens_ms = if self.setup.clock == Clock::Free { self.now_ms + REOPEN_MS } else { self.now_ms };
         let link = self.link(channel);
         if !link.connected {
@@ -100,7 +106,9 @@ impl Controller {
     /// Bytes that arrived on the command channel.
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         let Some(documents) = self.receive(Channel::Command, bytes) else { return };
-        if documents > 0 {
+        if documents > 0 && self.running.is_some() {
+            self.count_arrived(u64::from(documents));
+        } else if documents > 0 {
             match self.command_places.newest_order(&self.commands.memory) {
                 Some(newest) => self.arrived = self.arrived.max(newest),
                 None => self.awaits_commands = false,
@@ -129,6 +137,7 @@ impl Controller {
         }
         let received = link.memory.receive(bytes);
         let raised = link.memory.take_raised();
+        self.note_change();
         raised.iter().for_each(|&raised| self.raise(raised, true));
         match received {
             Ok(documents) => Some(documents),
@@ -154,7 +163,7 @@ impl Controller {
         }
     }
 
-    fn show_alive(&mut self, channel: Channel) {
+    pub(super) fn show_alive(&mut self, channel: Channel) {
         let Link { connected, alive: (flag, output), .. } = *self.link(channel);
         flag.map(Raised::Flag).into_iter().for_each(|flag| self.raise(flag, connected));
         output.map(Raised::Output).into_iter().for_each(|output| self.raise(output, connected));

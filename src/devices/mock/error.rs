@@ -46,6 +46,9 @@ pub enum EkiFault {
 /// Why the mock controller cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum MockError {
+    /// A program or data list of the controller is not right.
+    #[error("{0}")]
+    Program(String),
     /// The EthernetKRL file is not what the mock needs.
     #[error("{channel}.xml: {problem}")]
     File {

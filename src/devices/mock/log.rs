@@ -67,13 +67,17 @@ pub enum StopCause {
     SubmitDead,
     /// The controller was started again.
     Rebooted,
+    /// The programs that ship, by one of their rules.
+    Program,
+    /// The programs that ship, where the robot program was stopped already.
+    Halted,
 }
 
 impl StopCause {
     /// The arm stands where it is, and the robot program is reset: nothing retracts.
     pub fn is_at_once(self) -> bool {
-        use StopCause::{Deselected, Drives, EStop, Guard, Mode, Rebooted};
-        matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted)
+        use StopCause::{Deselected, Drives, EStop, Guard, Halted, Mode, Rebooted};
+        matches!(self, EStop | Guard | Drives | Mode | Deselected | Rebooted | Halted)
     }
 
     /// In words.
@@ -93,6 +97,8 @@ impl StopCause {
             StopCause::Deselected => "the robot program was deselected, or none runs",
             StopCause::SubmitDead => "the submit interpreter does not run",
             StopCause::Rebooted => "the controller was started again",
+            StopCause::Program => "the programs ended it by one of their rules",
+            StopCause::Halted => "the robot program was stopped already",
         }
     }
 }

@@ -148,6 +148,11 @@ impl Memory {
         self.clear_buffers();
     }
 
+    /// Where this tag stands, whatever its type.
+    pub(super) fn find(&self, tag: &str) -> Option<usize> {
+        self.file.received.iter().position(|element| element.tag == tag)
+    }
+
     /// Where this tag stands, which the program reads as this type.
     pub(super) fn place(&self, tag: &'static str, kind: Kind) -> Result<usize, FileProblem> {
         let found = self.file.received.iter().position(|element| element.tag == tag && element.kind == Some(kind));

@@ -8,6 +8,7 @@
 //! - the arm: `kinematics`, `ramp`, `corner` and `legs` (speed and shape of a path), `mover` (the main run)
 //! - the programs: `model` (one tick), `channels` (who is connected), `submit` (intake, watchdog, stop), `epoch`,
 //!   `program` (advance run), `contact` (retract), `outputs` (what goes off by itself), `answer` (what is told)
+//! - the programs themselves instead: `interpreted` executes the files that ship
 //! - around it: `setup`, `safety` (people, keys, the program's start), `world` (inputs and outputs), `fault` (what goes
 //!   wrong, and when), `log` and `view` (what happened, what is), `server` (TCP) with `late` (slow ways)
 //!
@@ -24,6 +25,7 @@ mod epoch;
 mod error;
 mod fault;
 mod framer;
+mod interpreted;
 mod kinematics;
 mod late;
 mod legs;
@@ -48,6 +50,7 @@ mod tests;
 pub use channel_file::ChannelFile;
 pub use error::{EkiError, EkiFault, FileProblem, MockError};
 pub use fault::{Fault, FaultSpec, FaultSpecError, Planned, Side, When};
+pub use interpreted::{Programs, RobotState};
 pub use kinematics::{Arm, Unreachable};
 pub use log::{Executed, Sample, Stop, StopCause};
 pub use model::Controller;

@@ -7,10 +7,12 @@
 
 use super::answer::Answers;
 use super::channels::Link;
+use super::codec::Template;
 use super::contact::Contact;
 use super::epoch::Epoch;
 use super::error::{FileProblem, MockError};
 use super::fault::Troubles;
+use super::interpreted::Running;
 use super::log::{Executed, Sample, Stop};
 use super::memory::Memory;
 use super::mover::Mover;
@@ -67,6 +69,10 @@ pub struct Controller {
     pub(super) executed: Vec<Executed>,
     pub(super) trace: Vec<Sample>,
     pub(super) stops: Vec<Stop>,
+    /// The programs that are executed in place of the model.
+    pub(super) running: Option<Box<Running>>,
+    /// What each channel sends, laid out once.
+    pub(super) templates: [Option<Template>; 2],
 }
 
 impl Controller {
@@ -109,6 +115,8 @@ impl Controller {
             executed: Vec::new(),
             trace: Vec::new(),
             stops: Vec::new(),
+            running: setup.programs.clone().map(|programs| Box::new(Running::new(programs, &setup))),
+            templates: [None, None],
             setup,
         })
     }
@@ -125,6 +133,9 @@ impl Controller {
     fn tick(&mut self) {
         self.now_ms += TICK_MS;
         self.pass_faults();
+        if self.running.is_some() {
+            return self.tick_interpreted();
+        }
         let submit_runs = !self.troubles.stalled();
         if submit_runs {
             self.submit_ran_ms = self.now_ms;
@@ -146,7 +157,7 @@ impl Controller {
         }
     }
 
-    fn read_inputs(&mut self) {
+    pub(super) fn read_inputs(&mut self) {
         for &number in &self.setup.inputs {
             if let Some(value) = self.world.input(number, self.now_ms) {
                 self.inputs.insert(number, value);

@@ -40,7 +40,7 @@ pub(super) struct Lin {
 /// A move of the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ptp {
-    pub(super) key: Key,
+    pub(super) key: Option<Key>,
     pub(super) target: Joints,
     /// Of each axis's highest speed, 0…1.
     pub(super) speed_share: f64,
@@ -60,7 +60,7 @@ impl Move {
     pub(super) fn key(&self) -> Option<Key> {
         match self {
             Move::Lin(lin) => lin.key,
-            Move::Ptp(ptp) => Some(ptp.key),
+            Move::Ptp(ptp) => ptp.key,
         }
     }
 
@@ -152,6 +152,17 @@ impl Mover {
     /// Nothing planned and nothing in motion.
     pub(super) fn stands(&self) -> bool {
         self.place == Place::Standing && self.planned.is_empty()
+    }
+
+    /// The arm is on its way.
+    pub(super) fn is_in_motion(&self) -> bool {
+        self.speed > 0.0
+    }
+
+    /// Stands, and the only motion planned is one that is to be blended into the next.
+    pub(super) fn waits_for_next(&self) -> bool {
+        let is_blended = matches!(self.planned.front(), Some(Move::Lin(lin)) if lin.blend_mm > 0.0);
+        self.place == Place::Standing && self.planned.len() == 1 && is_blended
     }
 
     /// Slowing down to a stop that forgets what is left.

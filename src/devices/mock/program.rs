@@ -50,7 +50,13 @@ impl Controller {
                 let key = Key { epoch: command.epoch, id: command.id };
                 let (target, acceleration_share) = (kinematics::joints(p), self.epoch.axis_acceleration_share);
                 let speed_share = r1 / 100.0;
-                self.mover.plan(Move::Ptp(Ptp { key, target, speed_share, acceleration_share, switches: None }));
+                self.mover.plan(Move::Ptp(Ptp {
+                    key: Some(key),
+                    target,
+                    speed_share,
+                    acceleration_share,
+                    switches: None,
+                }));
             }
             wire::MOVE_LIN => {
                 if r2 > 0.0 {
@@ -138,7 +144,7 @@ impl Controller {
         self.sample();
     }
 
-    fn allowed(&self) -> Override {
+    pub(super) fn allowed(&self) -> Override {
         if !self.safety.motion_possible() {
             return Override { tool_mm_s: 0.0, axis_share: 0.0, share: 1.0 };
         }
@@ -207,7 +213,7 @@ impl Controller {
         self.epoch.done = oldest.map_or(self.epoch.received, |id| id - 1);
     }
 
-    fn sample(&mut self) {
+    pub(super) fn sample(&mut self) {
         let front = self.mover.front();
         let Some(flange_from_tool) = self.contact.tool().filter(|_| self.contact.touches(front)) else { return };
         if self.contact.retracts() {

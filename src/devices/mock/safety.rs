@@ -19,9 +19,12 @@ pub(super) struct Safety {
     pub(super) guard_closed: bool,
     start_key: bool,
     /// The robot program is selected.
-    selected: bool,
+    pub(super) selected: bool,
     /// It was started, and has not been reset since.
-    started: bool,
+    pub(super) started: bool,
+    /// Another program than the cell's is selected.
+    pub(super) foreign: bool,
+    pub(super) foreign_resets: u32,
 }
 
 impl Safety {
@@ -35,6 +38,8 @@ impl Safety {
             start_key: false,
             selected: true,
             started: true,
+            foreign: false,
+            foreign_resets: 0,
         }
     }
 
@@ -49,6 +54,11 @@ impl Safety {
     /// Whether the program runs, so that the arm may move.
     pub(super) fn motion_possible(&self) -> bool {
         self.started && self.enabled() && !self.paused()
+    }
+
+    /// Whether a program that is started would run.
+    pub(super) fn may_start(&self) -> bool {
+        self.enabled() && (!self.manual() || self.start_key)
     }
 
     /// There is a program, and it has made its block coincidence.
@@ -70,6 +80,9 @@ impl Safety {
 impl Controller {
     /// Starts the robot program where drives, guard, mode and key allow it. The arm stands where it stands.
     pub fn start_program(&mut self) {
+        if self.running.is_some() {
+            return self.start_interpreted();
+        }
         let safety = &mut self.safety;
         safety.started |= safety.selected && safety.enabled() && (!safety.manual() || safety.start_key);
     }
@@ -140,6 +153,7 @@ impl Controller {
     /// The robot program is selected and started; nothing moves by it.
     pub fn select(&mut self) {
         self.safety.selected = true;
+        self.select_interpreted();
         self.start_program();
         for channel in [Channel::Command, Channel::State] {
             if self.lives_with_program(channel) {
@@ -151,6 +165,9 @@ impl Controller {
     /// The controller starts again: channels, epochs and counts are gone, the arm stands, outputs are off.
     pub fn reboot(&mut self, down_ms: u64) {
         self.stop(StopCause::Rebooted, String::new());
+        if self.running.is_some() {
+            return self.reboot_interpreted(down_ms);
+        }
         for channel in [Channel::Command, Channel::State] {
             self.disconnect(channel);
             let instant = self.setup.clock == Clock::LockStep;

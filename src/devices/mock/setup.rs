@@ -2,6 +2,7 @@
 
 use super::channel_file::ChannelFile;
 use super::fault::FaultSpec;
+use super::interpreted::Programs;
 use super::kinematics::Arm;
 use crate::geometry::Joints;
 use std::collections::BTreeMap;
@@ -84,6 +85,8 @@ pub struct Setup {
     pub first_state: i32,
     /// What goes wrong.
     pub faults: FaultSpec,
+    /// The controller's own programs are executed; `None` for the model in Rust.
+    pub programs: Option<Programs>,
     /// A rule that is not kept; for tests of tests.
     pub left_out: Option<Rule>,
 }
@@ -109,6 +112,7 @@ impl Setup {
             subroutines_ms: vec![100],
             first_state: 0,
             faults: FaultSpec::default(),
+            programs: None,
             left_out: None,
         }
     }

@@ -26,7 +26,7 @@ const MOST: [f64; 2] = [2.0, 10.0];
 impl Controller {
     /// Answers what was asked, in order. In lock step a heartbeat waits for the commands that it names.
     pub(super) fn serve_requests(&mut self) {
-        if self.troubles.stalled() {
+        if self.troubles.stalled() || self.running.is_some() {
             return;
         }
         self.reset_flags(Channel::State);
@@ -238,7 +238,7 @@ impl Controller {
 
     /// An epoch ends with its link, busy or not: a tool that runs in the air is switched off, too.
     pub(super) fn link_lost(&mut self) {
-        if self.epoch.open && self.setup.left_out != Some(Rule::LinkLoss) {
+        if self.running.is_none() && self.epoch.open && self.setup.left_out != Some(Rule::LinkLoss) {
             self.stop(StopCause::LinkLost, String::new());
         }
     }
@@ -249,6 +249,9 @@ impl Controller {
 
     /// Ends the epoch: tool and water off, brake, discard, and away from the panel where the tool touches and the drives stay on.
     pub(super) fn stop(&mut self, cause: StopCause, detail: String) {
+        if self.running.is_some() {
+            return self.stop_interpreted(cause);
+        }
         self.count_done();
         let contact = self.contact.touches(self.mover.front());
         let at_once = cause.is_at_once() || self.safety.paused();

@@ -55,22 +55,22 @@ impl Controller {
 
     /// The last command received in the present epoch, and the last executed.
     pub fn counts(&self) -> (i32, i32) {
-        (self.epoch.received, self.epoch.done)
+        self.running.as_ref().map_or((self.epoch.received, self.epoch.done), |running| running.counts())
     }
 
     /// The present epoch.
     pub fn epoch(&self) -> i32 {
-        self.epoch.number
+        self.running.as_ref().map_or(self.epoch.number, |running| running.epoch())
     }
 
     /// Whether the program has stopped the epoch.
     pub fn is_stopped(&self) -> bool {
-        self.stopped
+        self.running.as_ref().map_or(self.stopped, |running| running.is_stopped())
     }
 
     /// How often the next point was missing.
     pub fn underruns(&self) -> i32 {
-        self.underruns
+        self.running.as_ref().map_or(self.underruns, |running| running.underruns())
     }
 
     /// How many commands of ended epochs arrived and were dropped.

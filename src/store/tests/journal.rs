@@ -12,7 +12,7 @@ pub fn progress(done: u32) -> Event {
 }
 
 /// What a healthy cell answers; one film in two is broken.
-fn answer(act: Act, film: u32) -> Answer {
+pub fn answer(act: Act, film: u32) -> Answer {
     match act {
         Act::Stand | Act::EndEpoch { .. } => Answer::Stands { done: 0 },
         Act::OpenEpoch { above } => Answer::Epoch(above + 1),
@@ -220,9 +220,10 @@ fn a_line_that_was_changed_lost_or_put_in_is_found() {
     }
 }
 
-/// The disk is full: the append is an error, nothing follows it, and what was acknowledged is there afterwards.
+/// The disk is full, also once the reserve was given up: the append is an error, what was acknowledged is there afterwards,
+/// and the journal goes on as soon as there is room.
 #[test]
-fn a_failed_write_is_an_error_and_the_last_append() {
+fn a_full_disk_takes_the_reserve_and_then_nothing() {
     let (folder, mut store) = new_store();
     let pages: i64 = store.connection.pragma_query_value(None, "page_count", |row| row.get(0)).expect("counted");
     store.connection.pragma_update_and_check(None, "max_page_count", pages + 3, |_| Ok(())).expect("set");
@@ -233,9 +234,15 @@ fn a_failed_write_is_an_error_and_the_last_append() {
             Err(error) => break error,
         }
     };
-    assert!(written > 10 && error.to_string().contains("full"), "{written}: {error}");
+    assert!(written > 10 && matches!(error, StoreError::Full { .. }), "{written}: {error}");
+    assert!(error.to_string().contains("is full") && error.to_string().contains("delete"), "{error}");
+    let reserve = folder.path().join("store/panelprep.reserve");
+    assert!(store.is_disk_full() && !reserve.exists(), "the reserve is the journal's last room");
+    assert!(matches!(store.append(&progress(0), None), Err(StoreError::Full { .. })), "still");
     store.connection.pragma_update_and_check(None, "max_page_count", 100_000, |_| Ok(())).expect("set");
-    assert!(matches!(store.append(&progress(0), None), Err(StoreError::JournalInDoubt { .. })));
+    assert_eq!(store.append(&progress(written + 1), None).expect("there is room"), u64::from(written) + 1);
+    written += 1;
+    assert!(store.has_room() && !store.is_disk_full() && reserve.exists(), "it is taken again");
     drop(store);
     let mut store = Store::create(&folder.path().join("store")).expect("opens again");
     let expected: Vec<Event> = (1..=written).map(progress).collect();

@@ -3,7 +3,7 @@
 use super::*;
 use crate::calib::health::{Strike, Verification};
 
-fn verified(subject: &str, error_mm: f64) -> Verification {
+pub fn verified(subject: &str, error_mm: f64) -> Verification {
     let hash = calibration_hash(&["lens", "mount"]);
     let subject = subject.to_owned();
     Verification { subject, error_mm, limit_mm: 0.5, calibration_hash: hash, at_unix_s: 7, struck: None }

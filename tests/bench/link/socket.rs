@@ -113,7 +113,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
                 requests: &mut Desk::new(inbox, None, beside),
                 supervisor,
             };
-            daemon::serve(Site::new(&cell).expect("whole"), service, []).map(drop)
+            daemon::serve(Site::new(&cell).expect("whole"), service, panelprep::cycle::State::NEW).map(drop)
         })
     };
     let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));

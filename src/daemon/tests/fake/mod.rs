@@ -86,6 +86,8 @@ pub struct Cell {
     box_to_mm: f64,
     fails_at: usize,
     is_full: bool,
+    /// As in the record.
+    pub fills_at: Option<usize>,
     /// Tables at the end of the recipe.
     pub more_recipe: &'static str,
     /// Tables at the end of the cell's file.
@@ -180,6 +182,7 @@ impl Cell {
             box_to_mm: 700.0,
             fails_at: usize::MAX,
             is_full: false,
+            fills_at: None,
             more_recipe: "",
             more_cell: "",
             worn_mm2: 0.0,
@@ -253,6 +256,7 @@ impl Cell {
         let mut record = Memory {
             fails_at: self.fails_at,
             is_full: self.is_full,
+            fills_at: self.fills_at,
             worn_mm2: self.worn_mm2,
             ..Memory::default_of(&self.world)
         };
@@ -265,14 +269,14 @@ impl Cell {
             keep: Box::new(|_| {
                 // Never on the loop, whose deadlines and watchdog would wait for it.
                 assert_eq!(std::thread::current().name(), Some("computing"));
-                Ok(String::new())
+                Ok(Some(String::new()))
             }),
             record: &mut Taped::new(&mut record, taping.clone()),
             requests: &mut Taped::new(asks, taping.clone()),
             supervisor: crate::supervision::Supervisor::default(),
         };
         let site = Site::new(&self.files().0).expect("complete");
-        serve(site, service, []).unwrap_or_else(|error| panic!("{error}"));
+        serve(site, service, crate::cycle::State::NEW).unwrap_or_else(|error| panic!("{error}"));
         if let Some(recorded) = taping.finish() {
             assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
         }

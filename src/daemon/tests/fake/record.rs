@@ -13,9 +13,12 @@ use std::sync::Arc;
 pub struct Memory {
     pub(super) world: Shared,
     pub fails_at: usize,
-    pub(super) writes: usize,
+    pub writes: usize,
     pub(super) cycles: i64,
     pub is_full: bool,
+    /// So many writes find room before the disk is full; none where it has room for all.
+    pub fills_at: Option<usize>,
+    pub(super) lacks_room: bool,
     pub worn_mm2: f64,
     /// Each entry of the disc's wear, and whether a motion was open then.
     pub wears: Vec<(f64, bool)>,
@@ -34,6 +37,8 @@ impl Memory {
             writes: 0,
             cycles: 0,
             is_full: false,
+            fills_at: None,
+            lacks_room: false,
             worn_mm2: 0.0,
             wears: Vec::new(),
             findings: Vec::new(),
@@ -136,6 +141,14 @@ impl Journal for Memory {
     }
 
     fn check(&mut self) -> Vec<Reason> {
-        if self.is_full { vec![Reason::new("disk_full", "no room")] } else { vec![] }
+        // Somebody makes room as soon as a check has said that there is none.
+        let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
+        if lacks_room { vec![Reason::new("disk_full", "no room")] } else { vec![] }
+    }
+
+    fn filled(&mut self) -> Option<Reason> {
+        self.fills_at.take_if(|at| self.writes >= *at)?;
+        self.lacks_room = true;
+        Some(Reason::new("disk_full", "the disk is full; delete recordings"))
     }
 }

@@ -75,6 +75,25 @@ impl Troubles {
     }
 }
 
+impl Troubles {
+    /// What becomes of `$BASE` or `$TOOL` that a program sets; `None` where it has no effect. A null frame is the
+    /// program's own, at an epoch's start.
+    pub(in super::super) fn spoil_frame(&mut self, is_base: bool, mut frame: [f32; 6]) -> Option<[f32; 6]> {
+        let operation = if is_base { SET_BASE } else { SET_TCP };
+        if frame == [0.0; 6] {
+            return Some(frame);
+        }
+        if self.lost == Some(operation) {
+            self.lost = None;
+            return None;
+        }
+        if is_base && std::mem::take(&mut self.wrong_base) {
+            frame[0] += WRONG_MM as f32;
+        }
+        Some(frame)
+    }
+}
+
 impl Controller {
     /// Makes this happen now.
     pub fn inject(&mut self, fault: Fault) {
@@ -146,6 +165,9 @@ impl Controller {
             }
             Fault::SkipState => {
                 troubles.skips_state = true;
+                if let Some(running) = &mut self.running {
+                    running.skip_state();
+                }
                 None
             }
             Fault::LoseBase | Fault::LoseTool => {
@@ -158,6 +180,9 @@ impl Controller {
             }
             Fault::Refuse(number) => {
                 troubles.refusal = Refusal::of(number);
+                if let Some(running) = &mut self.running {
+                    running.refuse_motion();
+                }
                 None
             }
             Fault::Slow { percent, for_ms } => {

@@ -1,0 +1,70 @@
+//! `store`: the folder of what is remembered, and how long clips and scans are kept in it.
+
+use crate::config::Section;
+
+/// For how long clips and scans of a kind of cycles are kept; what is not stated is no limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct KeepFor {
+    /// Days before the newest cycle's end.
+    pub days: Option<usize>,
+    /// The newest so many cycles.
+    pub cycles: Option<usize>,
+}
+
+/// `[store.keep]`: how long clips and scans are kept. Pages, records and what was taught are kept for ever.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Keep {
+    /// Of cycles that passed.
+    pub passed: KeepFor,
+    /// Of cycles that ended otherwise.
+    pub failed: KeepFor,
+}
+
+impl Keep {
+    /// Whether nothing is ever removed.
+    pub fn is_for_ever(&self) -> bool {
+        *self == Keep::default()
+    }
+}
+
+const DAYS: std::ops::RangeInclusive<usize> = 1..=36_500;
+const CYCLES: std::ops::RangeInclusive<usize> = 1..=1_000_000;
+
+/// `store = "folder"`, or `[store]` with `folder` and `keep`.
+pub(super) fn take_store(top: &Section<'_, '_>) -> Option<(String, Keep)> {
+    let default = || Some("store".to_owned());
+    if !top.is_table("store") {
+        return Some((top.take::<String>("store", (), default())?, Keep::default()));
+    }
+    let section = top.section("store");
+    let folder = section.take::<String>("folder", (), default());
+    let keep = take_keep(&section.section("keep"));
+    section.done();
+    Some((folder?, keep?))
+}
+
+fn take_keep(section: &Section<'_, '_>) -> Option<Keep> {
+    let [days, failed_days] =
+        ["days", "failed_days"].map(|key| section.take::<Option<usize>>(key, DAYS, Some(None)));
+    let [cycles, failed_cycles] =
+        ["cycles", "failed_cycles"].map(|key| section.take::<Option<usize>>(key, CYCLES, Some(None)));
+    section.done();
+    let passed = KeepFor { days: days?, cycles: cycles? };
+    let failed = KeepFor { days: failed_days?, cycles: failed_cycles? };
+    let mut right = true;
+    for (key, of, least) in
+        [("failed_days", failed.days, passed.days), ("failed_cycles", failed.cycles, passed.cycles)]
+    {
+        if let (Some(found), Some(least)) = (of, least)
+            && found < least
+        {
+            let name = key.trim_start_matches("failed_");
+            section.problem(
+                key,
+                format!("found {found}, allowed is {least}, which is {name}, or more: what failed is kept longer"),
+            );
+            right = false;
+        }
+    }
+    right.then_some(Keep { passed, failed })
+}

@@ -1,0 +1,39 @@
+//! What a cycle's page says of how long its clips and scans are kept.
+
+use crate::cell::{Date, Keep, KeepFor};
+use crate::record::CycleRecord;
+use crate::report::page::{Row, Section};
+use crate::store::Pruned;
+use crate::verdict::Verdict;
+
+/// The section; none where everything is kept for ever.
+pub fn section(keep: &Keep, record: &CycleRecord, pruned: Option<Pruned>) -> Option<Section> {
+    if keep.is_for_ever() && pruned.is_none() {
+        return None;
+    }
+    let verdict = record.judgement.as_ref().map(|judgement| judgement.verdict);
+    let (of, which) = match verdict {
+        Some(Verdict::Pass | Verdict::Accept) => (keep.passed, "passed"),
+        _ => (keep.failed, "did not pass"),
+    };
+    let kept = match verdict {
+        None | Some(Verdict::Review) => "for ever: the result waits for a person's word".to_owned(),
+        _ => words(of, which),
+    };
+    let mut rows = vec![Row::new("page and record", "for ever", ""), Row::new("clips and scans", kept, "")];
+    if let Some(pruned) = pruned {
+        let day = pruned.at_unix_s.map_or(String::new(), |at| format!(" on {}", Date::of_unix_s(at)));
+        let removed = format!("{} files, {} MB, removed{day}", pruned.files, pruned.bytes / 1_000_000);
+        rows.push(Row::new("clips and scans of this cycle", removed, ""));
+    }
+    let text = "How long this is kept, as [store] keep in the cell's file says. What is removed stays named in the store's chain."
+        .to_owned();
+    Some(Section { heading: "Kept".to_owned(), text, rows, figures: vec![] })
+}
+
+fn words(of: KeepFor, which: &str) -> String {
+    let days = of.days.map(|days| format!("{days} days before the newest cycle"));
+    let cycles = of.cycles.map(|cycles| format!("while it is one of the newest {cycles} that {which}"));
+    let limits: Vec<String> = days.into_iter().chain(cycles).collect();
+    if limits.is_empty() { "for ever".to_owned() } else { limits.join(", and ") }
+}

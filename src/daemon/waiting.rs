@@ -1,0 +1,45 @@
+//! The service while its store cannot be opened, such as on a full disk: it answers, does nothing, and tries again.
+
+use super::desk::{Asked, Letter};
+use super::letters::Inbox;
+use super::protocol::{Exit, Reply};
+use crate::verdict::Reason;
+use sd_notify::NotifyState;
+use std::time::Duration;
+
+/// From one attempt to the next.
+const EVERY: Duration = Duration::from_secs(1);
+
+/// Answers who asks with why nothing can be done, until `attempt` opens what is waited for; `None` where a signal ends it.
+/// The state is told as aborted: nothing moves, and what the cell did last cannot be read.
+pub fn wait_for<T>(letters: &Inbox, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
+    let mut told = false;
+    loop {
+        let why = match attempt() {
+            Ok(opened) => return Some(opened),
+            Err(why) => why,
+        };
+        if !std::mem::replace(&mut told, true) {
+            tracing::error!("the service waits: {}", why.message);
+            notify(&[NotifyState::Ready, NotifyState::Status(&why.message)]);
+        }
+        notify(&[NotifyState::Watchdog]);
+        match letters.next(EVERY) {
+            Some(Letter::Signal) => return None,
+            Some(Letter::Asked { asked, reply, .. }) => {
+                let answer = if matches!(asked, Asked::State) { Exit::Done } else { Exit::Fault };
+                let state = Some("aborted".to_owned());
+                // Whoever hung up does not want to know.
+                let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
+            }
+            None => {}
+        }
+    }
+}
+
+/// Tells systemd; without it nobody listens.
+fn notify(states: &[NotifyState<'_>]) {
+    if let Err(error) = sd_notify::notify(states) {
+        tracing::warn!("systemd cannot be told: {error}");
+    }
+}

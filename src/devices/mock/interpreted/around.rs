@@ -1,0 +1,184 @@
+//! What a program touches while it runs: the controller around an interpreter.
+
+use super::super::log::words;
+use super::super::model::Controller;
+use super::super::mover::{Blocked, Key, Lin, Move, Ptp};
+use super::super::{kinematics, wire};
+use super::values::{self, Values};
+use crate::geometry::{Base, Flange, KukaPose, Panel, Rigid, Tool};
+use crate::krl::{Approximation, Builtin, Caller, Cell, EkiAnswer, Host, Meaning, Motion, MotionRequest};
+use std::collections::VecDeque;
+
+/// The host of both interpreters.
+pub(super) struct Around<'a> {
+    pub(super) controller: &'a mut Controller,
+    pub(super) values: &'a mut Values,
+    pub(super) sequences: &'a mut VecDeque<u64>,
+    pub(super) next_sequence: &'a mut u64,
+    pub(super) meaning: Meaning,
+}
+
+impl Host for Around<'_> {
+    fn read(&mut self, variable: u16, offset: u32) -> Result<Cell, String> {
+        values::read(self.controller, self.values, variable, offset)
+    }
+
+    fn write(&mut self, variable: u16, offset: u32, value: Cell) -> Result<(), String> {
+        values::write(self.controller, self.values, variable, offset, value)
+    }
+
+    fn now_ms(&self) -> u64 {
+        self.controller.now_ms
+    }
+
+    fn arm_stands(&self) -> bool {
+        self.controller.mover.stands()
+    }
+
+    fn planned(&self) -> usize {
+        self.controller.mover.planned()
+    }
+
+    fn advance(&self) -> usize {
+        usize::try_from(self.values.advance).unwrap_or(0)
+    }
+
+    fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
+        if std::mem::take(&mut self.values.refuses) {
+            return self.give_up("the controller was told to give up this motion".to_owned());
+        }
+        let command = Command::of(caller);
+        let planned = match (request.motion, request.axes) {
+            (Motion::Ptp, true) => self.ptp(request, command.as_ref()),
+            (Motion::Ptp, false) => Err("PTP to a pose is not modelled; use axes".to_owned()),
+            (Motion::Lin, _) => self.lin(request, command.as_ref()),
+        };
+        let step = match planned {
+            Ok(step) => step,
+            Err(why) => return self.give_up(why),
+        };
+        self.controller.mover.plan(step);
+        let sequence = *self.next_sequence;
+        *self.next_sequence += 1;
+        self.sequences.push_back(sequence);
+        Ok(sequence)
+    }
+
+    fn let_arm_finish(&mut self) {
+        self.values.released = true;
+    }
+
+    fn brake(&mut self, _fast: bool) {
+        let mover = &self.controller.mover;
+        self.controller.contact.stop(mover.front(), false);
+        self.controller.mover.brake();
+        if self.controller.mover.stands() {
+            self.sequences.clear();
+        }
+    }
+
+    fn discard(&mut self) {
+        let mover = &self.controller.mover;
+        self.controller.contact.stop(mover.front(), false);
+        self.controller.mover.freeze();
+        self.sequences.clear();
+    }
+
+    fn eki(&mut self, what: Builtin, channel: &str, tag: &str, value: &[Cell]) -> Result<EkiAnswer, String> {
+        super::ethernet::call(self.controller, self.values, self.meaning, what, (channel, tag), value)
+    }
+
+    fn command(&mut self, text: &str) -> Result<(), String> {
+        if text == "RESET 1" {
+            self.values.reset_asked = true;
+            return Ok(());
+        }
+        Err(format!("CWRITE of \"{text}\" is not modelled"))
+    }
+
+    fn init_motion(&mut self) {
+        self.values.init_motion();
+    }
+
+    fn is_initialized(&mut self, name: &str) -> bool {
+        name != "$POS_ACT" || self.values.knows_tcp()
+    }
+}
+
+/// The command that the program executes: what its local variable CMD holds.
+struct Command {
+    key: Key,
+    operation: i32,
+    to_come: i32,
+    contact: bool,
+}
+
+impl Command {
+    fn of(caller: &Caller<'_>) -> Option<Self> {
+        let cells = caller.local("CMD", 5)?;
+        let numbers: Vec<i32> =
+            cells.iter().map(|cell| if let Cell::Int(number) = cell { *number } else { 0 }).collect();
+        let [id, epoch, operation, n1, n2] = numbers.try_into().ok()?;
+        Some(Command { key: Key { epoch, id }, operation, to_come: n1, contact: n2 == 1 })
+    }
+}
+
+impl Around<'_> {
+    fn give_up(&mut self, why: String) -> Result<u64, String> {
+        self.values.gave_up = Some(why.clone());
+        Err(why)
+    }
+
+    fn ptp(&self, request: &MotionRequest, command: Option<&Command>) -> Result<Move, String> {
+        let target = kinematics::joints(request.target.map(f64::from));
+        self.controller.setup.arm.within_limits(&target).map_err(|why| why.to_string())?;
+        let least = |list: &[i32; 6]| f64::from(list.iter().copied().min().unwrap_or(1)) / 100.0;
+        Ok(Move::Ptp(Ptp {
+            key: command.filter(|command| command.operation == wire::MOVE_J).map(|command| command.key),
+            target,
+            speed_share: least(&self.values.axis_velocity),
+            acceleration_share: least(&self.values.axis_acceleration),
+            switches: None,
+        }))
+    }
+
+    fn lin(&self, request: &MotionRequest, command: Option<&Command>) -> Result<Move, String> {
+        let (Some(base), Some(tool)) = (self.values.base.now, self.values.tool.now) else {
+            return Err("LIN before $BASE and $TOOL were set".to_owned());
+        };
+        let command = command.filter(|command| command.operation == wire::MOVE_LIN);
+        let flange_from_tool: Rigid<Flange, Tool> = pose(tool).to_rigid();
+        let target = pose(base).to_rigid::<Base, Panel>() * pose(request.target).to_rigid::<Panel, Tool>();
+        let mover = &self.controller.mover;
+        let reached = self.controller.setup.arm.nearest(&(target * flange_from_tool.inverse()), &mover.joints());
+        reached.map_err(|why| words(&Blocked::Unreachable(why)))?;
+        Ok(Move::Lin(Lin {
+            key: command.map(|command| command.key),
+            target,
+            flange_from_tool,
+            blend_mm: match request.approximates {
+                Some(Approximation::Distance) => f64::from(self.values.distance),
+                _ => 0.0,
+            },
+            contact: command.is_some_and(|command| command.contact),
+            switches: None,
+            to_come: command.map_or(0, |command| command.to_come),
+            speed_mm_s: f64::from(self.values.velocity) * 1000.0,
+            acceleration_mm_s2: f64::from(self.values.acceleration) * 1000.0,
+        }))
+    }
+}
+
+fn pose(numbers: [f32; 6]) -> KukaPose {
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] = numbers.map(f64::from);
+    KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg }
+}
+
+/// $POS_ACT: the tool in the active base.
+pub(super) fn tcp(controller: &Controller, values: &Values) -> [f64; 6] {
+    let base = pose(values.base.now.unwrap_or_default()).to_rigid::<Base, Panel>();
+    let tool: Rigid<Flange, Tool> = pose(values.tool.now.unwrap_or_default()).to_rigid();
+    let found: Rigid<Panel, Tool> = base.inverse() * controller.mover.base_from_flange() * tool;
+    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = KukaPose::from_rigid(&found);
+    [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg]
+}

@@ -1,0 +1,217 @@
+//! The functions of EthernetKRL, over the channels' memories.
+//!
+//! A channel that is lost is not opened again by itself: EKI_Clear, EKI_Init and EKI_Open do that.
+
+use super::super::channel_file::Element;
+use super::super::codec::{Template, Value};
+use super::super::error::{EkiError, EkiFault};
+use super::super::model::Controller;
+use super::super::wire::Channel;
+use super::values::Values;
+use crate::krl::{Builtin, Cell, EkiAnswer, Meaning};
+
+/// Not available; initialised already; exists already; unknown element; nobody is connected.
+const NOT_AVAILABLE: i32 = 9;
+const INITIALISED: i32 = 23;
+const EXISTS: i32 = 12;
+const NO_ELEMENT: i32 = 16;
+const DISCONNECTED: i32 = 10;
+/// Within this time after EKI_Clear an EKI_Open may fail.
+const REOPEN_MS: u64 = 24;
+
+pub(super) fn call(
+    controller: &mut Controller,
+    values: &mut Values,
+    meaning: Meaning,
+    what: Builtin,
+    (name, tag): (&str, &str),
+    value: &[Cell],
+) -> Result<EkiAnswer, String> {
+    let channel = match name.to_uppercase().as_str() {
+        "CELLCMD" => Channel::Command,
+        "CELLSTAT" => Channel::State,
+        _ => return Ok(answer(controller, Channel::Command, NOT_AVAILABLE)),
+    };
+    let now_ms = controller.now_ms;
+    let state = &mut values.channels[channel as usize];
+    let msg_no = match what {
+        Builtin::EkiClear => {
+            if !state.initialised && meaning.clear_of_unknown_stops {
+                return Err(format!("EKI_Clear: the channel {name} was never initialised"));
+            }
+            let msg_no = if state.initialised { 0 } else { NOT_AVAILABLE };
+            (state.initialised, state.listens, state.cleared_ms) = (false, false, now_ms);
+            values.changed = true;
+            controller.eki_closes(channel);
+            controller.link(channel).memory.clear();
+            msg_no
+        }
+        Builtin::EkiInit if state.initialised => INITIALISED,
+        Builtin::EkiInit => {
+            state.initialised = true;
+            state.set.fill(Value::Unset);
+            0
+        }
+        Builtin::EkiOpen if !state.initialised => NOT_AVAILABLE,
+        Builtin::EkiOpen if state.listens => EXISTS,
+        Builtin::EkiOpen
+            if meaning.immediate_reopen_fails && now_ms < state.cleared_ms + REOPEN_MS && now_ms > REOPEN_MS =>
+        {
+            EXISTS
+        }
+        Builtin::EkiOpen => {
+            state.listens = true;
+            0
+        }
+        Builtin::EkiClose => {
+            state.listens = false;
+            values.changed = true;
+            controller.eki_closes(channel);
+            0
+        }
+        Builtin::EkiLock | Builtin::EkiUnlock => 0,
+        _ if !state.initialised => NOT_AVAILABLE,
+        Builtin::EkiSend => send(controller, values, channel, tag),
+        Builtin::EkiSetBool | Builtin::EkiSetInt | Builtin::EkiSetReal => {
+            set(controller, values, channel, tag, value[0])
+        }
+        Builtin::EkiSetFrame => return Err("EKI_SetFrame is not modelled".to_owned()),
+        _ => return Ok(read(controller, channel, what, tag)),
+    };
+    Ok(answer(controller, channel, msg_no))
+}
+
+fn answer(controller: &Controller, channel: Channel, msg_no: i32) -> EkiAnswer {
+    let connected = controller.is_connected(channel);
+    EkiAnswer { buff: 0, read: 0, msg_no, connected, counter: 0, value: [Cell::Unset; 6] }
+}
+
+fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str) -> EkiAnswer {
+    let empty = answer(controller, channel, 0);
+    let memory = &mut controller.link(channel).memory;
+    let Some(place) = memory.find(tag) else { return EkiAnswer { msg_no: NO_ELEMENT, ..empty } };
+    let mut value = [Cell::Unset; 6];
+    let found = match what {
+        Builtin::EkiGetInt => memory.get_int(place).map(|(number, counter)| {
+            value[0] = Cell::Int(number);
+            counter
+        }),
+        Builtin::EkiGetReal => memory.get_real(place).map(|(number, counter)| {
+            value[0] = Cell::Real(number as f32);
+            counter
+        }),
+        Builtin::EkiGetFrame => memory.get_frame(place).map(|(numbers, counter)| {
+            value = numbers.map(|number| Cell::Real(number as f32));
+            counter
+        }),
+        Builtin::EkiGetBool => Err(EkiError::Type),
+        Builtin::EkiClearBuffer => {
+            memory.clear_buffers();
+            return empty;
+        }
+        _ => {
+            let buff = i32::try_from(memory.waiting(place)).unwrap_or(i32::MAX);
+            return EkiAnswer { buff, ..empty };
+        }
+    };
+    let buff = i32::try_from(memory.waiting(place)).unwrap_or(i32::MAX);
+    match found {
+        Ok(counter) => EkiAnswer { buff, read: 1, counter: counter.cast_signed(), value, ..empty },
+        Err(EkiError::Empty) => EkiAnswer { msg_no: 15, ..empty },
+        Err(EkiError::Type) => EkiAnswer { buff, msg_no: 20, ..empty },
+    }
+}
+
+fn set(controller: &Controller, values: &mut Values, channel: Channel, tag: &str, value: Cell) -> i32 {
+    let sent = controller.sent(channel);
+    let Some(place) = sent.iter().position(|element| element.tag == tag) else { return NO_ELEMENT };
+    let value = match value {
+        Cell::Int(number) => Value::Int(number),
+        Cell::Real(number) => Value::Real(number),
+        Cell::Bool(value) => Value::Bool(value),
+        _ => Value::Unset,
+    };
+    values.channels[channel as usize].set[place] = value;
+    0
+}
+
+fn send(controller: &mut Controller, values: &Values, channel: Channel, tag: &str) -> i32 {
+    if !controller.sent(channel).iter().any(|element| element.tag.split('/').next() == Some(tag)) {
+        return NO_ELEMENT;
+    }
+    if !controller.is_connected(channel) {
+        return DISCONNECTED;
+    }
+    if !controller.troubles.silences(channel) {
+        let sent = match channel {
+            Channel::Command => &controller.setup.commands.sent,
+            Channel::State => &controller.setup.states.sent,
+        };
+        let template = controller.templates[channel as usize].get_or_insert_with(|| {
+            let tags: Vec<&str> = sent.iter().map(|element| element.tag.as_str()).collect();
+            Template::new(sent, &tags)
+        });
+        let out = match channel {
+            Channel::Command => &mut controller.commands.out,
+            Channel::State => &mut controller.states.out,
+        };
+        template.write(out, &values.channels[channel as usize].set);
+    }
+    0
+}
+
+impl Controller {
+    /// A client wants to connect; true where the program has opened the channel and nobody is there.
+    pub(in super::super) fn connect_interpreted(&mut self, channel: Channel) -> bool {
+        let listens =
+            self.running.as_ref().is_some_and(|running| running.values.channels[channel as usize].listens);
+        if !listens || self.is_connected(channel) {
+            return false;
+        }
+        let link = self.link(channel);
+        link.out.clear();
+        (link.connected, link.fault) = (true, None);
+        self.show_alive(channel);
+        self.note_change();
+        true
+    }
+
+    /// The client is gone, or EthernetKRL has closed the channel: it stays closed until the program opens it.
+    pub(in super::super) fn lose_interpreted(&mut self, channel: Channel, fault: EkiFault) {
+        let link = self.link(channel);
+        if !link.connected {
+            return;
+        }
+        (link.connected, link.fault) = (false, Some(fault));
+        link.out.clear();
+        self.show_alive(channel);
+        if let Some(running) = &mut self.running {
+            running.values.channels[channel as usize].listens = false;
+        }
+        self.note_change();
+    }
+
+    /// The program closes the channel.
+    pub(super) fn eki_closes(&mut self, channel: Channel) {
+        self.troubles.behind_cable[channel as usize].clear();
+        self.troubles.hung_up[channel as usize] = false;
+        let link = self.link(channel);
+        link.connected = false;
+        link.out.clear();
+        self.show_alive(channel);
+    }
+
+    pub(super) fn sent(&self, channel: Channel) -> &[Element] {
+        match channel {
+            Channel::Command => &self.setup.commands.sent,
+            Channel::State => &self.setup.states.sent,
+        }
+    }
+
+    /// An interrupt's condition may have changed.
+    pub(in super::super) fn note_change(&mut self) {
+        if let Some(running) = &mut self.running {
+            running.values.changed = true;
+        }
+    }
+}

@@ -1,0 +1,250 @@
+//! One tick of both interpreters: who runs, for how many statements, and when interrupts and triggers break in.
+
+use super::super::log::Executed;
+use super::super::model::{Controller, TICK_MS};
+use super::super::mover::Done;
+use super::Running;
+use super::around::Around;
+use super::states::RobotState;
+use crate::krl::Pause;
+use rand::RngExt;
+
+/// What the scheduler does to the interpreters.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Mood {
+    Fair,
+    StarvesSubmit,
+    StarvesRobot,
+}
+
+/// Statements of one tick: so many that a cycle of the submit interpreter ends, and a loop of the robot's goes round.
+const SUBMIT_STATEMENTS: u32 = 2_000;
+const ROBOT_STATEMENTS: u32 = 60;
+
+/// One of the two in a tick.
+#[derive(Debug, Clone, Copy)]
+struct Turn {
+    left: u32,
+    done: bool,
+}
+
+const IDLE: Turn = Turn { left: 0, done: true };
+
+fn submit_turn(runs: bool, statements: u32) -> Turn {
+    Turn { left: statements, done: !runs }
+}
+
+impl Controller {
+    /// One tick of the programs and of the arm.
+    pub(in super::super) fn tick_interpreted(&mut self) {
+        self.with_running(|controller, running| running.tick(controller));
+        if self.running.as_ref().is_some_and(|running| running.plc_starts(self.now_ms)) {
+            self.start_interpreted();
+        }
+    }
+}
+
+impl Running {
+    fn tick(&mut self, controller: &mut Controller) {
+        self.pass_states(controller);
+        self.pass_mood(controller.now_ms);
+        controller.read_inputs();
+        let [mut submit, mut robot] = self.turns(controller);
+        while !(submit.done && robot.done) {
+            let submit_next = if submit.done || robot.done { robot.done } else { self.draw.random_bool(0.5) };
+            let burst = self.burst();
+            for _ in 0..burst {
+                let turn = if submit_next { &mut submit } else { &mut robot };
+                if turn.done {
+                    break;
+                }
+                turn.left -= 1;
+                turn.done = turn.left == 0;
+                if submit_next {
+                    submit.done |= self.step_submit(controller);
+                    self.note_stop(controller);
+                    // A flag that was set may let the robot's interpreter go on.
+                    robot.done &= robot.left == 0 || !self.wakes(controller);
+                } else {
+                    robot.done |= self.step_robot(controller);
+                    self.note_stop(controller);
+                }
+            }
+        }
+        self.step_arm(controller);
+    }
+
+    fn pass_mood(&mut self, now_ms: u64) {
+        if !self.programs.adverse || now_ms < self.mood_until_ms {
+            return;
+        }
+        self.mood_until_ms = now_ms + self.draw.random_range(30..1_500);
+        self.mood = match self.draw.random_range(0..8) {
+            0 => Mood::StarvesSubmit,
+            1 => Mood::StarvesRobot,
+            _ => Mood::Fair,
+        };
+    }
+
+    fn turns(&mut self, controller: &Controller) -> [Turn; 2] {
+        let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.stalled();
+        let submit = match self.mood {
+            Mood::StarvesSubmit => self.draw.random_range(40..200),
+            _ => SUBMIT_STATEMENTS,
+        };
+        let robot = match self.mood {
+            Mood::StarvesRobot if self.draw.random_bool(0.5) => return [submit_turn(submit_runs, submit), IDLE],
+            Mood::StarvesRobot => self.draw.random_range(10..ROBOT_STATEMENTS),
+            _ => ROBOT_STATEMENTS,
+        };
+        let robot_runs = self.values.state == RobotState::Active && !self.robot.is_idle();
+        [submit_turn(submit_runs, submit), Turn { left: robot, done: !robot_runs }]
+    }
+
+    fn burst(&mut self) -> u32 {
+        if !self.programs.adverse {
+            return u32::MAX;
+        }
+        match self.draw.random_range(0..8) {
+            0..4 => 1,
+            4 => 2,
+            5 => self.draw.random_range(3..9),
+            6 => self.draw.random_range(9..40),
+            _ => 400,
+        }
+    }
+
+    fn wakes(&mut self, controller: &mut Controller) -> bool {
+        self.values.state == RobotState::Active && self.values.changed && self.looks(controller)
+    }
+
+    /// Looks at the interrupts' conditions; true where one breaks in.
+    fn looks(&mut self, controller: &mut Controller) -> bool {
+        if std::mem::take(&mut self.values.changed) {
+            let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
+            let meaning = programs.meaning;
+            let mut around = Around { controller, values, sequences, next_sequence, meaning };
+            if let Err(message) = robot.look(memory, &mut around) {
+                self.faults.push(message);
+                return false;
+            }
+        }
+        self.robot.break_in()
+    }
+
+    /// A statement of the submit interpreter; true where its cycle is over.
+    fn step_submit(&mut self, controller: &mut Controller) -> bool {
+        if self.submit.is_idle() {
+            let name = if self.initialised { "CELL_CYCLE" } else { "CELL_INIT" };
+            let Some(routine) = self.programs.program.routine(name) else { return true };
+            self.submit.begin(routine);
+        }
+        let Running { submit, memory, values, sequences, next_sequence, programs, .. } = self;
+        let meaning = programs.meaning;
+        let mut around = Around { controller, values, sequences, next_sequence, meaning };
+        match submit.step(memory, &mut around) {
+            Pause::Statement => false,
+            Pause::Waits => true,
+            Pause::Ended => {
+                self.initialised = true;
+                self.submit.clear();
+                true
+            }
+            Pause::Fault(message) => {
+                self.faults.push(format!("submit interpreter: {message}"));
+                self.submit.clear();
+                // Stopped until the controller starts again.
+                self.boots_at_ms = u64::MAX;
+                true
+            }
+        }
+    }
+
+    /// A statement of the robot interpreter; true where it waits.
+    fn step_robot(&mut self, controller: &mut Controller) -> bool {
+        self.looks(controller);
+        self.offer_trigger(controller.now_ms);
+        let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
+        let meaning = programs.meaning;
+        let mut around = Around { controller, values, sequences, next_sequence, meaning };
+        match robot.step(memory, &mut around) {
+            Pause::Statement => false,
+            Pause::Waits => true,
+            Pause::Ended => {
+                self.values.state = RobotState::Ended;
+                true
+            }
+            Pause::Fault(message) => {
+                if self.values.gave_up.take().is_none() {
+                    self.faults.push(format!("robot interpreter: {message}"));
+                }
+                self.stop_program(controller);
+                true
+            }
+        }
+    }
+
+    /// The controller stops the program with a message.
+    fn stop_program(&mut self, controller: &mut Controller) {
+        self.values.state = RobotState::Stopped;
+        self.values.stop_message = true;
+        controller.safety.started = false;
+    }
+
+    fn offer_trigger(&mut self, now_ms: u64) {
+        if let Some((sequence, due_ms)) = self.fired.front().copied()
+            && now_ms >= due_ms
+            && self.robot.fire_triggers(sequence)
+        {
+            self.fired.pop_front();
+        }
+    }
+
+    /// One interpolation step of the arm.
+    fn step_arm(&mut self, controller: &mut Controller) {
+        if controller.mover.stands() {
+            self.values.released = false;
+        }
+        let waits = self.programs.meaning.lone_approximation_waits && !self.values.released;
+        if waits && controller.mover.waits_for_next() {
+            controller.sample();
+            return;
+        }
+        let (done, blocked) = controller.mover.step(controller.allowed(), TICK_MS as f64 / 1000.0);
+        for step in &done {
+            self.reached(controller, step);
+        }
+        if let Some(blocked) = blocked {
+            self.values.gave_up = Some(super::super::log::words(&blocked));
+            self.stop_program(controller);
+        }
+        if controller.mover.stands() {
+            self.sequences.clear();
+        }
+        controller.contact.heads_for(controller.mover.front());
+        controller.sample();
+        self.note_stop(controller);
+    }
+
+    fn reached(&mut self, controller: &mut Controller, done: &Done) {
+        controller.contact.reached(&done.step);
+        if let Some(sequence) = self.sequences.pop_front() {
+            let late_ms = match self.programs.meaning.late_triggers && self.draw.random_bool(0.3) {
+                true => self.draw.random_range(0..3) * TICK_MS,
+                false => 0,
+            };
+            if self.robot.has_trigger(sequence) {
+                self.fired.push_back((sequence, controller.now_ms + late_ms));
+            }
+        }
+        let Some(key) = done.step.key() else { return };
+        controller.executed.push(Executed {
+            epoch: key.epoch,
+            id: key.id,
+            joints: done.joints,
+            base_from_flange: controller.setup.arm.base_from_flange(&done.joints),
+            time_ms: controller.now_ms,
+            contact: done.step.contact(),
+        });
+    }
+}

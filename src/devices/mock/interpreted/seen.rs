@@ -1,0 +1,74 @@
+//! What can be seen of the programs from outside.
+
+use super::super::model::Controller;
+use super::Running;
+use crate::krl::Cell;
+
+impl Controller {
+    /// What stopped an interpreter that nobody wanted to stop: file, line, reason.
+    pub fn program_faults(&self) -> &[String] {
+        self.running.as_ref().map_or(&[], |running| &running.faults)
+    }
+
+    /// The first cell of a variable of the data lists, for tests.
+    pub fn shared(&self, name: &str) -> Option<Cell> {
+        let running = self.running.as_ref()?;
+        let cell = running.programs.program.cell(name)?;
+        running.memory.cells.get(cell as usize).copied()
+    }
+
+    /// File and line where each interpreter is, the robot's first.
+    pub fn program_places(&self) -> Option<[String; 2]> {
+        self.running.as_ref().map(|running| [running.robot.place(), running.submit.place()])
+    }
+
+    /// How often each statement of the programs was executed; empty for the hand-written model.
+    pub fn statement_hits(&self) -> &[u32] {
+        self.running.as_ref().map_or(&[], |running| &running.memory.hits)
+    }
+
+    /// Of each step of the programs that is a condition, whether it was ever FALSE and ever TRUE.
+    pub fn branches(&self) -> &[[bool; 2]] {
+        self.running.as_ref().map_or(&[], |running| &running.memory.branches)
+    }
+}
+
+impl Running {
+    pub(in super::super) fn epoch(&self) -> i32 {
+        self.memory.int(self.cells.epoch)
+    }
+
+    pub(in super::super) fn is_stopped(&self) -> bool {
+        self.memory.bool(self.cells.stopped) || self.robot_has_ended()
+    }
+
+    /// The robot program has ended the present epoch.
+    pub(super) fn robot_has_ended(&self) -> bool {
+        let epoch = self.epoch();
+        [self.cells.run_epoch, self.cells.dead_epoch].into_iter().all(|cell| self.memory.int(cell) == epoch)
+    }
+
+    /// The last command received, and the last executed.
+    pub(in super::super) fn counts(&self) -> (i32, i32) {
+        let of_this_epoch = self.memory.int(self.cells.run_epoch) == self.epoch();
+        let done = if of_this_epoch { self.memory.int(self.cells.done) } else { 0 };
+        (self.memory.int(self.cells.received), done)
+    }
+
+    pub(in super::super) fn underruns(&self) -> i32 {
+        self.memory.int(self.cells.under_air) + self.memory.int(self.cells.under_touch)
+    }
+
+    /// The next motion is given up by the controller.
+    pub(in super::super) fn refuse_motion(&mut self) {
+        self.values.refuses = true;
+    }
+
+    /// The next state's number is left out.
+    pub(in super::super) fn skip_state(&mut self) {
+        let cell = self.cells.sequence.and_then(|cell| self.memory.cells.get_mut(cell as usize));
+        if let Some(Cell::Int(number)) = cell {
+            *number = number.wrapping_add(1) & i32::MAX;
+        }
+    }
+}

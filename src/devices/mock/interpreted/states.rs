@@ -1,0 +1,221 @@
+//! The robot program's states, and what people, the safety controller and the cell's PLC do to them.
+
+use super::super::log::{Stop, StopCause};
+use super::super::model::Controller;
+use super::super::setup::Mode;
+use super::super::wire::Channel;
+use super::Running;
+
+/// `$PRO_STATE1`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotState {
+    /// No program is selected.
+    Free,
+    /// Selected, at its first line.
+    Reset,
+    /// It runs.
+    Active,
+    /// It was stopped, and Start goes on with it.
+    Stopped,
+    /// It has come to its end.
+    Ended,
+}
+
+/// So long after a reset the cell's PLC starts the program again.
+const RESTART_MS: u64 = 300;
+/// So long after a stop that nobody resets.
+const GO_ON_MS: u64 = 1_500;
+
+/// So long a person takes to select another program.
+const SELECT_MS: u64 = 1_000;
+
+impl Controller {
+    /// The cell's program is deselected, and soon another one is selected and at work.
+    pub fn select_foreign_program(&mut self) {
+        self.with_running(|controller, running| {
+            running.robot.clear();
+            controller.stop_arm_for_good();
+            running.sequences.clear();
+            running.values.state = RobotState::Free;
+            running.values.stop_message = false;
+            running.foreign_at_ms = Some(controller.now_ms + SELECT_MS);
+            controller.safety.foreign = true;
+            controller.safety.started = false;
+        });
+    }
+
+    /// Whether drives, guard, mode and key would let a program run.
+    pub fn can_start(&self) -> bool {
+        self.safety.may_start()
+    }
+
+    /// How often a program that is not the cell's was reset.
+    pub fn foreign_resets(&self) -> u32 {
+        self.safety.foreign_resets
+    }
+
+    /// What the robot program does; `None` for the hand-written model.
+    pub fn robot_state(&self) -> Option<RobotState> {
+        self.running.as_ref().map(|running| running.values.state)
+    }
+
+    fn stop_arm_for_good(&mut self) {
+        self.contact.stop(self.mover.front(), false);
+        self.mover.freeze();
+    }
+
+    pub(in super::super) fn with_running(&mut self, act: impl FnOnce(&mut Controller, &mut Running)) {
+        if let Some(mut running) = self.running.take() {
+            act(self, &mut running);
+            self.running = Some(running);
+        }
+    }
+
+    /// The start key, the PLC, or whoever mended something.
+    pub(in super::super) fn start_interpreted(&mut self) {
+        self.with_running(|controller, running| {
+            if !controller.safety.selected || !controller.safety.may_start() {
+                return;
+            }
+            match running.values.state {
+                RobotState::Reset | RobotState::Ended if controller.safety.foreign => {
+                    running.values.state = RobotState::Active;
+                }
+                RobotState::Reset | RobotState::Ended => {
+                    if let Some(routine) = running.programs.program.routine("CELL_MOTION") {
+                        running.robot.begin(routine);
+                    }
+                    controller.stop_arm_for_good();
+                    running.sequences.clear();
+                    running.fired.clear();
+                    running.values.base.now = None;
+                    running.values.tool.now = None;
+                    running.values.state = RobotState::Active;
+                }
+                RobotState::Stopped => {
+                    // Whoever starts it acknowledges the message first.
+                    running.values.stop_message = false;
+                    running.values.state = RobotState::Active;
+                }
+                RobotState::Free | RobotState::Active => {}
+            }
+            running.values.changed = true;
+            controller.safety.started = running.values.state == RobotState::Active && !controller.safety.foreign;
+        });
+    }
+
+    /// Something outside of the programs stops the arm, or the program's being selected.
+    pub(in super::super) fn stop_interpreted(&mut self, cause: StopCause) {
+        let now_ms = self.now_ms;
+        self.with_running(|controller, running| {
+            running.pressed = Some((now_ms, cause));
+            running.values.changed = true;
+            match cause {
+                StopCause::Deselected => {
+                    running.robot.clear();
+                    controller.stop_arm_for_good();
+                    running.sequences.clear();
+                    running.values.state = RobotState::Free;
+                    running.values.stop_message = false;
+                }
+                StopCause::Rebooted => controller.stop_arm_for_good(),
+                _ if running.values.state == RobotState::Active => {
+                    running.values.state = RobotState::Stopped;
+                    running.values.stop_message |= cause != StopCause::Mode;
+                }
+                _ => {}
+            }
+            controller.safety.started = running.values.state == RobotState::Active && !controller.safety.foreign;
+        });
+    }
+
+    /// The program is selected and stands at its first line.
+    pub(in super::super) fn select_interpreted(&mut self) {
+        self.safety.foreign = false;
+        self.with_running(|_, running| {
+            if running.values.state == RobotState::Free {
+                running.values.state = RobotState::Reset;
+            }
+        });
+    }
+
+    pub(in super::super) fn reboot_interpreted(&mut self, down_ms: u64) {
+        let at_ms = self.now_ms + down_ms;
+        for channel in [Channel::Command, Channel::State] {
+            self.eki_closes(channel);
+            self.link(channel).memory.clear();
+        }
+        self.setup.boot = self.setup.boot.wrapping_add(1);
+        self.started_ms = self.now_ms;
+        self.flags.clear();
+        self.stop_arm_for_good();
+        let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
+        on.iter().for_each(|&number| self.set_output(number, false));
+        self.safety.started = false;
+        self.with_running(|controller, running| {
+            running.reboot(at_ms, &controller.setup);
+            running.values.state = if controller.safety.selected { RobotState::Reset } else { RobotState::Free };
+        });
+    }
+}
+
+impl Running {
+    /// At the start of a tick: what drives, guard, mode and keys do to a program that runs, and what the PLC does.
+    pub(super) fn pass_states(&mut self, controller: &mut Controller) {
+        let safety = &controller.safety;
+        let may_run = safety.may_start();
+        let values = &mut self.values;
+        if self.foreign_at_ms.is_some_and(|at_ms| controller.now_ms >= at_ms) {
+            self.foreign_at_ms = None;
+            if safety.foreign && values.state == RobotState::Free {
+                values.state = RobotState::Active;
+            }
+        }
+        if values.state == RobotState::Active && !may_run {
+            values.state = RobotState::Stopped;
+        }
+        if std::mem::take(&mut values.reset_asked) && values.state == RobotState::Stopped {
+            values.state = RobotState::Reset;
+            values.stop_message = false;
+            controller.safety.foreign_resets += u32::from(controller.safety.foreign);
+            self.robot.clear();
+            self.sequences.clear();
+            controller.stop_arm_for_good();
+        }
+        if values.state == RobotState::Active && !controller.safety.foreign && self.robot.is_idle() {
+            values.state = RobotState::Ended;
+        }
+        let automatic = matches!(controller.safety.mode, Mode::Aut | Mode::Ext);
+        let waits = matches!(values.state, RobotState::Reset | RobotState::Ended | RobotState::Stopped);
+        let since_ms = self.reset_since_ms.filter(|_| waits && automatic && may_run);
+        self.reset_since_ms = (waits && automatic && may_run).then_some(since_ms.unwrap_or(controller.now_ms));
+        controller.safety.started = self.values.state == RobotState::Active && !controller.safety.foreign;
+        self.values.changed = true;
+    }
+
+    /// Whether the PLC starts the program now.
+    pub(super) fn plc_starts(&self, now_ms: u64) -> bool {
+        let wait_ms = if self.values.state == RobotState::Stopped { GO_ON_MS } else { RESTART_MS };
+        self.initialised && self.reset_since_ms.is_some_and(|since_ms| now_ms >= since_ms + wait_ms)
+    }
+
+    /// Notes that the programs have ended an epoch.
+    pub(super) fn note_stop(&mut self, controller: &mut Controller) {
+        // The robot program ends an epoch by itself where the submit interpreter is dead.
+        let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
+        if self.was_open && !is_open {
+            let halted = self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true);
+            let pressed = self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + 1_000);
+            let cause = match (halted, pressed) {
+                (true, Some((_, cause))) => cause,
+                (true, None) => StopCause::Halted,
+                _ => StopCause::Program,
+            };
+            let contact = controller.contact.touches(controller.mover.front());
+            let epoch = self.memory.int(self.cells.epoch);
+            let (time_ms, detail) = (controller.now_ms, self.values.gave_up.clone().unwrap_or_default());
+            controller.stops.push(Stop { time_ms, epoch, cause, contact, detail });
+        }
+        self.was_open = is_open;
+    }
+}

@@ -1,0 +1,225 @@
+//! What a program becomes to be executed: one list of small steps for a machine with a stack, divided into statements.
+//!
+//! Between two statements another interpreter may run, an interrupt may come; within one nothing does.
+
+use super::syntax::{Approximation, Binary, Motion};
+use super::system::Builtin;
+
+/// One value in memory or on the stack.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cell {
+    /// Never assigned: reading it stops an interpreter.
+    Unset,
+    /// INT
+    Int(i32),
+    /// REAL
+    Real(f32),
+    /// BOOL
+    Bool(bool),
+    /// CHAR
+    Char(u8),
+    /// A word of an enumeration, by its place there.
+    Word(u16),
+    /// A text, by its place among the program's texts.
+    Text(u32),
+    /// Where a variable lies.
+    Address(Address),
+}
+
+/// A place in memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Address {
+    /// Which memory.
+    pub space: Space,
+    /// The cell in it.
+    pub offset: u32,
+}
+
+/// A memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Space {
+    /// Data lists, shared by all interpreters.
+    Global,
+    /// Parameters and local variables of one interpreter.
+    Frame,
+    /// A system variable, by its place in the table.
+    System(u16),
+}
+
+/// One step.
+#[allow(missing_docs)] // a field is what the step's sentence says of it
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Op {
+    /// A statement begins, by its place among the program's statements.
+    Statement(u32),
+    /// Puts a value on the stack.
+    Push(Cell),
+    /// Puts an address on the stack: of a shared variable, of a local one, of what a parameter refers to, of a system
+    /// variable.
+    Global(u32),
+    /// See [`Op::Global`].
+    Local(u32),
+    /// See [`Op::Global`].
+    Referred(u32),
+    /// See [`Op::Global`].
+    System(u16),
+    /// Goes so many cells on from the address.
+    Component(u32),
+    /// Takes an index from the stack and goes to that element, of so many, of so many cells each.
+    Index { count: u32, size: u32 },
+    /// Replaces an address by the value there.
+    Load,
+    /// Puts the value of this shared or local cell on the stack.
+    LoadGlobal(u32),
+    /// See [`Op::LoadGlobal`].
+    LoadLocal(u32),
+    /// Replaces an address by so many cells from there.
+    LoadBlock(u32),
+    /// Takes a value and the address below it, and writes.
+    Store,
+    /// Takes so many cells and the address below them, and writes.
+    StoreBlock(u32),
+    /// As [`Op::StoreBlock`], for `{…}`, where components may be left out.
+    StoreAggregate(u32),
+    /// Takes a text and an address, and writes so many characters at most.
+    StoreText(u32),
+    /// INT to REAL, this many cells below the top.
+    ToReal(u32),
+    /// REAL to INT, rounded.
+    ToInt,
+    /// The opposite.
+    Negate,
+    /// NOT
+    Not,
+    /// B_NOT
+    BitNot,
+    /// An operator between two simple values.
+    Binary(Binary),
+    /// `:` between two frames of 6 numbers.
+    Geometric,
+    /// Keeps the first of so many cells, drops the others: a FRAME of a POS.
+    Keep { first: u32, of: u32 },
+    /// Goes on elsewhere.
+    Jump(u32),
+    /// Takes a BOOL and goes on elsewhere where it is FALSE.
+    JumpIfNot(u32),
+    /// Goes on elsewhere where AND or OR is decided by its left side and the controller leaves out the right one.
+    JumpDecided { decided: bool, to: u32 },
+    /// Takes step, end and counter of a FOR and says whether it goes on.
+    ForTest,
+    /// Calls a routine, whose arguments are on the stack.
+    Call(u32),
+    /// A routine of the controller.
+    Builtin(Builtin),
+    /// Leaves the routine with so many cells of value.
+    Return(u32),
+    /// A function ended without RETURN.
+    NoReturn,
+    /// Forgets so many cells of the stack.
+    Drop(u32),
+    /// A motion; its target is 6 numbers on the stack, axes or a pose.
+    Motion { motion: Motion, axes: bool, approximates: Option<Approximation> },
+    /// Takes seconds.
+    WaitSeconds,
+    /// Takes a BOOL; where FALSE, begins again at this step.
+    WaitFor(u32),
+    /// Takes a number. The condition begins behind this step, the call at `call`, the program goes on at `after`.
+    InterruptDeclaration { global: bool, call: u32, after: u32 },
+    /// Takes a number.
+    InterruptSwitch { on: bool },
+    /// All interrupts.
+    InterruptSwitchAll { on: bool },
+    /// The condition's value is on the stack.
+    EndCondition,
+    /// An interrupt's or trigger's call is over.
+    EndInterrupt,
+    /// BRAKE or BRAKE F.
+    Brake { fast: bool },
+    /// RESUME
+    Resume,
+    /// HALT
+    Halt,
+    /// CONTINUE
+    Continue,
+    /// Takes priority, delay and distance. The call begins behind this step.
+    Trigger { after: u32 },
+}
+
+/// A statement's place in the text.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Location {
+    /// The file's place in the list of files.
+    pub file: usize,
+    /// From 1.
+    pub line: usize,
+}
+
+/// A routine that can be called.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Entry {
+    /// In upper case.
+    pub name: String,
+    /// Its first step.
+    pub start: u32,
+    /// Cells of its parameters.
+    pub parameter_cells: u32,
+    /// Cells of parameters, local variables and counters.
+    pub frame_cells: u32,
+    /// The file's place in the list of files.
+    pub file: usize,
+    /// Parameters and local variables.
+    pub locals: Vec<LocalVariable>,
+}
+
+/// A parameter or local variable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalVariable {
+    /// In upper case.
+    pub name: String,
+    /// Its first cell in the routine's frame.
+    pub offset: u32,
+    /// The cell there holds the address of the variable that was handed over.
+    pub by_reference: bool,
+}
+
+/// A shared variable.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Shared {
+    /// In upper case.
+    pub name: String,
+    /// Its first cell.
+    pub offset: u32,
+    /// How many cells it has.
+    pub cells: u32,
+}
+
+/// A program that can be executed.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Program {
+    /// The steps.
+    pub code: Vec<Op>,
+    /// Where each statement stands.
+    pub statements: Vec<Location>,
+    /// All routines.
+    pub routines: Vec<Entry>,
+    /// Shared memory as the data lists say it.
+    pub memory: Vec<Cell>,
+    /// All shared variables.
+    pub shared: Vec<Shared>,
+    /// All texts.
+    pub texts: Vec<String>,
+    /// The files' names.
+    pub files: Vec<String>,
+}
+
+impl Program {
+    /// The routine of this name.
+    pub fn routine(&self, name: &str) -> Option<u32> {
+        self.routines.iter().position(|routine| routine.name == name).and_then(|index| u32::try_from(index).ok())
+    }
+
+    /// The first cell of the shared variable of this name.
+    pub fn cell(&self, name: &str) -> Option<u32> {
+        self.shared.iter().find(|shared| shared.name == name).map(|shared| shared.offset)
+    }
+}

@@ -1,0 +1,314 @@
+//! Statements to steps.
+
+use super::super::code::{Cell, Op};
+use super::super::syntax::{Action, Binary, Call, Case, Expression, Motion, Place, Statement};
+use super::super::types::Type;
+use super::{Compiler, cells_u32};
+
+impl Compiler<'_> {
+    pub(super) fn block(&mut self, statements: &[Statement]) {
+        for statement in statements {
+            self.statement(statement);
+        }
+    }
+
+    fn statement(&mut self, statement: &Statement) {
+        self.mark(statement.line);
+        match &statement.action {
+            Action::Assign { to, value } => self.assign(to, value),
+            Action::Call(call) => self.call_and_forget(call),
+            Action::If { condition, then, otherwise } => self.if_block(condition, then, otherwise),
+            Action::Switch { on, cases, default } => self.switch_block(on, cases, default.as_deref()),
+            Action::For { variable, from, to, step, body } => {
+                self.for_block(variable, [from, to], step.as_ref(), body, statement.line);
+            }
+            Action::While { condition, body } => {
+                let start = self.here() - 1;
+                let out = self.condition(condition);
+                self.looped(body, start, Some(out));
+            }
+            Action::Repeat { body, until, until_line } => {
+                let start = self.here();
+                self.exits.push(Vec::new());
+                self.block(body);
+                self.mark(*until_line);
+                let back = self.condition(until);
+                if let Op::JumpIfNot(to) = &mut self.program.code[back] {
+                    *to = start;
+                }
+                self.leave_loop();
+            }
+            Action::Loop { body } => {
+                let start = self.here() - 1;
+                self.looped(body, start, None);
+            }
+            Action::Exit => {
+                let jump = self.emit(Op::Jump(0));
+                match self.exits.last_mut() {
+                    Some(exits) => exits.push(jump),
+                    None => self.problem("EXIT", "EXIT leaves a loop, and there is none around it"),
+                }
+            }
+            Action::Return(value) => self.return_value(value.as_ref()),
+            _ => self.of_the_robot(statement),
+        }
+    }
+
+    fn of_the_robot(&mut self, statement: &Statement) {
+        match &statement.action {
+            Action::InterruptDeclaration { global, number, condition, call } => {
+                self.typed_value(number, Type::Int, "INTERRUPT DECL");
+                let declaration = self.emit(Op::InterruptDeclaration { global: *global, call: 0, after: 0 });
+                self.typed_value(condition, Type::Bool, "WHEN");
+                self.emit(Op::EndCondition);
+                let at = self.here();
+                if let Op::InterruptDeclaration { call, .. } = &mut self.program.code[declaration] {
+                    *call = at;
+                }
+                self.call_and_forget(call);
+                self.emit(Op::EndInterrupt);
+                self.lead_here(declaration);
+            }
+            Action::InterruptSwitch { on, number: Some(number) } => {
+                self.typed_value(number, Type::Int, "INTERRUPT");
+                self.emit(Op::InterruptSwitch { on: *on });
+            }
+            Action::InterruptSwitch { on, number: None } => {
+                self.emit(Op::InterruptSwitchAll { on: *on });
+            }
+            Action::Trigger { distance, delay, action, priority } => {
+                self.typed_value(distance, Type::Int, "DISTANCE");
+                self.typed_value(delay, Type::Real, "DELAY");
+                let priority = priority.as_ref().unwrap_or(&Expression::Int(-1));
+                self.typed_value(priority, Type::Int, "PRIO");
+                let trigger = self.emit(Op::Trigger { after: 0 });
+                match &action.action {
+                    Action::Assign { to, value } => self.assign(to, value),
+                    Action::Call(call) => self.call_and_forget(call),
+                    _ => {}
+                }
+                self.emit(Op::EndInterrupt);
+                self.lead_here(trigger);
+            }
+            Action::Motion { motion, target, approximates } => {
+                let axes = self.target(*motion, target);
+                self.emit(Op::Motion { motion: *motion, axes, approximates: *approximates });
+            }
+            Action::WaitSeconds(seconds) => {
+                self.typed_value(seconds, Type::Real, "WAIT SEC");
+                self.emit(Op::WaitSeconds);
+            }
+            Action::WaitFor(condition) => {
+                let start = self.here();
+                self.typed_value(condition, Type::Bool, "WAIT FOR");
+                self.emit(Op::WaitFor(start));
+            }
+            Action::Brake { fast } => {
+                self.emit(Op::Brake { fast: *fast });
+            }
+            Action::Resume => {
+                self.emit(Op::Resume);
+            }
+            Action::Halt => {
+                self.emit(Op::Halt);
+            }
+            _ => {
+                self.emit(Op::Continue);
+            }
+        }
+        let is_submit = self.files[self.file].name.to_lowercase().ends_with(".sub");
+        if is_submit && !matches!(statement.action, Action::WaitSeconds(_)) {
+            self.problem("", "a submit program may not move, wait for a condition, or use interrupts");
+        }
+    }
+
+    /// True for axes, false for a pose; 6 numbers are on the stack.
+    fn target(&mut self, motion: Motion, target: &Expression) -> bool {
+        let wanted = if motion == Motion::Ptp { "AXIS" } else { "FRAME" };
+        let wanted = self.types.find(wanted).unwrap_or(Type::Unknown);
+        let kind = self.value(target, wanted);
+        let cells = cells_u32(self.types.size(kind));
+        let axes = self.types.is_axes(kind);
+        if cells > 6 {
+            self.emit(Op::Keep { first: 6, of: cells });
+        }
+        if kind != Type::Unknown && !self.types.is_pose(kind) && !(axes && motion == Motion::Ptp) {
+            let name = self.types.name(kind);
+            self.problem("", format!("{name} is no target of this motion"));
+        }
+        axes
+    }
+
+    fn assign(&mut self, to: &Place, value: &Expression) {
+        let Some(found) = self.address(to) else {
+            self.value(value, Type::Unknown);
+            return;
+        };
+        if !found.writable {
+            self.problem(&to.name, "this is never written by a program: a constant, or read only");
+        }
+        self.ranges.remove(&to.name);
+        let size = cells_u32(self.types.size(found.kind));
+        if !found.dimensions.is_empty() {
+            let text = self.value(value, Type::Text);
+            if found.kind != Type::Char || ![Type::Text, Type::Unknown].contains(&text) {
+                self.problem(&to.name, "an array as a whole cannot be assigned; an index is missing");
+            }
+            let cells = cells_u32(self.types.cells(found.kind, &found.dimensions));
+            self.emit(Op::StoreText(cells));
+            return;
+        }
+        self.typed_value(value, found.kind, &to.name);
+        self.emit(match value {
+            Expression::Aggregate { .. } => Op::StoreAggregate(size),
+            _ if size == 1 => Op::Store,
+            _ => Op::StoreBlock(size),
+        });
+    }
+
+    fn call_and_forget(&mut self, call: &Call) {
+        if let Some(kind) = self.call(call)
+            && kind != Type::Unknown
+        {
+            let cells = cells_u32(self.types.size(kind));
+            self.emit(Op::Drop(cells));
+        }
+    }
+
+    /// A condition, and the jump that is taken where it is FALSE.
+    fn condition(&mut self, condition: &Expression) -> usize {
+        let kind = self.value(condition, Type::Bool);
+        if ![Type::Bool, Type::Unknown].contains(&kind) {
+            let name = self.types.name(kind);
+            self.problem("", format!("a condition is BOOL; this is {name}"));
+        }
+        self.emit(Op::JumpIfNot(0))
+    }
+
+    fn if_block(&mut self, condition: &Expression, then: &[Statement], otherwise: &[Statement]) {
+        let over = self.condition(condition);
+        self.block(then);
+        if otherwise.is_empty() {
+            self.lead_here(over);
+            return;
+        }
+        let end = self.emit(Op::Jump(0));
+        self.lead_here(over);
+        self.block(otherwise);
+        self.lead_here(end);
+    }
+
+    fn switch_block(&mut self, on: &Expression, cases: &[Case], default: Option<&[Statement]>) {
+        let selector = self.reserve(1);
+        self.emit(Op::Local(selector));
+        let kind = self.value(on, Type::Unknown);
+        self.emit(Op::Store);
+        if !matches!(kind, Type::Int | Type::Char | Type::Enumeration(_) | Type::Unknown) {
+            let name = self.types.name(kind);
+            self.problem("SWITCH", format!("SWITCH asks for an INT, CHAR or a word; this is {name}"));
+        }
+        let mut ends = Vec::new();
+        for case in cases {
+            self.line = case.line;
+            let mut hits = Vec::new();
+            let mut next = None;
+            for value in &case.values {
+                if let Some(jump) = next.take() {
+                    self.lead_here(jump);
+                }
+                self.emit(Op::LoadLocal(selector));
+                self.typed_value(value, kind, "CASE");
+                self.emit(Op::Binary(Binary::Equal));
+                next = Some(self.emit(Op::JumpIfNot(0)));
+                hits.push(self.emit(Op::Jump(0)));
+            }
+            for hit in hits {
+                self.lead_here(hit);
+            }
+            self.block(&case.body);
+            ends.push(self.emit(Op::Jump(0)));
+            if let Some(jump) = next {
+                self.lead_here(jump);
+            }
+        }
+        self.block(default.unwrap_or_default());
+        for end in ends {
+            self.lead_here(end);
+        }
+    }
+
+    fn for_block(
+        &mut self,
+        variable: &Place,
+        [from, to]: [&Expression; 2],
+        step: Option<&Expression>,
+        body: &[Statement],
+        line: usize,
+    ) {
+        let (last, by) = (self.reserve(1), self.reserve(1));
+        self.assign(variable, from);
+        for (place, value) in [(last, to), (by, step.unwrap_or(&Expression::Int(1)))] {
+            self.emit(Op::Local(place));
+            self.typed_value(value, Type::Int, "FOR");
+            self.emit(Op::Store);
+        }
+        let is_int = |found: Type| found == Type::Int || found == Type::Unknown;
+        let start = self.here();
+        self.mark(line);
+        let kind = self.value(&Expression::Place(variable.clone()), Type::Int);
+        if !is_int(kind) {
+            self.problem(&variable.name, "the counter of FOR is an INT");
+        }
+        self.emit(Op::LoadLocal(last));
+        self.emit(Op::LoadLocal(by));
+        self.emit(Op::ForTest);
+        let out = self.emit(Op::JumpIfNot(0));
+        if let (Some(Cell::Int(from)), Some(Cell::Int(to)), None) = (self.constant(from), self.constant(to), step)
+            && from <= to
+        {
+            self.ranges.insert(variable.name.clone(), (from, to));
+        }
+        self.exits.push(Vec::new());
+        self.block(body);
+        self.ranges.remove(&variable.name);
+        self.address(variable);
+        self.value(&Expression::Place(variable.clone()), Type::Int);
+        self.emit(Op::LoadLocal(by));
+        self.emit(Op::Binary(Binary::Plus));
+        self.emit(Op::Store);
+        self.emit(Op::Jump(start));
+        self.lead_here(out);
+        self.leave_loop();
+    }
+
+    fn looped(&mut self, body: &[Statement], start: u32, out: Option<usize>) {
+        self.exits.push(Vec::new());
+        self.block(body);
+        self.emit(Op::Jump(start));
+        if let Some(out) = out {
+            self.lead_here(out);
+        }
+        self.leave_loop();
+    }
+
+    fn leave_loop(&mut self) {
+        for exit in self.exits.pop().unwrap_or_default() {
+            self.lead_here(exit);
+        }
+    }
+
+    fn return_value(&mut self, value: Option<&Expression>) {
+        match (value, self.returns) {
+            (None, None) => {
+                self.emit(Op::Return(0));
+            }
+            (Some(value), Some(kind)) => {
+                self.typed_value(value, kind, "RETURN");
+                let cells = cells_u32(self.types.size(kind));
+                self.emit(Op::Return(cells));
+            }
+            (Some(_), None) => self.problem("RETURN", "a DEF gives back no value; a DEFFCT does"),
+            (None, Some(_)) => self.problem("RETURN", "the value is missing that this DEFFCT gives back"),
+        }
+    }
+}

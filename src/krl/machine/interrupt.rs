@@ -1,0 +1,247 @@
+//! Interrupts and triggers: declared at a level, seen at an edge, by priority; RESUME.
+//!
+//! A smaller number breaks into a larger one. A trigger has the lowest priority of all.
+
+use super::super::code::Op;
+use super::step::Flow;
+use super::{BrokeIn, Frame, Host, Interpreter, Memory};
+
+/// Of a trigger with PRIO=-1: the controller takes one of those that programs may not use.
+const TRIGGER_PRIORITY: i32 = 80;
+/// So many interrupts may be declared at once.
+pub const INTERRUPT_DEPTH: usize = 32;
+
+#[derive(Debug, Clone)]
+pub(super) struct Interrupt {
+    number: i32,
+    pub(super) global: bool,
+    /// The frame that declared it.
+    pub(super) declared_in: usize,
+    condition: usize,
+    call: usize,
+    on: bool,
+    /// The condition when it was last looked at.
+    was: bool,
+    pending: bool,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Trigger {
+    /// Of its motion, once that is planned.
+    pub(super) sequence: Option<u64>,
+    pub(super) call: usize,
+    pub(super) base: usize,
+}
+
+impl Interpreter {
+    pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), String> {
+        let allowed = (1..=39).contains(&number) || (81..=128).contains(&number);
+        if !allowed {
+            return Err(format!("interrupt {number} does not exist; 1 to 39 and 81 to 128 do"));
+        }
+        let declared_in = self.frames.len() - 1;
+        self.interrupts.retain(|interrupt| interrupt.number != number);
+        if self.interrupts.len() >= INTERRUPT_DEPTH {
+            return Err("more than 32 interrupts are declared".to_owned());
+        }
+        self.interrupts.push(Interrupt {
+            number,
+            global,
+            declared_in,
+            condition: self.at + 1,
+            call: call as usize,
+            on: false,
+            was: false,
+            pending: false,
+        });
+        self.interrupts.sort_by_key(|interrupt| interrupt.number);
+        Ok(())
+    }
+
+    pub(super) fn switch(
+        &mut self,
+        number: Option<i32>,
+        on: bool,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
+        let meant: Vec<usize> = (0..self.interrupts.len())
+            .filter(|&index| number.is_none_or(|number| self.interrupts[index].number == number))
+            .collect();
+        if meant.is_empty() && number.is_some() {
+            return Err(format!("interrupt {} is not declared at this level", number.unwrap_or_default()));
+        }
+        for index in meant {
+            let was = on && self.condition(index, memory, host)?;
+            let fires = was && !self.interrupts[index].on && self.meaning.on_fires_at_once;
+            let interrupt = &mut self.interrupts[index];
+            interrupt.pending = on && (interrupt.pending || fires);
+            (interrupt.on, interrupt.was) = (on, was);
+        }
+        Ok(())
+    }
+
+    /// The value of an interrupt's condition.
+    fn condition(&mut self, index: usize, memory: &mut Memory, host: &mut dyn Host) -> Result<bool, String> {
+        let (at, height) = (self.at, self.stack.len());
+        let interrupt = &self.interrupts[index];
+        let (start, level) = (interrupt.condition, interrupt.declared_in);
+        // Conditions are of the declaring routine's variables.
+        let above = self.frames.split_off((level + 1).min(self.frames.len()));
+        self.at = start;
+        let program = self.program.clone();
+        let value = loop {
+            match program.code.get(self.at) {
+                Some(Op::EndCondition) => break self.pop_bool(),
+                Some(&op) => match self.condition_op(op, memory, host) {
+                    Ok(()) => {}
+                    Err(message) => break Err(message),
+                },
+                None => break Err("a condition without end".to_owned()),
+            }
+        };
+        self.frames.extend(above);
+        self.stack.truncate(height);
+        self.at = at;
+        value
+    }
+
+    fn condition_op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+        if let Op::Load = op {
+            // The condition never waits for the arm.
+            let address = self.pop_address()?;
+            let cell = self.read(address, memory, host)?;
+            self.stack.push(cell);
+            self.at += 1;
+            return Ok(());
+        }
+        match self.op(op, memory, host)? {
+            Flow::Next => Ok(()),
+            Flow::Wait | Flow::Ended => Err("an interrupt's condition may not wait".to_owned()),
+        }
+    }
+
+    /// Looks at all conditions: an edge is kept until its program may run.
+    ///
+    /// # Errors
+    /// Where a condition cannot be told.
+    pub fn look(&mut self, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+        for index in 0..self.interrupts.len() {
+            if !self.interrupts[index].on {
+                continue;
+            }
+            let now = self.condition(index, memory, host)?;
+            let interrupt = &mut self.interrupts[index];
+            interrupt.pending |= now && !interrupt.was;
+            interrupt.was = now;
+        }
+        Ok(())
+    }
+
+    /// Breaks into the program where an interrupt waits that may. True where it does.
+    pub fn break_in(&mut self) -> bool {
+        let current = self.priority();
+        let found = self.interrupts.iter().position(|it| it.on && it.pending && it.number < current);
+        let Some(index) = found else { return false };
+        let interrupt = &mut self.interrupts[index];
+        interrupt.pending = false;
+        let (priority, declared_in, call) = (interrupt.number, interrupt.declared_in, interrupt.call);
+        let base = self.frames.get(declared_in).map_or(0, |frame| frame.base);
+        self.push_break(priority, declared_in, call, base);
+        true
+    }
+
+    /// A motion has passed its end, or the middle of its blend: its triggers fire. True where one breaks in; else it is
+    /// to be offered again.
+    pub fn fire_triggers(&mut self, sequence: u64) -> bool {
+        if self.priority() <= TRIGGER_PRIORITY {
+            return false;
+        }
+        let Some(index) = self.armed.iter().position(|trigger| trigger.sequence == Some(sequence)) else {
+            return true;
+        };
+        let trigger = self.armed.remove(index);
+        let declared_in = self.frames.len().saturating_sub(1);
+        self.push_break(TRIGGER_PRIORITY, declared_in, trigger.call, trigger.base);
+        true
+    }
+
+    pub(super) fn attach_triggers(&mut self, sequence: u64) {
+        for trigger in &mut self.armed {
+            trigger.sequence.get_or_insert(sequence);
+        }
+    }
+
+    fn push_break(&mut self, priority: i32, declared_in: usize, call: usize, base: usize) {
+        let broke_in = BrokeIn {
+            priority,
+            declared_in,
+            waits_until_ms: self.waits_until_ms.take(),
+            braked: self.braked.take(),
+        };
+        let routine = self.frames.last().map_or(0, |frame| frame.routine);
+        let frame = Frame { routine, return_to: self.at, base, height: self.stack.len(), broke_in: Some(broke_in) };
+        self.saved.push((self.planned, self.keeps_going.take(), self.statement));
+        self.frames.push(frame);
+        self.at = call;
+    }
+
+    /// Of what runs now; the program itself comes after all interrupts.
+    fn priority(&self) -> i32 {
+        let broke_in = self.frames.iter().rev().find_map(|frame| frame.broke_in.as_ref());
+        broke_in.map_or(i32::MAX, |broke_in| broke_in.priority)
+    }
+
+    pub(super) fn in_interrupt(&self) -> bool {
+        self.frames.iter().any(|frame| frame.broke_in.is_some())
+    }
+
+    pub(super) fn end_interrupt(&mut self) -> Result<Flow, String> {
+        if self.braked == Some(true) {
+            return Err("the program would go on with the motion that was braked, which is not modelled".to_owned());
+        }
+        let frame = self.frames.pop().ok_or("no interrupt runs")?;
+        self.stack.truncate(frame.height);
+        self.at = frame.return_to;
+        self.restore(frame.broke_in);
+        Ok(Flow::Next)
+    }
+
+    fn restore(&mut self, broke_in: Option<BrokeIn>) {
+        if let Some(broke_in) = broke_in {
+            (self.waits_until_ms, self.braked) = (broke_in.waits_until_ms, broke_in.braked);
+        }
+        if let Some((planned, keeps_going, statement)) = self.saved.pop() {
+            (self.planned, self.keeps_going, self.statement) = (planned, keeps_going, statement);
+        }
+    }
+
+    /// Leaves everything above the level that declared the interrupt, and goes on there.
+    pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, String> {
+        let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
+        let innermost = innermost.ok_or("RESUME stands in an interrupt program only")?;
+        let declared_in = self.frames[innermost].broke_in.as_ref().map_or(0, |broke_in| broke_in.declared_in);
+        if self.meaning.resume_needs_advance_0 && host.advance() != 0 {
+            return Err("RESUME with $ADVANCE other than 0".to_owned());
+        }
+        let below = self.frames.get(declared_in + 1).filter(|frame| frame.broke_in.is_none()).cloned();
+        let below = below.ok_or("RESUME: the program stands at the level that declared the interrupt")?;
+        let broken = self.frames[declared_in + 1..].iter().filter(|frame| frame.broke_in.is_some()).count();
+        self.frames.truncate(declared_in + 1);
+        self.saved.truncate(self.saved.len().saturating_sub(broken));
+        self.stack.truncate(below.height);
+        self.cells.truncate(below.base);
+        self.at = below.return_to;
+        (self.waits_until_ms, self.braked, self.planned, self.keeps_going) = (None, None, false, None);
+        self.armed.clear();
+        let level = self.frames.len();
+        self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
+        host.discard();
+        Ok(Flow::Next)
+    }
+
+    /// A trigger that fires late is still to come.
+    pub fn has_trigger(&self, sequence: u64) -> bool {
+        self.armed.iter().any(|trigger| trigger.sequence == Some(sequence))
+    }
+}

@@ -1,0 +1,229 @@
+//! Steps that touch the controller: motions, waiting, braking, its own routines.
+
+use super::super::code::{Address, Cell, Op};
+use super::super::system::Builtin;
+use super::interrupt::Trigger;
+use super::step::Flow;
+use super::{Caller, Host, Interpreter, Memory, MotionRequest};
+
+impl Interpreter {
+    pub(super) fn robot_op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Result<Flow, String> {
+        if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
+            return Err("the submit interpreter has no motions and no interrupts".to_owned());
+        }
+        match op {
+            Op::WaitSeconds => return self.wait_seconds(host),
+            Op::WaitFor(start) => {
+                if self.stops_advance_run(host) {
+                    return Ok(Flow::Wait);
+                }
+                if !self.pop_bool()? {
+                    self.at = start as usize;
+                    return Ok(Flow::Wait);
+                }
+            }
+            Op::Motion { motion, axes, approximates } => {
+                if !self.planned {
+                    if host.planned() > host.advance() {
+                        return Ok(Flow::Wait);
+                    }
+                    if self.in_interrupt() {
+                        return Err("a motion inside of an interrupt is not modelled".to_owned());
+                    }
+                    let target = numbers(self.pop_block()?)?;
+                    let request = MotionRequest { motion, axes, target, approximates };
+                    let planned = host.plan(&request, &Caller { interpreter: self, memory });
+                    if planned.is_err() {
+                        // Started again, the program tries this motion once more.
+                        self.stack.extend(target.map(Cell::Real));
+                    }
+                    let sequence = planned?;
+                    self.attach_triggers(sequence);
+                    self.planned = true;
+                }
+                if host.advance() == 0 && !host.arm_stands() {
+                    host.let_arm_finish();
+                    return Ok(Flow::Wait);
+                }
+            }
+            Op::InterruptDeclaration { global, call, after } => {
+                let number = self.pop_int()?;
+                self.declare(number, global, call)?;
+                self.at = after as usize;
+                return Ok(Flow::Next);
+            }
+            Op::InterruptSwitch { on } => {
+                let number = self.pop_int()?;
+                self.switch(Some(number), on, memory, host)?;
+            }
+            Op::InterruptSwitchAll { on } => self.switch(None, on, memory, host)?,
+            Op::Trigger { after } => {
+                let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
+                if distance != 1 || delay != 0.0 {
+                    return Err("only TRIGGER WHEN DISTANCE=1 DELAY=0 is modelled".to_owned());
+                }
+                let base = self.frames.last().map_or(0, |frame| frame.base);
+                self.armed.push(Trigger { sequence: None, call: self.at + 1, base });
+                self.at = after as usize;
+                return Ok(Flow::Next);
+            }
+            Op::EndInterrupt => return self.end_interrupt(),
+            Op::Brake { fast } => {
+                if !self.in_interrupt() {
+                    return Err("BRAKE stands in an interrupt program only".to_owned());
+                }
+                if self.braked.is_none() {
+                    self.braked = Some(!host.arm_stands());
+                    host.brake(fast);
+                }
+                if !host.arm_stands() {
+                    return Ok(Flow::Wait);
+                }
+            }
+            Op::Resume => return self.resume(host),
+            Op::Halt => return Err("HALT: the program waits for Start, which is not modelled".to_owned()),
+            Op::Continue => self.keeps_going = Some(self.program.statements[self.statement].line),
+            _ => return Err("a step that is not known".to_owned()),
+        }
+        self.at += 1;
+        Ok(Flow::Next)
+    }
+
+    fn wait_seconds(&mut self, host: &mut dyn Host) -> Result<Flow, String> {
+        if self.waits_until_ms.is_none() {
+            if self.stops_advance_run(host) {
+                return Ok(Flow::Wait);
+            }
+            let seconds = self.pop_real()?;
+            let wait_ms = (f64::from(seconds.max(0.0)) * 1000.0).ceil() as u64;
+            self.waits_until_ms = Some(host.now_ms() + wait_ms);
+        }
+        if self.waits_until_ms.is_some_and(|until_ms| host.now_ms() < until_ms) {
+            return Ok(Flow::Wait);
+        }
+        self.waits_until_ms = None;
+        self.at += 1;
+        Ok(Flow::Next)
+    }
+
+    pub(super) fn controller_call(
+        &mut self,
+        builtin: Builtin,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
+        match builtin {
+            Builtin::InvPos => {
+                let frame = numbers(self.pop_block()?)?;
+                self.stack.extend(inverse(frame).map(Cell::Real));
+            }
+            Builtin::Bas => {
+                self.pop_real()?;
+                let what = self.pop()?;
+                if what != Cell::Word(0) {
+                    return Err("only BAS(#INITMOV,0) is modelled".to_owned());
+                }
+                host.init_motion();
+            }
+            Builtin::IrStopm => {}
+            Builtin::ErrClear => {
+                self.pop_address()?;
+            }
+            Builtin::OnErrorProceed => self.proceeds = 2,
+            Builtin::Varstate => {
+                let name = self.pop_text()?.to_uppercase();
+                let known = name.starts_with('$') && host.is_initialized(&name);
+                self.stack.push(Cell::Word(if known { 1 } else { 0 }));
+            }
+            Builtin::Cwrite => {
+                let text = self.pop_text()?;
+                let mode = self.pop_address()?;
+                self.pop_address()?;
+                self.pop()?;
+                if self.read(mode, memory, host)? == Cell::Unset {
+                    return Err("MODE was never assigned".to_owned());
+                }
+                host.command(&text)?;
+            }
+            _ => self.eki(builtin, memory, host)?,
+        }
+        Ok(())
+    }
+
+    fn eki(&mut self, builtin: Builtin, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+        use Builtin::*;
+        let mut into: Option<Address> = None;
+        let mut value = [Cell::Unset; 6];
+        match builtin {
+            EkiGetBool | EkiGetInt | EkiGetReal | EkiGetFrame => {
+                let address = self.pop_address()?;
+                if self.read(address, memory, host)? == Cell::Unset {
+                    return Err("the variable of EKI_Get must hold a value before".to_owned());
+                }
+                into = Some(address);
+            }
+            EkiSetFrame => value = self.pop_block()?,
+            EkiSetBool | EkiSetInt | EkiSetReal => value[0] = self.pop()?,
+            EkiCheck => {
+                self.pop()?;
+                let _: [Cell; 5] = self.pop_block()?;
+                return Ok(());
+            }
+            _ => {}
+        }
+        let has_tag = !matches!(builtin, EkiInit | EkiOpen | EkiClose | EkiClear | EkiLock | EkiUnlock);
+        let tag = if has_tag { self.pop_text()? } else { String::new() };
+        let channel = self.pop_text()?;
+        let answer = host.eki(builtin, &channel, &tag, &value)?;
+        if let Some(address) = into.filter(|_| answer.msg_no == 0) {
+            let cells = if builtin == EkiGetFrame { 6 } else { 1 };
+            for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {
+                self.write(Address { offset, ..address }, cell, memory, host)?;
+            }
+        }
+        self.stack.extend([
+            Cell::Int(answer.buff),
+            Cell::Int(answer.read),
+            Cell::Int(answer.msg_no),
+            Cell::Bool(answer.connected),
+            Cell::Int(answer.counter),
+        ]);
+        Ok(())
+    }
+}
+
+/// Six REAL; an invalid one is an error.
+pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], String> {
+    let mut found = [0.0; 6];
+    for (number, cell) in found.iter_mut().zip(cells) {
+        match cell {
+            Cell::Real(value) => *number = value,
+            _ => return Err("a component of the frame or of the axes is invalid: it was never assigned".to_owned()),
+        }
+    }
+    Ok(found)
+}
+
+type Matrix = nalgebra::Isometry3<f64>;
+
+fn isometry(frame: [f32; 6]) -> Matrix {
+    let [x, y, z, a, b, c] = frame.map(f64::from);
+    // KUKA turns about Z, the new Y, the newest X.
+    let turn = nalgebra::UnitQuaternion::from_euler_angles(c.to_radians(), b.to_radians(), a.to_radians());
+    Matrix::from_parts(nalgebra::Translation3::new(x, y, z), turn)
+}
+
+fn frame(isometry: &Matrix) -> [f32; 6] {
+    let (c, b, a) = isometry.rotation.euler_angles();
+    let at = isometry.translation.vector;
+    [at.x, at.y, at.z, a.to_degrees(), b.to_degrees(), c.to_degrees()].map(|number| number as f32)
+}
+
+/// `left:right`.
+pub(super) fn composed(left: [f32; 6], right: [f32; 6]) -> [f32; 6] {
+    frame(&(isometry(left) * isometry(right)))
+}
+
+fn inverse(of: [f32; 6]) -> [f32; 6] {
+    frame(&isometry(of).inverse())
+}

@@ -1,0 +1,396 @@
+//! One statement: step after step until the next one begins, or until it must wait.
+
+use super::super::code::{Address, Cell, Op, Space};
+use super::super::system::{Builtin, SYSTEM_VARIABLES};
+use super::{Host, Interpreter, Memory, Pause, calculate};
+
+/// What a step comes to.
+pub(super) enum Flow {
+    Next,
+    /// The same step again, later.
+    Wait,
+    Ended,
+}
+
+type Stepped = Result<Flow, String>;
+
+const INVALID: &str = "a value is invalid: it was never assigned";
+
+impl Interpreter {
+    /// Executes the statement that comes next, or goes on with one that waits.
+    pub fn step(&mut self, memory: &mut Memory, host: &mut dyn Host) -> Pause {
+        let program = self.program.clone();
+        loop {
+            let Some(op) = program.code.get(self.at).copied().filter(|_| !self.frames.is_empty()) else {
+                return Pause::Ended;
+            };
+            if let Op::Statement(index) = op {
+                self.begin_statement(index as usize, memory);
+                self.at += 1;
+            } else {
+                match self.op(op, memory, host) {
+                    Ok(Flow::Next) => {}
+                    Ok(Flow::Wait) => return Pause::Waits,
+                    Ok(Flow::Ended) => return Pause::Ended,
+                    Err(_) if self.proceeds > 0 => self.skip_statement(),
+                    Err(message) => return Pause::Fault(format!("{}: {message}", self.place())),
+                }
+            }
+            if matches!(program.code.get(self.at), Some(Op::Statement(_))) {
+                return Pause::Statement;
+            }
+        }
+    }
+
+    fn begin_statement(&mut self, index: usize, memory: &mut Memory) {
+        memory.hits[index] += 1;
+        self.statement = index;
+        self.statement_height = self.stack.len();
+        self.proceeds = self.proceeds.saturating_sub(1);
+        self.planned = false;
+        if self.keeps_going.is_some_and(|line| line + 1 < self.program.statements[index].line) {
+            self.keeps_going = None;
+        }
+    }
+
+    /// ON_ERROR_PROCEED: the statement is left where it is.
+    fn skip_statement(&mut self) {
+        self.stack.truncate(self.statement_height);
+        let behind = &self.program.code[self.at..];
+        self.at += behind.iter().position(|op| matches!(op, Op::Statement(_))).unwrap_or(behind.len());
+    }
+
+    pub(super) fn pop(&mut self) -> Result<Cell, String> {
+        self.stack.pop().ok_or_else(|| "the stack is empty".to_owned())
+    }
+
+    pub(super) fn pop_int(&mut self) -> Result<i32, String> {
+        match self.pop()? {
+            Cell::Int(number) => Ok(number),
+            _ => Err(INVALID.to_owned()),
+        }
+    }
+
+    pub(super) fn pop_real(&mut self) -> Result<f32, String> {
+        match self.pop()? {
+            Cell::Real(number) => Ok(number),
+            _ => Err(INVALID.to_owned()),
+        }
+    }
+
+    pub(super) fn pop_bool(&mut self) -> Result<bool, String> {
+        match self.pop()? {
+            Cell::Bool(value) => Ok(value),
+            _ => Err(INVALID.to_owned()),
+        }
+    }
+
+    pub(super) fn pop_address(&mut self) -> Result<Address, String> {
+        match self.pop()? {
+            Cell::Address(address) => Ok(address),
+            _ => Err("an address is missing".to_owned()),
+        }
+    }
+
+    /// The newest cells of the stack, taken off.
+    pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], String> {
+        let at = self.stack.len().checked_sub(N).ok_or("the stack is empty")?;
+        let mut cells = [Cell::Unset; N];
+        cells.copy_from_slice(&self.stack[at..]);
+        self.stack.truncate(at);
+        Ok(cells)
+    }
+
+    fn base(&self) -> usize {
+        self.frames.last().map_or(0, |frame| frame.base)
+    }
+
+    /// Whether reading this must wait for the arm.
+    fn must_wait(&self, address: Address, host: &mut dyn Host) -> bool {
+        let Space::System(index) = address.space else { return false };
+        if !SYSTEM_VARIABLES[index as usize].stops_advance {
+            return false;
+        }
+        self.stops_advance_run(host)
+    }
+
+    pub(super) fn stops_advance_run(&self, host: &mut dyn Host) -> bool {
+        if !self.moves || self.keeps_going.is_some() || self.in_interrupt() || host.arm_stands() {
+            return false;
+        }
+        host.let_arm_finish();
+        true
+    }
+
+    pub(super) fn read(&self, address: Address, memory: &Memory, host: &mut dyn Host) -> Result<Cell, String> {
+        let at = address.offset as usize;
+        let cell = match address.space {
+            Space::Global => memory.cells.get(at).copied(),
+            Space::Frame => self.cells.get(at).copied(),
+            Space::System(index) => return host.read(index, address.offset),
+        };
+        cell.ok_or_else(|| "outside of memory".to_owned())
+    }
+
+    pub(super) fn write(
+        &mut self,
+        address: Address,
+        value: Cell,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
+        let at = address.offset as usize;
+        let cell = match address.space {
+            Space::Global => memory.cells.get_mut(at),
+            Space::Frame => self.cells.get_mut(at),
+            Space::System(index) => return host.write(index, address.offset, value),
+        };
+        *cell.ok_or_else(|| "outside of memory".to_owned())? = value;
+        Ok(())
+    }
+
+    fn push_address(&mut self, space: Space, offset: u32) {
+        self.stack.push(Cell::Address(Address { space, offset }));
+    }
+
+    fn valid(cell: Cell) -> Result<Cell, String> {
+        if cell == Cell::Unset { Err(INVALID.to_owned()) } else { Ok(cell) }
+    }
+
+    pub(super) fn op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Stepped {
+        match op {
+            Op::Push(cell) => self.stack.push(cell),
+            Op::Global(offset) => self.push_address(Space::Global, offset),
+            Op::Local(offset) => self.push_address(Space::Frame, self.base() as u32 + offset),
+            Op::Referred(offset) => {
+                let cell = self.cells.get(self.base() + offset as usize).copied();
+                self.stack.push(cell.unwrap_or(Cell::Unset));
+            }
+            Op::System(index) => self.push_address(Space::System(index), 0),
+            Op::Component(cells) => {
+                let mut address = self.pop_address()?;
+                address.offset += cells;
+                self.stack.push(Cell::Address(address));
+            }
+            Op::Index { count, size } => {
+                let index = self.pop_int()?;
+                let mut address = self.pop_address()?;
+                let inside = u32::try_from(index).ok().filter(|index| (1..=count).contains(index));
+                let inside =
+                    inside.ok_or_else(|| format!("the index {index} is outside of the array, 1 to {count}"))?;
+                address.offset += (inside - 1) * size;
+                self.stack.push(Cell::Address(address));
+            }
+            Op::LoadGlobal(at) => {
+                let cell = memory.cells.get(at as usize).copied().unwrap_or(Cell::Unset);
+                self.stack.push(Self::valid(cell)?);
+            }
+            Op::LoadLocal(at) => {
+                let cell = self.cells.get(self.base() + at as usize).copied().unwrap_or(Cell::Unset);
+                self.stack.push(Self::valid(cell)?);
+            }
+            Op::Load => return self.load(1, memory, host),
+            Op::LoadBlock(cells) => return self.load(cells, memory, host),
+            Op::Store => {
+                let value = self.pop()?;
+                let address = self.pop_address()?;
+                if self.must_wait(address, host) {
+                    self.stack.extend([Cell::Address(address), value]);
+                    return Ok(Flow::Wait);
+                }
+                self.write(address, value, memory, host)?;
+            }
+            Op::StoreBlock(cells) => self.store(cells as usize, false, memory, host)?,
+            Op::StoreAggregate(cells) => {
+                self.store(cells as usize, self.meaning.aggregate_keeps_rest, memory, host)?
+            }
+            Op::StoreText(cells) => self.store_text(cells, memory, host)?,
+            Op::Jump(to) => {
+                self.at = to as usize;
+                return Ok(Flow::Next);
+            }
+            Op::JumpIfNot(to) => {
+                let value = self.pop_bool()?;
+                memory.branches[self.at][usize::from(value)] = true;
+                if !value {
+                    self.at = to as usize;
+                    return Ok(Flow::Next);
+                }
+            }
+            Op::JumpDecided { decided, to } => {
+                let is_decided = self.stack.last() == Some(&Cell::Bool(decided));
+                if self.meaning.short_circuit && is_decided {
+                    self.at = to as usize;
+                    return Ok(Flow::Next);
+                }
+            }
+            Op::Call(routine) => {
+                let parameters = self.program.routines[routine as usize].parameter_cells as usize;
+                let height = self.stack.len().saturating_sub(parameters);
+                if self.frames.len() > 100 {
+                    return Err("too many calls inside each other".to_owned());
+                }
+                self.enter(routine, self.at + 1, height);
+                return Ok(Flow::Next);
+            }
+            Op::Builtin(builtin) => self.builtin(builtin, memory, host)?,
+            Op::Return(cells) => return self.leave(cells as usize),
+            Op::NoReturn => return Err("a function ended without RETURN".to_owned()),
+            Op::Drop(cells) => self.stack.truncate(self.stack.len().saturating_sub(cells as usize)),
+            Op::Keep { first, of } => {
+                let dropped = (of - first) as usize;
+                self.stack.truncate(self.stack.len().saturating_sub(dropped));
+            }
+            _ => match self.value_op(op)? {
+                true => {}
+                false => return self.robot_op(op, memory, host),
+            },
+        }
+        self.at += 1;
+        Ok(Flow::Next)
+    }
+
+    /// Steps that take and give values alone; false where this is none.
+    fn value_op(&mut self, op: Op) -> Result<bool, String> {
+        match op {
+            Op::Binary(operator) => {
+                let right = self.pop()?;
+                let left = self.pop()?;
+                self.stack.push(calculate::binary(operator, left, right)?);
+            }
+            Op::ToReal(below) => {
+                let at = self.stack.len().checked_sub(1 + below as usize).ok_or("the stack is empty")?;
+                match self.stack[at] {
+                    Cell::Int(number) => self.stack[at] = Cell::Real(number as f32),
+                    Cell::Real(_) => {}
+                    _ => return Err(INVALID.to_owned()),
+                }
+            }
+            Op::ToInt => {
+                let number = self.pop_real()?;
+                self.stack.push(calculate::round(number)?);
+            }
+            Op::Negate => match self.pop()? {
+                Cell::Int(number) => {
+                    let negated = number.checked_neg().ok_or("the result does not fit into an INT")?;
+                    self.stack.push(Cell::Int(negated));
+                }
+                Cell::Real(number) => self.stack.push(Cell::Real(-number)),
+                _ => return Err(INVALID.to_owned()),
+            },
+            Op::Not => {
+                let value = self.pop_bool()?;
+                self.stack.push(Cell::Bool(!value));
+            }
+            Op::BitNot => {
+                let value = self.pop_int()?;
+                self.stack.push(Cell::Int(!value));
+            }
+            Op::Geometric => {
+                let right = super::robot::numbers(self.pop_block()?)?;
+                let left = super::robot::numbers(self.pop_block()?)?;
+                self.stack.extend(super::robot::composed(left, right).map(Cell::Real));
+            }
+            Op::ForTest => {
+                let (step, last, now) = (self.pop_int()?, self.pop_int()?, self.pop_int()?);
+                self.stack.push(Cell::Bool(if step >= 0 { now <= last } else { now >= last }));
+            }
+            _ => return Ok(false),
+        }
+        Ok(true)
+    }
+
+    fn load(&mut self, cells: u32, memory: &Memory, host: &mut dyn Host) -> Stepped {
+        let address = self.pop_address()?;
+        if self.must_wait(address, host) {
+            self.stack.push(Cell::Address(address));
+            return Ok(Flow::Wait);
+        }
+        let mut any = false;
+        for cell in 0..cells {
+            let value = self.read(Address { offset: address.offset + cell, ..address }, memory, host)?;
+            any |= value != Cell::Unset;
+            self.stack.push(value);
+        }
+        if !any {
+            return Err(INVALID.to_owned());
+        }
+        self.at += 1;
+        Ok(Flow::Next)
+    }
+
+    fn store(
+        &mut self,
+        cells: usize,
+        keeps_rest: bool,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), String> {
+        let at = self.stack.len().checked_sub(cells).ok_or("the stack is empty")?;
+        let values = self.stack.split_off(at);
+        let address = self.pop_address()?;
+        for (offset, value) in (address.offset..).zip(values) {
+            if value != Cell::Unset || !keeps_rest {
+                self.write(Address { offset, ..address }, value, memory, host)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn store_text(&mut self, cells: u32, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+        let text = self.pop_text()?;
+        let address = self.pop_address()?;
+        if text.len() > cells as usize {
+            return Err(format!("the text has {} characters, the variable {cells}", text.len()));
+        }
+        for cell in 0..cells {
+            let value = text.as_bytes().get(cell as usize).map_or(Cell::Unset, |byte| Cell::Char(*byte));
+            self.write(Address { offset: address.offset + cell, ..address }, value, memory, host)?;
+        }
+        Ok(())
+    }
+
+    pub(super) fn pop_text(&mut self) -> Result<String, String> {
+        match self.pop()? {
+            Cell::Text(index) => {
+                self.program.texts.get(index as usize).cloned().ok_or_else(|| "a text is missing".to_owned())
+            }
+            _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".to_owned()),
+        }
+    }
+
+    /// Leaves a routine, its value on the stack.
+    fn leave(&mut self, cells: usize) -> Stepped {
+        let Some(frame) = self.frames.pop() else { return Ok(Flow::Ended) };
+        let level = self.frames.len();
+        self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
+        let value = self.stack.split_off(self.stack.len().saturating_sub(cells));
+        self.stack.truncate(frame.height);
+        self.stack.extend(value);
+        self.cells.truncate(frame.base);
+        self.at = frame.return_to;
+        if self.frames.is_empty() { Ok(Flow::Ended) } else { Ok(Flow::Next) }
+    }
+
+    fn builtin(&mut self, builtin: Builtin, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+        let one = |value: f32, f: fn(f64) -> f64| Cell::Real(f(f64::from(value)) as f32);
+        let result = match builtin {
+            Builtin::Abs => one(self.pop_real()?, f64::abs),
+            Builtin::Sqrt => one(self.pop_real()?, f64::sqrt),
+            Builtin::Sin => one(self.pop_real()?, |degrees| degrees.to_radians().sin()),
+            Builtin::Cos => one(self.pop_real()?, |degrees| degrees.to_radians().cos()),
+            Builtin::Tan => one(self.pop_real()?, |degrees| degrees.to_radians().tan()),
+            Builtin::Acos => one(self.pop_real()?, |cosine| cosine.acos().to_degrees()),
+            Builtin::Atan2 => {
+                let (x, y) = (self.pop_real()?, self.pop_real()?);
+                Cell::Real(f64::from(y).atan2(f64::from(x)).to_degrees() as f32)
+            }
+            _ => return self.controller_call(builtin, memory, host),
+        };
+        match result {
+            Cell::Real(number) if number.is_finite() => self.stack.push(result),
+            _ => return Err("the result is no number".to_owned()),
+        }
+        Ok(())
+    }
+}

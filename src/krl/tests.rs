@@ -1,0 +1,174 @@
+//! What is read, and what is told: the shipped files, and one planted fault for each rule.
+
+use super::{Kss, analyse, parse};
+
+const HIGHEST: Kss = Kss { major: 8, minor: 7 };
+const DATA: &str = "DEFDAT CELL_DATA PUBLIC\nSTRUC POINT INT ID,N,REAL R,FRAME P\nENUM COLOUR RED,GREEN\n\
+    DECL GLOBAL CONST INT TEN=10\nDECL GLOBAL INT COUNT=0\nDECL GLOBAL INT LIST[10]\nLIST[10]=3\n\
+    DECL GLOBAL POINT PLACES[2]\nDECL GLOBAL COLOUR SHADE=#RED\nDECL GLOBAL CHAR WORDS[8]\n\
+    WORDS[]=\"abc\"\nENDDAT\n";
+
+/// Everything that is told of a program beside [`DATA`], `line: key: message`.
+fn told(program: &str) -> Vec<String> {
+    let read = [("cell_data.dat", DATA), ("a.src", program)].map(|(name, text)| parse(name, text));
+    let mut all: Vec<_> = read.iter().flat_map(|(_, problems)| problems.clone()).collect();
+    let files = read.map(|(file, _)| file);
+    let analysis = analyse(&files, HIGHEST);
+    all.extend(analysis.problems.into_iter().chain(analysis.warnings).flatten());
+    all.iter().map(|problem| format!("{}: {}: {}", problem.line, problem.key, problem.message)).collect()
+}
+
+/// Of these statements in a routine with `I`, `R`, `B` assigned.
+fn told_of(statements: &str) -> Vec<String> {
+    told(&format!(
+        "DEF A( )\nDECL INT I\nDECL REAL R\nDECL BOOL B\nDECL POINT P\nI=1\nR=1.0\nB=FALSE\nP=PLACES[1]\n{statements}\n\
+         END\nDEFFCT INT SUM(X:IN,Y:OUT)\nDECL INT X\nDECL REAL Y\nY=1.0\nRETURN X\nENDFCT\n"
+    ))
+}
+
+#[test]
+fn the_shipped_files_are_right() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("config/kuka");
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_some_and(|ending| ending == "src" || ending == "dat") {
+            let text = std::fs::read_to_string(&path).expect("a text");
+            let (file, problems) = parse(&path.to_string_lossy(), &text);
+            assert_eq!(problems, [], "{}", path.display());
+            files.push(file);
+        }
+    }
+    assert!(files.len() >= 8);
+    let analysis = analyse(&files, HIGHEST);
+    assert_eq!(analysis.problems.concat(), []);
+    assert_eq!(analysis.warnings.concat(), []);
+    assert!(analysis.program.statements.len() > 600 && analysis.program.routine("CELL_CYCLE").is_some());
+}
+
+#[test]
+fn what_an_integrator_writes_is_read() {
+    let statements = "FOR I=1 TO TEN STEP 2\nLIST[I]=I*2\nENDFOR\nREPEAT\nI=I-1\nUNTIL I<=0\nLOOP\nEXIT\nENDLOOP\n\
+        WAIT FOR $IN[3] AND (NOT B)\nPTP {A1 0,A2 -90}\nPTP $AXIS_ACT_MEAS C_PTP\nLIN {X 1,Y 2} C_DIS\n\
+        LIN $POS_ACT:P.P\n$OUT[5]=TRUE ; on\n$VEL.CP=0.2\n$APO.CDIS=5\nSWITCH SHADE\nCASE #RED,#GREEN\nHALT\n\
+        DEFAULT\nCONTINUE\nENDSWITCH\nWORDS[]=\"abcdefgh\"\nI='H1F' B_AND 'B11'\nR=I\nI=R/2\nB=(I==1) OR B\n\
+        INTERRUPT DECL 30 WHEN $FLAG[9] DO A( )\nINTERRUPT ON 30\nINTERRUPT OFF\nI=SUM(3,R)\nI=SUM(R,P.R)\nBRAKE F\n\
+        TRIGGER WHEN DISTANCE=0 DELAY=20 DO $OUT[1]=FALSE\nTRIGGER WHEN DISTANCE=1 DELAY=-5 DO A( ) PRIO=-1";
+    assert_eq!(told_of(statements), Vec::<String>::new());
+    let foreign = "&REL 4\nDEF A( )\nEXT BAS (BAS_COMMAND :IN,REAL :IN )\nINT I,K\n;FOLD INI\nBAS (#INITMOV,0)\n\
+        ;ENDFOLD\nI=1\nK=I\nEND\n";
+    assert_eq!(told(foreign), Vec::<String>::new());
+}
+
+/// Each line is one slip, with the beginning of what is told; the first statement is in line 10.
+#[test]
+fn each_slip_is_told_with_its_line() {
+    for (statement, expected) in [
+        ("I=", "10: I: a value is missing at the end of the line"),
+        ("I=1 2", "10: I: '2' is left over at the end of the line"),
+        ("GOTO X", "10: GOTO: GOTO is KRL, but it is outside of what this program reads"),
+        ("CIRC P.P,P.P", "10: CIRC: CIRC is KRL, but it is outside"),
+        ("MOVE ME", "10: MOVE: this is no statement"),
+        ("IF B\nENDIF", "10: IF: THEN is expected instead of the end of the line"),
+        ("IF B THEN", "11: END: ELSE or ENDIF is missing before this line"),
+        ("ENDIF", "10: ENDIF: no block is open that this line could belong to"),
+        ("DECL INT LATE", "10: DECL: a declaration stands behind a statement"),
+        ("SWITCH I\nI=2\nCASE 1\nENDSWITCH", "11: I: behind SWITCH the next line must be CASE"),
+        ("I=2 OR B", "10: OR: this does not go between INT and BOOL; in KRL comparisons bind weaker"),
+        ("B=I==1 AND B", "10: AND: this does not go between INT and BOOL"),
+        ("I=B", "10: I: INT is wanted, BOOL is given"),
+        ("B=NOT I", "10: NOT: NOT does not go with INT"),
+        ("IF I THEN\nENDIF", "10: : a condition is BOOL; this is INT"),
+        ("I=UNKNOWN", "10: UNKNOWN: declared in none of the files named"),
+        ("NOWHERE( )", "10: NOWHERE: this routine is defined in none of the files named"),
+        ("I=$NO_SUCH", "10: $NO_SUCH: this system variable is not among those that are known here"),
+        ("$IN[3]=TRUE", "10: $IN: this is never written by a program"),
+        ("TEN=3", "10: TEN: this is never written by a program"),
+        ("I=LIST[0]", "10: LIST: the index 0 is outside of the array, 1 to 10"),
+        ("I=LIST[TEN+1]", "10: LIST: the index 11 is outside of the array"),
+        ("FOR I=1 TO 11\nLIST[I]=0\nENDFOR", "11: LIST: the index 11 is outside of the array"),
+        ("I=LIST[1,2]", "10: LIST: 2 indices are given, the variable has 1"),
+        ("$FLAG[1025]=TRUE", "10: $FLAG: the index 1025 is outside of the array, 1 to 1024"),
+        ("I=P.Q", "10: P: POINT has no component Q; it has ID, N, R, P"),
+        ("SHADE=#BLUE", "10: #BLUE: this is no word of COLOUR; its words are #RED, #GREEN"),
+        ("P={ID 1,M 2}", "10: M: POINT has no such component"),
+        ("I=SUM(1)", "10: SUM: 1 arguments are given, 2 are wanted"),
+        ("I=SUM(1,2.0)", "10: Y: SUM takes this argument as a variable (:OUT)"),
+        ("I=SUM(1,I)", "10: I: a variable of type REAL is wanted, this one is INT"),
+        ("I=SUM(B,R)", "10: X: INT is wanted, BOOL is given"),
+        ("I=EKI_Open(\"C\")", "10: I: INT is wanted, EKI_STATUS is given"),
+        ("RETURN 1", "10: RETURN: a DEF gives back no value"),
+        ("EXIT", "10: EXIT: EXIT leaves a loop, and there is none around it"),
+        ("LIN I", "10: : INT is no target of this motion"),
+        ("LIN P.P C_PTP", "10: LIN: LIN is approximated with"),
+        ("WAIT 3", "10: WAIT: SEC or FOR is expected behind WAIT"),
+        ("TRIGGER WHEN DISTANCE=1 DELAY=0 DO A( )", "10: TRIGGER: a TRIGGER that calls a routine needs PRIO"),
+        ("A_NAME_THAT_IS_FAR_TOO_LONG=1", "10: A_NAME_THAT_IS_FAR_TOO_LONG: declared in none"),
+    ] {
+        let told = told_of(statement);
+        assert!(told.iter().any(|told| told.starts_with(expected)), "{statement}: {told:#?} instead of {expected}");
+    }
+}
+
+#[test]
+fn what_a_routine_leaves_open_is_told() {
+    for (program, expected) in [
+        ("DEF A( )\nDECL INT I\nI=I+1\nEND", "3: I: this local variable may be read here before"),
+        (
+            "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nENDIF\nCOUNT=I\nEND",
+            "6: I: this local variable may be read",
+        ),
+        ("DEF A( )\nDECL INT I\nI=EKI_GetInt(\"C\",\"T\",I)\nEND", "3: I: this local variable may be read"),
+        (
+            "DEF A( )\nEND\nDEFFCT INT F( )\nIF COUNT>0 THEN\nRETURN 1\nENDIF\nENDFCT",
+            "7: F: a way through this function ends",
+        ),
+        ("DEF A(X:IN)\nEND", "1: X: the parameter's type is not declared"),
+        (
+            "DEF A( )\nDECL INT THIS_NAME_IS_25_LETTERS_L\nEND",
+            "2: THIS_NAME_IS_25_LETTERS_L: the name has 25 characters",
+        ),
+        ("DEF A( )\nDECL INT WHILE\nEND", "2: WHILE: this is a word of KRL itself"),
+        ("DEF A( )\nDECL INT I\nDECL REAL I\nEND", "3: I: this name is declared twice"),
+        ("DEF A( )\nEND\nDEF A( )\nEND", "3: A: a routine of this name is defined already"),
+        ("DEF A( )\nI=1", "2: : the file ends before END"),
+        ("DEF A\nEND", "1: DEF: '(' is expected instead of the end of the line"),
+    ] {
+        let told = told(program);
+        assert!(told.iter().any(|told| told.starts_with(expected)), "{program}: {told:#?} instead of {expected}");
+    }
+    // No way leaves it open.
+    let right = "DEF A( )\nDECL INT I\nIF COUNT>0 THEN\nI=1\nELSE\nRETURN\nENDIF\nCOUNT=I\nLOOP\nI=2\nENDLOOP\nEND\n\
+        DEFFCT INT F( )\nDECL EKI_STATUS RET\nDECL INT I\nI=0\nRET=EKI_GetInt(\"C\",\"T\",I)\nSWITCH I\nCASE 1\nRETURN 1\n\
+        DEFAULT\nRETURN RET.Buff\nENDSWITCH\nENDFCT";
+    assert_eq!(told(right), Vec::<String>::new());
+}
+
+#[test]
+fn the_version_decides_which_system_variables_there_are() {
+    let (file, _) = parse("a.src", "DEF A( )\nIF $COULD_START_MOTION THEN\nENDIF\nEND");
+    let told = |kss: &str| analyse(std::slice::from_ref(&file), kss.parse().expect("a version")).problems.concat();
+    assert_eq!(told("8.5"), []);
+    assert_eq!(told("8.4")[0].message.split(';').next(), Some("KSS 8.4 has no such variable (from 8.5 on)"));
+    assert!("9.1".parse::<Kss>().is_err() && "8.1".parse::<Kss>().is_err() && "8".parse::<Kss>().is_err());
+}
+
+/// Whatever stands in a file, it is told or read; nothing panics.
+#[test]
+fn torn_files_are_told_and_harm_nothing() {
+    let whole = include_str!("../../config/kuka/cell_motion.src");
+    let words: Vec<&str> = whole.split_inclusive([' ', '\n', '(', ',']).collect();
+    for step in [3, 7, 11, 40] {
+        for skip in 0..step {
+            let torn: String =
+                words.iter().enumerate().filter(|(at, _)| at % step != skip).map(|(_, word)| *word).collect();
+            let (file, problems) = parse("a.src", &torn);
+            let analysis = analyse(&[file], HIGHEST);
+            assert!(!problems.is_empty() || !analysis.problems[0].is_empty());
+        }
+    }
+    for cut in (0..whole.len()).step_by(97) {
+        let (file, _) = parse("a.src", &whole[..cut]);
+        analyse(&[file], HIGHEST);
+    }
+}

@@ -1,0 +1,238 @@
+//! The chain: what was written to the store, row by row, each link bound to the one before by SHA-256.
+//!
+//! A link holds the hash of the columns that one writing set, so that a row that gets its end later has two links. The last
+//! link is the head; it stands outside of the database too (see `head`). Whoever changes, deletes, adds or reorders rows
+//! behind the program's back contradicts a link, and whoever cuts the chain contradicts the head.
+
+use rusqlite::types::ValueRef;
+use rusqlite::{Connection, OptionalExtension, params};
+use sha2::{Digest, Sha256};
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE chain (
+        link INTEGER PRIMARY KEY,
+        part TEXT NOT NULL,
+        row_key INTEGER NOT NULL,
+        row_hash BLOB NOT NULL,
+        hash BLOB NOT NULL
+    ) STRICT;
+";
+
+/// A SHA-256.
+pub(super) type Hash = [u8; 32];
+
+/// A place in the chain: link 0 is before the first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Place {
+    pub link: i64,
+    pub hash: Hash,
+}
+
+impl Place {
+    pub const BEGIN: Place = Place { link: 0, hash: [0; 32] };
+
+    /// The place after a link to this row.
+    pub fn followed_by(&self, part: &str, row_key: i64, row_hash: &Hash) -> Place {
+        let link = self.link + 1;
+        let mut hasher = Sha256::new();
+        hasher.update(self.hash);
+        hasher.update(link.to_be_bytes());
+        text(&mut hasher, part);
+        hasher.update(row_key.to_be_bytes());
+        hasher.update(row_hash);
+        Place { link, hash: hasher.finalize().into() }
+    }
+}
+
+/// Columns of a table that one writing sets.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Part {
+    /// Its name in the chain; it never changes.
+    pub name: &'static str,
+    /// What a row is called in messages.
+    pub words: &'static str,
+    pub table: &'static str,
+    /// The row's number, in SQL.
+    pub key: &'static str,
+    pub columns: &'static [&'static str],
+    /// Which rows this writing was done to, in SQL.
+    pub written: &'static str,
+    /// A later writing replaces an earlier one.
+    pub is_replaced: bool,
+}
+
+impl Part {
+    const fn row(name: &'static str, words: &'static str, columns: &'static [&'static str]) -> Part {
+        Part { name, words, table: name, key: "id", columns, written: "TRUE", is_replaced: false }
+    }
+}
+
+/// Every table, column by column; in this order the rows of a store without a chain are taken into one.
+pub(super) static PARTS: [Part; 15] = [
+    Part::row(
+        "taught_panels",
+        "taught panel",
+        &[
+            "name",
+            "version",
+            "taught_at_unix_s",
+            "scan_hash",
+            "recipe_text",
+            "scanner_calibration_text",
+            "base_from_camera_text",
+            "flange_camera_text",
+            "flange_from_camera_text",
+        ],
+    ),
+    Part {
+        key: "panel_id * 65536 + position",
+        ..Part::row(
+            "taught_corners",
+            "taught corner",
+            &["panel_id", "position", "picture_hash", "base_from_flange"],
+        )
+    },
+    Part::row(
+        "cycles",
+        "cycle",
+        &["started_unix_s", "panel", "taught_version", "recipe_hash", "files", "program_version"],
+    ),
+    Part::row("findings", "finding", &["cycle_id", "kind", "pass", "finding"]),
+    Part { key: "sequence", ..Part::row("journal", "journal line", &["cycle_id", "unix_ms", "event", "chain"]) },
+    Part::row("motions", "motion", &["cycle_id", "motion"]),
+    Part {
+        table: "motions",
+        written: "outcome IS NOT NULL OR done <> 0",
+        ..Part::row("motion_ends", "end of motion", &["outcome", "done"])
+    },
+    Part {
+        table: "cycles",
+        written: "budget IS NOT NULL",
+        is_replaced: true,
+        ..Part::row("cycle_budgets", "error budget of cycle", &["budget"])
+    },
+    Part {
+        table: "cycles",
+        written: "verdict IS NOT NULL OR reasons IS NOT NULL OR ended_unix_s IS NOT NULL",
+        ..Part::row("cycle_ends", "end of cycle", &["ended_unix_s", "verdict", "reasons"])
+    },
+    Part::row(
+        "verifications",
+        "verification",
+        &["subject", "error_mm", "limit_mm", "calibration_hash", "at_unix_s"],
+    ),
+    Part {
+        key: "verification_id",
+        ..Part::row("verification_strikes", "strike of verification", &["by", "why", "at_unix_s"])
+    },
+    Part::row("discs", "entry of the disc's wear", &["cycle_id", "at_unix_s", "is_new", "swept_mm2"]),
+    Part {
+        key: "sequence",
+        ..Part::row("checkpoints", "checkpoint", &["journal_chain", "program_version", "folded"])
+    },
+    Part::row("incidents", "incident", &["at_unix_s", "found"]),
+    Part::row("pruned", "entry of a removed file", &["cycle_id", "hash", "bytes", "at_unix_s"]),
+];
+
+/// The part with this name.
+pub(super) fn part(name: &str) -> Option<&'static Part> {
+    PARTS.iter().find(|part| part.name == name)
+}
+
+/// The last link of a database; the beginning where it has none.
+pub(super) fn last(connection: &Connection) -> Result<Place, rusqlite::Error> {
+    let last = connection
+        .prepare_cached("SELECT link, hash FROM chain ORDER BY link DESC LIMIT 1")?
+        .query_row([], |row| Ok(Place { link: row.get(0)?, hash: row.get(1)? }))
+        .optional()?;
+    Ok(last.unwrap_or(Place::BEGIN))
+}
+
+/// The hash of what a row has in these columns; `None` where there is no such row.
+pub(super) fn row_hash(
+    connection: &Connection,
+    part: &Part,
+    row_key: i64,
+) -> Result<Option<Hash>, rusqlite::Error> {
+    let Part { table, key, columns, .. } = part;
+    let sql = format!("SELECT {} FROM {table} WHERE {key} = ?1", columns.join(", "));
+    let mut statement = connection.prepare_cached(&sql)?;
+    let mut rows = statement.query([row_key])?;
+    let Some(row) = rows.next()? else { return Ok(None) };
+    let mut hasher = Sha256::new();
+    for (index, column) in columns.iter().enumerate() {
+        value(&mut hasher, column, row.get_ref(index)?);
+    }
+    Ok(Some(hasher.finalize().into()))
+}
+
+/// What is NULL is left out, so that a column that a later program adds changes no earlier hash.
+fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
+    if value == ValueRef::Null {
+        return;
+    }
+    text(hasher, column);
+    match value {
+        ValueRef::Null => {}
+        ValueRef::Integer(number) => {
+            hasher.update(b"i");
+            hasher.update(number.to_be_bytes());
+        }
+        ValueRef::Real(number) => {
+            hasher.update(b"r");
+            hasher.update(number.to_bits().to_be_bytes());
+        }
+        ValueRef::Text(bytes) => {
+            hasher.update(b"t");
+            sized(hasher, bytes);
+        }
+        ValueRef::Blob(bytes) => {
+            hasher.update(b"b");
+            sized(hasher, bytes);
+        }
+    }
+}
+
+fn text(hasher: &mut Sha256, text: &str) {
+    sized(hasher, text.as_bytes());
+}
+
+fn sized(hasher: &mut Sha256, bytes: &[u8]) {
+    hasher.update((bytes.len() as u64).to_be_bytes());
+    hasher.update(bytes);
+}
+
+/// Adds the link to what was just written to a row; where the chain then is comes back.
+pub(super) fn add(
+    connection: &Connection,
+    last: Place,
+    part: &Part,
+    row_key: i64,
+) -> Result<Place, rusqlite::Error> {
+    let row_hash = row_hash(connection, part, row_key)?.ok_or(rusqlite::Error::QueryReturnedNoRows)?;
+    let place = last.followed_by(part.name, row_key, &row_hash);
+    connection
+        .prepare_cached("INSERT INTO chain (link, part, row_key, row_hash, hash) VALUES (?1, ?2, ?3, ?4, ?5)")?
+        .execute(params![place.link, part.name, row_key, row_hash, place.hash])?;
+    Ok(place)
+}
+
+/// Takes every row of a store of an earlier program into its chain.
+pub(super) fn adopt(connection: &Connection) -> Result<Place, rusqlite::Error> {
+    let mut place = Place::BEGIN;
+    for part in &PARTS {
+        let Part { table, key, written, .. } = part;
+        let sql = format!("SELECT {key} FROM {table} WHERE {written} ORDER BY 1");
+        let mut statement = connection.prepare(&sql)?;
+        let mut rows = statement.query([])?;
+        while let Some(row) = rows.next()? {
+            place = add(connection, place, part, row.get(0)?)?;
+        }
+    }
+    Ok(place)
+}
+
+/// Lower-case hexadecimal digits.
+pub(super) fn hex(hash: &Hash) -> String {
+    hash.iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,64 @@
+//! Checkpoints: what the journal folds to at one of its lines, so that a start reads only what came later.
+//!
+//! One is used where the same version of the program wrote it and the journal's line is still the one that it names.
+
+use super::Store;
+use super::commit::{Failed, Writing};
+use super::error::StoreError;
+use super::motions::Settled;
+use rusqlite::{OptionalExtension, params};
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE checkpoints (
+        sequence INTEGER PRIMARY KEY,
+        journal_chain TEXT NOT NULL,
+        program_version TEXT NOT NULL,
+        folded TEXT NOT NULL
+    ) STRICT;
+";
+
+/// Lines of the journal from one checkpoint to the next.
+pub(super) const EVERY: i64 = 10_000;
+/// A start that had to read more lines than this writes one.
+pub(super) const TAIL: i64 = 2_000;
+
+/// Where the reading of the journal may begin.
+pub(super) struct Checkpoint {
+    pub sequence: i64,
+    pub journal_chain: String,
+    pub settled: Settled,
+}
+
+/// Writes one.
+pub(super) fn write(
+    writing: &mut Writing<'_>,
+    (sequence, journal_chain): (i64, &str),
+    folded: &str,
+) -> Result<(), Failed> {
+    writing.execute(
+        "INSERT OR IGNORE INTO checkpoints (sequence, journal_chain, program_version, folded) VALUES (?1, ?2, ?3, ?4)",
+        params![sequence, journal_chain, env!("CARGO_PKG_VERSION"), folded],
+    )?;
+    if writing.changes() == 1 { writing.chain("checkpoints", sequence) } else { Ok(()) }
+}
+
+impl Store {
+    /// The last one that can be used.
+    pub(super) fn checkpoint(&self) -> Result<Option<Checkpoint>, StoreError> {
+        let sql = "SELECT c.sequence, c.journal_chain, c.folded FROM checkpoints c JOIN journal j
+                ON j.sequence = c.sequence AND j.chain = c.journal_chain
+             WHERE c.program_version = ?1 ORDER BY c.sequence DESC LIMIT 1";
+        let found = self
+            .connection
+            .query_row(sql, [env!("CARGO_PKG_VERSION")], |row| {
+                Ok((row.get::<_, i64>(0)?, row.get::<_, String>(1)?, row.get::<_, String>(2)?))
+            })
+            .optional()
+            .map_err(|error| self.failed("read a checkpoint of", &error))?;
+        // What this program cannot read any more is folded again from the beginning.
+        Ok(found.and_then(|(sequence, journal_chain, folded)| {
+            let settled = serde_json::from_str(&folded).ok()?;
+            Some(Checkpoint { sequence, journal_chain, settled })
+        }))
+    }
+}

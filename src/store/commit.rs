@@ -1,0 +1,139 @@
+//! A transaction: rows, their links in the chain, and the head outside, all or nothing.
+
+use super::chain::{self, Place};
+use super::error::StoreError;
+use super::{Store, reserve};
+use rusqlite::{Connection, Transaction, TransactionBehavior};
+use std::ops::Deref;
+
+/// A transaction under way.
+pub(super) struct Writing<'t> {
+    transaction: Transaction<'t>,
+    last: Place,
+}
+
+impl Deref for Writing<'_> {
+    type Target = Connection;
+
+    fn deref(&self) -> &Connection {
+        &self.transaction
+    }
+}
+
+impl Writing<'_> {
+    /// Adds a link to what was just written to this row.
+    pub fn chain(&mut self, part: &'static str, row_key: i64) -> Result<(), Failed> {
+        let part = chain::part(part).ok_or_else(|| rusqlite::Error::InvalidColumnName(part.to_owned()))?;
+        self.last = chain::add(&self.transaction, self.last, part, row_key)?;
+        Ok(())
+    }
+}
+
+/// Why a transaction was not done.
+#[derive(Debug)]
+pub(super) enum Failed {
+    Sql(rusqlite::Error),
+    Head(std::io::Error),
+    /// What was to be written does not fit.
+    Unfit(StoreError),
+}
+
+impl From<rusqlite::Error> for Failed {
+    fn from(error: rusqlite::Error) -> Self {
+        Failed::Sql(error)
+    }
+}
+
+impl From<StoreError> for Failed {
+    fn from(error: StoreError) -> Self {
+        Failed::Unfit(error)
+    }
+}
+
+impl Store {
+    /// Commits what is written by `write`, which may be called again where the disk was full and the reserve was given up.
+    pub(super) fn commit<T>(
+        &mut self,
+        doing: &'static str,
+        write: impl Fn(&mut Writing<'_>) -> Result<T, Failed>,
+    ) -> Result<T, StoreError> {
+        let mut done = self.attempt(&write);
+        if done.as_ref().is_err_and(|failed| self.is_full(failed)) {
+            self.fullness.fill();
+            if self.reserve.release() {
+                tracing::warn!("the disk of the store is full; the reserve of {} MB is used", reserve::MB);
+                done = self.attempt(&write);
+            }
+        }
+        done.map_err(|failed| match failed {
+            failed if self.is_full(&failed) => self.full(),
+            Failed::Sql(error) => self.failed(doing, &error),
+            Failed::Head(source) => {
+                StoreError::File { doing: "write the head of", path: self.path().to_owned(), source }
+            }
+            Failed::Unfit(error) => error,
+        })
+    }
+
+    fn attempt<T>(&mut self, write: impl Fn(&mut Writing<'_>) -> Result<T, Failed>) -> Result<T, Failed> {
+        let Some(head) = &self.head else {
+            return Err(Failed::Unfit(StoreError::ReadOnly { path: self.path().to_owned() }));
+        };
+        let _turn = head.take_turn().map_err(Failed::Head)?;
+        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let before = chain::last(&transaction)?;
+        let mut writing = Writing { transaction, last: before };
+        let done = write(&mut writing)?;
+        let Writing { transaction, last } = writing;
+        head.prepare(before, last).map_err(Failed::Head)?;
+        self.steps.reach(Step::Prepared);
+        transaction.commit()?;
+        self.steps.reach(Step::Committed);
+        // What could not be written is still explained: the file says that the chain may be here.
+        if let Err(error) = head.settle(last) {
+            tracing::warn!("the head of the store could not be written: {error}");
+        }
+        self.steps.reach(Step::Settled);
+        Ok(done)
+    }
+
+    fn is_full(&self, failed: &Failed) -> bool {
+        match failed {
+            Failed::Sql(error) => reserve::is_full(error, self.folder()),
+            Failed::Head(error) => error.kind() == std::io::ErrorKind::StorageFull,
+            Failed::Unfit(error) => matches!(error, StoreError::Full { .. }),
+        }
+    }
+}
+
+/// Moments at which a process may end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    Prepared,
+    Committed,
+    Settled,
+}
+
+/// Tests look at the files at each step; the program does not.
+#[derive(Default)]
+pub(super) struct Steps {
+    #[cfg(test)]
+    pub told: Option<Box<dyn Fn(Step)>>,
+}
+
+impl std::fmt::Debug for Steps {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Steps")
+    }
+}
+
+impl Steps {
+    #[cfg_attr(not(test), expect(clippy::unused_self, reason = "only tests look"))]
+    fn reach(&self, step: Step) {
+        #[cfg(test)]
+        if let Some(told) = &self.told {
+            told(step);
+        }
+        let _ = step;
+    }
+}

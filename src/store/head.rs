@@ -1,0 +1,206 @@
+//! The chain's head outside of the database, in `panelprep.head` beside it.
+//!
+//! Before a transaction is committed the file says where the chain is and where it will be; afterwards it says where it is.
+//! Wherever the program ends between the two, the database is at one of the places that the file names, or somebody else
+//! changed it. The file has two copies of 512 bytes, a sector that a disk writes whole or not at all, written in turn and
+//! in place: a full disk keeps nobody from writing it. When the store is closed the file also keeps the SHA-256 of the
+//! database's file.
+
+use super::chain::{Hash, Place, hex};
+use crate::files::content_hash;
+use std::fmt::Write as _;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{Error, ErrorKind};
+use std::os::unix::fs::FileExt;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// The file's name.
+pub(super) const FILE: &str = "panelprep.head";
+const SLOT_BYTES: usize = 512;
+const MARK: &str = "panelprep head 1";
+/// How long another process that writes a line to this store is waited for, as SQLite waits.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// What the file says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Head {
+    /// Where the chain is.
+    pub at: Place,
+    /// Where it is once the transaction under way is committed.
+    pub next: Option<Place>,
+    /// SHA-256 of the database's file, where it was closed.
+    pub database: Option<Hash>,
+}
+
+impl Head {
+    /// Whether a database may be here.
+    pub fn explains(&self, place: Place) -> bool {
+        place == self.at || Some(place) == self.next
+    }
+}
+
+/// What a file says, and how it is written.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Read {
+    pub head: Head,
+    /// One of its copies is damaged.
+    pub is_damaged: bool,
+    count: u64,
+}
+
+/// The file, open for writing.
+#[derive(Debug)]
+pub(super) struct HeadFile {
+    file: File,
+}
+
+/// The right to write to the chain; other processes wait until it is dropped.
+pub(super) struct Turn<'f>(&'f File);
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        let _ = self.0.unlock(); // the file closes with the store; a lock that could not be given back goes with it
+    }
+}
+
+/// Waits for the turn.
+fn take_turn(file: &File) -> Result<Turn<'_>, Error> {
+    let since = Instant::now();
+    loop {
+        match file.try_lock() {
+            Ok(()) => return Ok(Turn(file)),
+            Err(TryLockError::WouldBlock) if since.elapsed() < PATIENCE => {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            Err(TryLockError::WouldBlock) => {
+                return Err(Error::new(ErrorKind::TimedOut, "another process has been writing to it for 5 s"));
+            }
+            Err(TryLockError::Error(error)) => return Err(error),
+        }
+    }
+}
+
+impl HeadFile {
+    /// Opens the file, and makes it where there is none.
+    pub fn open(store: &Path) -> Result<Self, Error> {
+        let mut options = OpenOptions::new();
+        let file = options.read(true).write(true).create(true).truncate(false).open(store.join(FILE))?;
+        if file.metadata()?.len() < 2 * SLOT_BYTES as u64 {
+            // Its blocks are taken before a disk can be full.
+            file.write_all_at(&[b'\n'; 2 * SLOT_BYTES], 0)?;
+            file.sync_all()?;
+            File::open(store)?.sync_all()?;
+        }
+        Ok(HeadFile { file })
+    }
+
+    pub fn take_turn(&self) -> Result<Turn<'_>, Error> {
+        take_turn(&self.file)
+    }
+
+    /// Says on the disk where the chain is and will be.
+    pub fn prepare(&self, at: Place, next: Place) -> Result<(), Error> {
+        self.write(Head { at, next: Some(next), database: None })?;
+        self.file.sync_data()
+    }
+
+    /// Says where the chain is. Until this is on the disk the file says the same with one word more.
+    pub fn settle(&self, at: Place) -> Result<(), Error> {
+        self.write(Head { at, next: None, database: None })
+    }
+
+    /// Says where the chain is in a database that is closed.
+    pub fn close(&self, at: Place, database: Option<Hash>) -> Result<(), Error> {
+        self.write(Head { at, next: None, database })?;
+        self.file.sync_data()
+    }
+
+    fn write(&self, head: Head) -> Result<(), Error> {
+        let count = read_from(&self.file)?.map_or(1, |read| read.count + 1);
+        let slot = (count % 2) * SLOT_BYTES as u64;
+        self.file.write_all_at(&written(&head, count), slot)
+    }
+}
+
+/// What the file of this store says; `None` where there is none, or it says nothing yet.
+pub(super) fn read(store: &Path) -> Result<Option<Read>, Error> {
+    match File::open(store.join(FILE)) {
+        Ok(file) => read_from(&file),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// The same while nobody else writes, with what `beside` reads meanwhile.
+pub(super) fn read_beside<T>(store: &Path, beside: impl FnOnce() -> T) -> Result<(Option<Read>, T), Error> {
+    match File::open(store.join(FILE)) {
+        Ok(file) => {
+            let _turn = take_turn(&file)?;
+            Ok((read_from(&file)?, beside()))
+        }
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok((None, beside())),
+        Err(error) => Err(error),
+    }
+}
+
+fn read_from(file: &File) -> Result<Option<Read>, Error> {
+    let mut bytes = Vec::with_capacity(2 * SLOT_BYTES);
+    let mut buffer = [0; 2 * SLOT_BYTES + 1];
+    let count = file.read_at(&mut buffer, 0)?;
+    bytes.extend_from_slice(&buffer[..count]);
+    let slots: Vec<Option<(u64, Head)>> = bytes.chunks(SLOT_BYTES).map(parsed).collect();
+    let blank = bytes.chunks(SLOT_BYTES).filter(|slot| slot.iter().all(|byte| *byte == b'\n')).count();
+    let newest = slots.iter().flatten().max_by_key(|(count, _)| *count);
+    let is_damaged = bytes.len() != 2 * SLOT_BYTES || slots.iter().flatten().count() + blank != slots.len();
+    match newest {
+        Some((count, head)) => Ok(Some(Read { head: *head, is_damaged, count: *count })),
+        None if !is_damaged || bytes.is_empty() => Ok(None),
+        None => Err(Error::new(ErrorKind::InvalidData, "both of its copies are damaged")),
+    }
+}
+
+fn written(head: &Head, count: u64) -> Vec<u8> {
+    let place = |place: &Place| format!("{} {}", place.link, hex(&place.hash));
+    let mut text = format!("{MARK}\ncount {count}\nat {}\n", place(&head.at));
+    // Writing to a text cannot fail.
+    let _ = writeln!(text, "next {}", head.next.as_ref().map_or("none".to_owned(), place));
+    let _ = writeln!(text, "database {}", head.database.as_ref().map_or("none".to_owned(), hex));
+    let check = content_hash(text.as_bytes());
+    let _ = write!(text, "check {check}");
+    let mut bytes = text.into_bytes();
+    bytes.resize(SLOT_BYTES, b'\n');
+    bytes
+}
+
+fn parsed(slot: &[u8]) -> Option<(u64, Head)> {
+    let text = std::str::from_utf8(slot).ok()?;
+    let (said, check) = text.split_once("check ")?;
+    // The padding counts too: a byte that changed anywhere is found.
+    let padded = check.get(64..)?.bytes().all(|byte| byte == b'\n');
+    if slot.len() != SLOT_BYTES || !padded || content_hash(said.as_bytes()) != check.get(..64)? {
+        return None;
+    }
+    let mut lines = said.lines();
+    (lines.next()? == MARK).then_some(())?;
+    let count = lines.next()?.strip_prefix("count ")?.parse().ok()?;
+    let at = place(lines.next()?.strip_prefix("at ")?)?;
+    let next = optional(lines.next()?.strip_prefix("next ")?, place)?;
+    let database = optional(lines.next()?.strip_prefix("database ")?, bytes)?;
+    lines.next().is_none().then_some((count, Head { at, next, database }))
+}
+
+fn optional<T>(text: &str, parse: impl Fn(&str) -> Option<T>) -> Option<Option<T>> {
+    if text == "none" { Some(None) } else { parse(text).map(Some) }
+}
+
+fn place(text: &str) -> Option<Place> {
+    let (link, hash) = text.split_once(' ')?;
+    Some(Place { link: link.parse().ok()?, hash: bytes(hash)? })
+}
+
+fn bytes(text: &str) -> Option<Hash> {
+    let digit = |pair: &[u8]| u8::from_str_radix(std::str::from_utf8(pair).ok()?, 16).ok();
+    let bytes: Option<Vec<u8>> = text.as_bytes().chunks(2).map(digit).collect();
+    bytes?.try_into().ok()
+}

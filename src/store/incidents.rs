@@ -1,0 +1,47 @@
+//! What was found changed behind the program's back, kept as evidence of its own.
+
+use super::Store;
+use super::error::StoreError;
+use rusqlite::params;
+
+pub(super) const TABLES: &str = "
+    CREATE TABLE incidents (
+        id INTEGER PRIMARY KEY,
+        at_unix_s INTEGER NOT NULL,
+        found TEXT NOT NULL
+    ) STRICT;
+";
+
+/// Something that was found changed at a start.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Incident {
+    /// When, s since 1970.
+    pub at_unix_s: i64,
+    /// What, in words.
+    pub found: Vec<String>,
+}
+
+impl Store {
+    /// Keeps what was found.
+    pub(super) fn keep_incident(&mut self, found: &[String]) -> Result<(), StoreError> {
+        let (at_unix_s, found) = (self.unix_s(), self.text(&found)?);
+        self.commit("write an incident to", |writing| {
+            writing
+                .execute("INSERT INTO incidents (at_unix_s, found) VALUES (?1, ?2)", params![at_unix_s, found])?;
+            writing.chain("incidents", writing.last_insert_rowid())
+        })
+    }
+
+    /// All incidents, oldest first.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn incidents(&self) -> Result<Vec<Incident>, StoreError> {
+        let read = || -> Result<Vec<(i64, String)>, rusqlite::Error> {
+            let mut rows = self.connection.prepare("SELECT at_unix_s, found FROM incidents ORDER BY id")?;
+            rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+        };
+        let rows = read().map_err(|error| self.failed("read the incidents of", &error))?;
+        rows.into_iter().map(|(at_unix_s, found)| Ok(Incident { at_unix_s, found: self.parsed(&found)? })).collect()
+    }
+}

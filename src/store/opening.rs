@@ -1,0 +1,190 @@
+//! Opening and closing a store.
+
+use super::blobs::Blobs;
+use super::chain::{self, Hash, Place};
+use super::commit::Steps;
+use super::error::StoreError;
+use super::head::{self, Head, HeadFile};
+use super::lease::Lease;
+use super::reserve::{self, Fullness, Reserve};
+use super::{DATABASE, Store, schema};
+use rusqlite::{Connection, OpenFlags, TransactionBehavior};
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+
+impl Store {
+    /// Opens the store in this folder for reading, beside a writer too. Nothing is made or changed.
+    ///
+    /// # Errors
+    /// Where there is no store, it is damaged, or it is that of a newer program or of another one.
+    pub fn open(folder: &Path) -> Result<Self, StoreError> {
+        let path = folder.join(DATABASE);
+        if !path.is_file() {
+            return Err(StoreError::Missing { path: folder.to_owned() });
+        }
+        let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+        let connection = Connection::open_with_flags(&path, flags)
+            .map_err(|error| StoreError::database("open", &path, &error))?;
+        if schema::version(&connection, &path)? == 0 {
+            return Err(StoreError::Missing { path: folder.to_owned() });
+        }
+        schema::check(&connection, &path)?;
+        Ok(Store::of((connection, Blobs::at(folder)), folder))
+    }
+
+    /// Opens the store in this folder for writing, as the only writer; an empty or absent folder becomes a new one, and
+    /// an earlier program's store is brought up to date. What was changed behind the program's back is kept as an incident,
+    /// see [`Store::changed`].
+    ///
+    /// # Errors
+    /// Where another process writes to it, the folder cannot be written, its disk is full, or the store is damaged, that of
+    /// a newer program or of another one.
+    pub fn create(folder: &Path) -> Result<Self, StoreError> {
+        let opened = match Store::begin(folder) {
+            Err(error) if is_full(&error, folder) && Reserve::of(folder).release() => Store::begin(folder),
+            opened => opened,
+        };
+        opened.map_err(|error| if is_full(&error, folder) { reserve::full(folder) } else { error })
+    }
+
+    fn begin(folder: &Path) -> Result<Self, StoreError> {
+        let blobs = Blobs::create(folder)?;
+        let lease = Lease::take(folder)?;
+        let told = head::read(folder);
+        let path = folder.join(DATABASE);
+        let failed = |error: rusqlite::Error| StoreError::database("open", &path, &error);
+        let connection = Connection::open(&path).map_err(failed)?;
+        let version = schema::version(&connection, &path)?;
+        schema::check(&connection, &path)?;
+        schema::prepare(&connection).map_err(failed)?;
+        let head = HeadFile::open(folder).map_err(|error| at_head(folder, error))?;
+        let mut store = Store::of((connection, blobs), folder);
+        (store.lease, store.head) = (Some(lease), Some(head));
+        let found = store.raise(version).map_err(failed)?.map_err(|error| at_head(folder, error))?;
+        store.changed = store.unexplained(told, found)?;
+        if store.changed.is_empty() {
+            store.settle_head(found).map_err(|error| at_head(folder, error))?;
+        } else {
+            store.changed.iter().for_each(|words| tracing::warn!("the store was changed: {words}"));
+            store.keep_incident(&store.changed.clone())?;
+        }
+        if let Err(error) = store.reserve.take() {
+            tracing::warn!("no reserve for a full disk could be taken in {}: {error}", folder.display());
+            if error.kind() == std::io::ErrorKind::StorageFull {
+                store.fullness.fill();
+                // Without room for the journal nothing may begin, and no start either.
+                if reserve::is_too_full_for_the_journal(folder) {
+                    return Err(reserve::full(folder));
+                }
+            }
+        }
+        Ok(store)
+    }
+
+    fn of((connection, blobs): (Connection, Blobs), folder: &Path) -> Self {
+        Store {
+            connection,
+            blobs,
+            lease: None,
+            head: None,
+            journal_in_doubt: false,
+            folded: None,
+            changed: Vec::new(),
+            change_is_told: false,
+            reserve: Reserve::of(folder),
+            fullness: Fullness::default(),
+            clock: SystemTime::now,
+            steps: Steps::default(),
+        }
+    }
+
+    /// Brings the tables up to date; where the chain was before comes back: at its beginning where there was none.
+    fn raise(&mut self, version: i64) -> Result<Result<Place, std::io::Error>, rusqlite::Error> {
+        let Some(head) = &self.head else { return Ok(Ok(Place::BEGIN)) };
+        let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        let before = if version < schema::CHAINED { Place::BEGIN } else { chain::last(&transaction)? };
+        let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
+        // A head that says more than nothing is looked at before it is written over.
+        let is_new = matches!(head::read(self.blobs.store()), Ok(None));
+        if is_new && let Err(error) = head.prepare(before, after) {
+            return Ok(Err(error));
+        }
+        transaction.commit()?;
+        Ok(Ok(before))
+    }
+
+    /// What of the chain's end contradicts the head, and what of the rows written lately contradicts the chain; what was
+    /// kept as an incident before is not told again.
+    fn unexplained(
+        &self,
+        told: Result<Option<head::Read>, std::io::Error>,
+        found: Place,
+    ) -> Result<Vec<String>, StoreError> {
+        let mut changed = self.contradictions(told, found)?;
+        changed.extend(self.changed_lately()?);
+        let known: Vec<String> = self.incidents()?.into_iter().flat_map(|incident| incident.found).collect();
+        changed.retain(|words| !known.contains(words));
+        Ok(changed)
+    }
+
+    fn settle_head(&self, found: Place) -> Result<(), std::io::Error> {
+        let Some(head) = &self.head else { return Ok(()) };
+        let _turn = head.take_turn()?;
+        // A verification may have been kept beside meanwhile.
+        let at = chain::last(&self.connection).unwrap_or(found);
+        head.settle(at)
+    }
+}
+
+impl Drop for Store {
+    /// The last writer leaves a database without a log, and its hash in the head.
+    fn drop(&mut self) {
+        let (Some(_), Some(head)) = (&self.lease, &self.head) else { return };
+        let Ok(last) = chain::last(&self.connection) else { return };
+        let Ok(Some(head::Read { head: Head { at, .. }, .. })) = head::read(self.folder()) else { return };
+        let path = self.path().to_owned();
+        let Ok(nothing) = Connection::open_in_memory() else { return };
+        if std::mem::replace(&mut self.connection, nothing).close().is_err() || at != last {
+            return;
+        }
+        // Where another connection is open, its log stays, and the file alone is not the database.
+        let database = if log_of(&path).exists() { None } else { file_hash(&path).ok() };
+        // Without it the head says the same of the chain.
+        let _ = head.take_turn().and_then(|_turn| head.close(last, database));
+    }
+}
+
+/// SQLite's log beside a database.
+pub(super) fn log_of(database: &Path) -> PathBuf {
+    let mut log = database.as_os_str().to_owned();
+    log.push("-wal");
+    PathBuf::from(log)
+}
+
+/// SHA-256 of a file.
+pub(super) fn file_hash(path: &Path) -> Result<Hash, std::io::Error> {
+    let (mut file, mut hasher, mut buffer) = (File::open(path)?, Sha256::new(), vec![0; 1 << 20]);
+    loop {
+        match file.read(&mut buffer)? {
+            0 => return Ok(hasher.finalize().into()),
+            count => hasher.update(&buffer[..count]),
+        }
+    }
+}
+
+fn at_head(folder: &Path, source: std::io::Error) -> StoreError {
+    StoreError::File { doing: "write the head", path: folder.join(head::FILE), source }
+}
+
+/// Whether a store cannot be opened since its disk is full.
+fn is_full(error: &StoreError, folder: &Path) -> bool {
+    match error {
+        StoreError::Full { .. } => true,
+        StoreError::File { source, .. } => source.kind() == std::io::ErrorKind::StorageFull,
+        StoreError::Database { .. } => reserve::nothing_left(folder),
+        _ => false,
+    }
+}

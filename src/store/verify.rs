@@ -1,0 +1,374 @@
+//! Is everything in the store what was written? Names what was changed, deleted, put in, reordered or rolled back.
+
+use super::chain::{self, Hash, PARTS, Part, Place, hex};
+use super::error::StoreError;
+use super::{DATABASE, Store, head, opening, prune, schema};
+use rusqlite::{Connection, Row};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A start verifies so many links: all of a small store, of a large one those since its last checkpoint.
+const AT_START: i64 = 20_000;
+/// Messages of one kind; the rest is counted.
+const MOST: usize = 200;
+
+/// What a verification came to.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Verified {
+    /// What is not what was written, in words.
+    pub found: Vec<String>,
+    /// What was found at an earlier start, was kept as an incident, and can no longer be seen: such as lines that are gone.
+    pub known: Vec<String>,
+    /// Links of the chain.
+    pub links: u64,
+    /// Files that were read and are whole.
+    pub files: u64,
+    /// Files that the service removed, as `[store] keep` says.
+    pub pruned: u64,
+}
+
+/// What is wrong with a row, or with a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Wrong {
+    Changed,
+    Missing,
+    PutIn,
+    Unreadable,
+    Twice,
+}
+
+/// What was read of the chain.
+#[derive(Default)]
+struct Walk {
+    wrong: Vec<(&'static str, Wrong, i64)>,
+    links: Vec<String>,
+    /// Of rows that were changed: what was written to them, and what they hold.
+    changed: Vec<(&'static str, i64, Hash, Hash)>,
+    written: BTreeMap<&'static str, Vec<i64>>,
+    /// Of parts that are replaced: the last of each row.
+    last: BTreeMap<(&'static str, i64), Hash>,
+    count: u64,
+}
+
+impl Store {
+    /// Verifies the store in this folder, also while a service writes to it.
+    ///
+    /// # Errors
+    /// Where there is no store, or its database cannot be opened at all. What cannot be read in it is found, not an error.
+    pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
+        let path = folder.join(DATABASE);
+        // Before a connection is open: closing a file takes the locks of one along.
+        let log = std::fs::metadata(opening::log_of(&path)).map_or(0, |log| log.len());
+        let hash = if log == 0 { opening::file_hash(&path).ok() } else { None };
+        let store = match Store::open(folder) {
+            Ok(store) => store,
+            Err(StoreError::Damaged { problem, .. }) => {
+                let found = vec![format!("the database is damaged: {problem}")];
+                return Ok(Verified { found, ..Verified::default() });
+            }
+            Err(error) => return Err(error),
+        };
+        let begin = || -> Result<Place, rusqlite::Error> {
+            store.connection.execute_batch("BEGIN")?;
+            chain::last(&store.connection)
+        };
+        let told = head::read_beside(folder, begin);
+        let (told, last) = match told {
+            Ok((told, last)) => (Ok(told), last),
+            Err(error) => (Err(error), begin()),
+        };
+        let mut verified = Verified::default();
+        match last {
+            Ok(last) => store.verify_rows((told, last), hash, &mut verified)?,
+            Err(error) => verified.found.push(format!("the chain cannot be read: {error}")),
+        }
+        if files {
+            store.verify_files(&mut verified);
+        }
+        Ok(verified)
+    }
+
+    fn verify_rows(
+        &self,
+        (told, last): (Result<Option<head::Read>, std::io::Error>, Place),
+        hash: Option<Hash>,
+        verified: &mut Verified,
+    ) -> Result<(), StoreError> {
+        let database = told.as_ref().ok().copied().flatten().and_then(|read| read.head.database);
+        verified.found.extend(self.contradictions(told, last)?);
+        let (found, links) = self.contradicted(Place::BEGIN, true);
+        verified.found.extend(found);
+        verified.links = links;
+        verified
+            .found
+            .extend(schema::differences(&self.connection).unwrap_or_else(|error| vec![error.to_string()]));
+        if let (Some(written), Some(found)) = (database, hash)
+            && written != found
+        {
+            verified.found.push(format!(
+                "the file {DATABASE} was written to after the program closed it: its SHA-256 is {}, and was {}",
+                hex(&found),
+                hex(&written)
+            ));
+        }
+        let incidents = match self.incidents() {
+            Ok(incidents) => incidents,
+            Err(error) => {
+                verified.found.push(error.to_string());
+                return Ok(());
+            }
+        };
+        let is_open = self.waits_for_a_person();
+        for (index, incident) in incidents.iter().enumerate() {
+            for words in
+                incident.found.iter().filter(|words| !verified.found.contains(words)).cloned().collect::<Vec<_>>()
+            {
+                if is_open && index + 1 == incidents.len() {
+                    verified.found.push(words);
+                } else {
+                    verified.known.push(words);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn verify_files(&self, verified: &mut Verified) {
+        match prune::named(self, &|_| false) {
+            Ok(named) => {
+                let removed = prune::removed(self).unwrap_or_default();
+                let folder = self.folder().join("blobs");
+                for hash in named {
+                    match self.blob(&hash) {
+                        Ok(_) => verified.files += 1,
+                        Err(_) if removed.contains(&hash) && !folder.join(&hash).exists() => verified.pruned += 1,
+                        Err(StoreError::File { source, .. }) if source.kind() == std::io::ErrorKind::NotFound => {
+                            verified.found.push(format!("the file blobs/{hash} is missing, and nobody removed it"));
+                        }
+                        Err(error) => verified.found.push(error.to_string()),
+                    }
+                }
+            }
+            Err(error) => verified.found.push(error.to_string()),
+        }
+    }
+
+    /// Whether the journal says that somebody must look at a change of the store.
+    fn waits_for_a_person(&self) -> bool {
+        use crate::cycle::{At, Cause};
+        self.state().is_ok_and(|state| {
+            matches!(
+                state.at,
+                At::Aborted { cause: Cause::StoreChanged } | At::Clearing { cause: Cause::StoreChanged }
+            )
+        })
+    }
+
+    /// What the end of the chain contradicts of its head outside.
+    pub(super) fn contradictions(
+        &self,
+        told: Result<Option<head::Read>, std::io::Error>,
+        last: Place,
+    ) -> Result<Vec<String>, StoreError> {
+        let read = match told {
+            Ok(Some(read)) => read,
+            Ok(None) if last == Place::BEGIN => return Ok(vec![]),
+            Ok(None) => return Ok(vec![format!("the head of the chain, {}, is missing", head::FILE)]),
+            Err(error) => {
+                return Ok(vec![format!("the head of the chain, {}, cannot be read: {error}", head::FILE)]);
+            }
+        };
+        let mut found = Vec::new();
+        if read.is_damaged {
+            found.push(format!("one of the two copies in {} is damaged", head::FILE));
+        }
+        let (at, end) = (read.head.at, last.link);
+        if read.head.explains(last) {
+            return Ok(found);
+        }
+        let here = if at.link == 0 { Ok(Some(Place::BEGIN.hash)) } else { self.link_hash(at.link) };
+        found.push(match here {
+            _ if at.link > end => format!(
+                "rolled back: {} writings at the end of the chain are gone, links {} to {}; the head outside is {}",
+                at.link - end,
+                end + 1,
+                at.link,
+                hex(&at.hash)
+            ),
+            Ok(Some(hash)) if hash == at.hash => format!(
+                "{} writings at the end of the chain were put in by something else, links {} to {end}",
+                end - at.link,
+                at.link + 1
+            ),
+            Ok(_) => format!(
+                "the chain was written anew: its link {} is not the head outside, {}",
+                at.link,
+                hex(&at.hash)
+            ),
+            Err(error) => format!("the chain cannot be read: {error}"),
+        });
+        Ok(found)
+    }
+
+    fn link_hash(&self, link: i64) -> Result<Option<Hash>, rusqlite::Error> {
+        use rusqlite::OptionalExtension;
+        self.connection.query_row("SELECT hash FROM chain WHERE link = ?1", [link], |row| row.get(0)).optional()
+    }
+
+    /// What of the rows written lately contradicts the chain.
+    pub(super) fn changed_lately(&self) -> Result<Vec<String>, StoreError> {
+        let read = |error: rusqlite::Error| self.failed("read the chain of", &error);
+        let last = chain::last(&self.connection).map_err(read)?;
+        if last.link <= AT_START {
+            return Ok(self.contradicted(Place::BEGIN, true).0);
+        }
+        let sql = "SELECT max(0, link - 1) FROM chain WHERE part = 'checkpoints' ORDER BY link DESC LIMIT 1";
+        let from: i64 = self.connection.query_row(sql, [], |row| row.get(0)).unwrap_or(last.link - AT_START);
+        let hash = self.link_hash(from).map_err(read)?.unwrap_or(Place::BEGIN.hash);
+        Ok(self.contradicted(Place { link: from, hash }, false).0)
+    }
+
+    /// What contradicts the chain after this place, in words, and the number of links that were read. `whole`: rows without
+    /// a link are looked for too.
+    fn contradicted(&self, from: Place, whole: bool) -> (Vec<String>, u64) {
+        let mut walk = Walk::default();
+        let walked = walk
+            .chain(&self.connection, from)
+            .and_then(|()| if whole { walk.unlinked(&self.connection) } else { Ok(()) });
+        let mut found = std::mem::take(&mut walk.links);
+        let rest = found.len().saturating_sub(MOST);
+        found.truncate(MOST);
+        found.extend((rest > 0).then(|| format!("{rest} more links of the chain do not follow from those before")));
+        let count = walk.count;
+        found.extend(walk.words());
+        found.extend(walked.err().map(|error| format!("the chain or a row cannot be read: {error}")));
+        (found, count)
+    }
+}
+
+impl Walk {
+    /// Reads the chain after this place, and the rows that its links name.
+    fn chain(&mut self, connection: &Connection, from: Place) -> Result<(), rusqlite::Error> {
+        let sql = "SELECT link, part, row_key, row_hash, hash FROM chain WHERE link > ?1 ORDER BY link";
+        let mut statement = connection.prepare(sql)?;
+        let mut rows = statement.query([from.link])?;
+        let mut before = from;
+        while let Some(row) = rows.next()? {
+            before = self.link(connection, before, row)?;
+        }
+        for ((name, key), row_hash) in std::mem::take(&mut self.last) {
+            if let Some(part) = chain::part(name) {
+                self.row(connection, (part, key), row_hash);
+            }
+        }
+        Ok(())
+    }
+
+    fn link(&mut self, connection: &Connection, before: Place, row: &Row<'_>) -> Result<Place, rusqlite::Error> {
+        let (link, name, key): (i64, String, i64) = (row.get(0)?, row.get(1)?, row.get(2)?);
+        let (row_hash, hash): (Hash, Hash) = (row.get(3)?, row.get(4)?);
+        self.count += 1;
+        if link != before.link + 1 {
+            self.links.push(format!("links {} to {} of the chain are missing", before.link + 1, link - 1));
+        }
+        let expected = Place { link: link - 1, ..before }.followed_by(&name, key, &row_hash);
+        if expected.hash != hash {
+            self.links
+                .push(format!("link {link} of the chain is not what was written, or not where it was written"));
+        }
+        match chain::part(&name) {
+            None => self.links.push(format!("link {link} of the chain names no table of this program: {name}")),
+            Some(part) if part.is_replaced => {
+                self.last.insert((part.name, key), row_hash);
+                self.written.entry(part.name).or_default().push(key);
+            }
+            Some(part) => {
+                self.written.entry(part.name).or_default().push(key);
+                self.row(connection, (part, key), row_hash);
+            }
+        }
+        Ok(Place { link, hash })
+    }
+
+    fn row(&mut self, connection: &Connection, (part, key): (&'static Part, i64), row_hash: Hash) {
+        let wrong = match chain::row_hash(connection, part, key) {
+            Ok(Some(found)) if found == row_hash => return,
+            Ok(Some(found)) => {
+                self.changed.push((part.name, key, row_hash, found));
+                Wrong::Changed
+            }
+            Ok(None) => Wrong::Missing,
+            Err(_) => Wrong::Unreadable,
+        };
+        self.wrong.push((part.name, wrong, key));
+    }
+
+    /// Rows that no link names, and those that are named twice.
+    fn unlinked(&mut self, connection: &Connection) -> Result<(), rusqlite::Error> {
+        for part in &PARTS {
+            let mut written = self.written.remove(part.name).unwrap_or_default();
+            written.sort_unstable();
+            if !part.is_replaced {
+                let twice = written.windows(2).filter(|pair| pair[0] == pair[1]).map(|pair| pair[0]);
+                self.wrong.extend(twice.map(|key| (part.name, Wrong::Twice, key)));
+            }
+            let Part { table, key, written: condition, .. } = part;
+            // Read by the table, not by an index, which may be damaged by itself.
+            let sql = format!("SELECT {key} FROM {table} NOT INDEXED WHERE {condition}");
+            let mut statement = connection.prepare(&sql)?;
+            let mut rows = statement.query([])?;
+            while let Some(row) = rows.next()? {
+                let key: i64 = row.get(0)?;
+                if written.binary_search(&key).is_err() {
+                    self.wrong.push((part.name, Wrong::PutIn, key));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// All of it in words; neighbouring rows together.
+    fn words(mut self) -> Vec<String> {
+        let mut told = Vec::new();
+        let exchanged: Vec<(&str, i64, i64)> = self
+            .changed
+            .iter()
+            .filter_map(|(part, key, _, found)| {
+                let from = |(other, number, written, _): &&(&'static str, i64, Hash, Hash)| {
+                    other == part && number != key && written == found
+                };
+                Some((*part, *key, self.changed.iter().take(MOST).find(from)?.1))
+            })
+            .take(MOST)
+            .collect();
+        for (name, key, from) in &exchanged {
+            let words = chain::part(name).map_or(*name, |part| part.words);
+            told.push(format!("reordered: {words} {key} holds what was written as {words} {from}"));
+        }
+        self.wrong
+            .retain(|(name, _, key)| !exchanged.iter().any(|(part, number, _)| part == name && number == key));
+        self.wrong.sort_unstable();
+        let mut index = 0;
+        while index < self.wrong.len() {
+            let (name, wrong, first) = self.wrong[index];
+            let mut last = first;
+            index += 1;
+            while let Some((next, same, key)) = self.wrong.get(index)
+                && (*next, *same, *key) == (name, wrong, last + 1)
+            {
+                (last, index) = (last + 1, index + 1);
+            }
+            let words = chain::part(name).map_or(name, |part| part.words);
+            let range =
+                if first == last { format!("{words} {first}") } else { format!("{words} {first} to {last}") };
+            told.push(match wrong {
+                Wrong::Changed => format!("changed: {range} is not what was written"),
+                Wrong::Missing => format!("deleted: {range} is missing"),
+                Wrong::PutIn => format!("put in: {range} was not written by this program"),
+                Wrong::Unreadable => format!("damaged: {range} cannot be read"),
+                Wrong::Twice => format!("changed: {range} was written a second time"),
+            });
+        }
+        told
+    }
+}
