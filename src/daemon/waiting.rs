@@ -32,7 +32,8 @@ pub fn wait_for<T>(letters: &Inbox, mut attempt: impl FnMut() -> Result<T, Reaso
                 // Whoever hung up does not want to know.
                 let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
             }
-            None => {}
+            // Was answered already, and there is no store yet that could keep it.
+            Some(Letter::Refused { .. }) | None => {}
         }
     }
 }
