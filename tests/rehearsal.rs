@@ -23,7 +23,7 @@ fn replaced(file: &Path, changes: &[(&str, &str)]) {
 fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let (exit, told) = json(folder, "render --seed 3 --reduction 4 --seconds 5 --out cell");
+    let (exit, told) = json(folder, "render --seed 3 --reduction 4 --seconds 10 --out cell");
     assert_eq!(exit, 0, "{told}");
     let ports = format!("command_port = {}\nstate_port = {}", PORTS[0], PORTS[1]);
     let robot = format!("kind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}");

@@ -7,13 +7,16 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 14] = [
+const FOR_MACHINES: [(&str, &str); 17] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cli/render.rs", "verify_limit_mm = {:?}"),
     ("cli/render.rs", "observation_s"),
     ("cli/render_boards.rs", "base_from_flange"),
     ("cli/tune.rs", "channel_weights = {"),
+    ("cli/tune.rs", "persist_s = {"),
+    ("cli/tune.rs", "min_break_mm2 = {"),
+    ("cli/tune.rs", "lamp = {"),
     ("cli/tune.rs", "hsv_min = {"),
     ("cli/tune.rs", "hsv_max = {"),
     ("store/journal.rs", "{before} {sequence}"),

@@ -4,7 +4,7 @@ use super::board::Board;
 use crate::cell::Limits;
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
-use crate::words::apart;
+use crate::words::{apart, fixed, percent_apart};
 
 /// One look at a fixed target, or one touch.
 #[derive(Debug, Clone, PartialEq)]
@@ -81,18 +81,20 @@ pub struct Look {
 pub fn no_such_board(look: &Look, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
+        let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
         return Some(implausible(format!(
-            "the corners lie {rms_px:.2} px rms from where this lens would see a flat board of squares, allowed are \
-             {MAX_PNP_RMS_PX} px: is the board flat, and is the picture this camera's?"
+            "the corners lie {rms} px rms from where this lens would see a flat board of squares, allowed are \
+             {allowed} px: is the board flat, and is the picture this camera's?"
         )));
     }
     let (measured_mm, square_mm) = (look.measured_square_mm?, board.square_mm());
     let differs = (measured_mm / square_mm - 1.0).abs();
     (differs.is_nan() || differs > MAX_SQUARE_SHARE).then(|| {
+        let [share, allowed] = percent_apart(differs, MAX_SQUARE_SHARE, 1);
         implausible(format!(
-            "the 3D camera measures squares of {measured_mm:.2} mm, the board's are said to be {square_mm} mm, allowed is a \
-             difference of {:.0} %: measure the board, and correct its size",
-            100.0 * MAX_SQUARE_SHARE
+            "the 3D camera measures squares of {} mm, the board's are said to be {square_mm} mm, a difference of {share} %, \
+             allowed are {allowed} %: measure the board, and correct its size",
+            fixed(measured_mm, 2)
         ))
     })
 }
@@ -108,16 +110,18 @@ pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &Look, board: &Board) -
     }
     let turn_deg = (known.inverse() * look.base_from_board).turn().0;
     if turn_deg.is_nan() || turn_deg > MAX_TURN_DEG {
+        let [turn, allowed] = apart(turn_deg, MAX_TURN_DEG, 0);
         return Some(implausible(format!(
-            "the board appears turned by {turn_deg:.0}°, allowed are {MAX_TURN_DEG:.0}°: are its corners counted as in the \
+            "the board appears turned by {turn}°, allowed are {allowed}°: are its corners counted as in the \
              target's file, does it stand as it stood, is --flange the pose at this picture?"
         )));
     }
     let (middle, first) = (board.middle(), Point::at(0.0, 0.0, 0.0));
     let (off_mm, allowed_mm) = (known.distance_at_mm(look.base_from_board, middle), middle.distance_mm(first));
     (off_mm.is_nan() || off_mm > allowed_mm).then(|| {
+        let [off, allowed] = apart(off_mm, allowed_mm, 0);
         implausible(format!(
-            "the board appears {off_mm:.0} mm from its place, allowed is half of its diagonal, {allowed_mm:.0} mm: does it \
+            "the board appears {off} mm from its place, allowed is half of its diagonal, {allowed} mm: does it \
              stand where it stood, is its size right in the target's file, is --flange the pose at this picture?"
         ))
     })

@@ -205,7 +205,7 @@ fn each_mistake_is_named() {
         ("[limits]\nbox_min_mm = [0, 0, 0]", "1: limits.box_max_mm: is missing; box_min_mm is given"),
         (
             "[limits]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [1, 0, 1]",
-            "3: limits.box_max_mm: [1.0, 0.0, 1.0] must exceed box_min_mm [0.0, 0.0, 0.0] in every axis",
+            "3: limits.box_max_mm: [1, 0, 1] must exceed box_min_mm [0, 0, 0] in every axis",
         ),
         ("max_step_mm = 5", "1: max_step_mm: unknown key here; did you mean limits.max_step_mm?"),
         ("[calibrations]\nscanner = ''", "1: calibrations: unknown key; did you mean calibration?"),

@@ -18,6 +18,7 @@ use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map, surface_map};
 use crate::surface::{self, Deviation, Fit};
 use crate::verdict::{Judgement, Reason, Verdict};
+use crate::words::{apart, fixed};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -286,11 +287,11 @@ impl Planned {
             return "under the disc     nothing is treated".to_owned();
         };
         let whose = grid.map_or("all together".to_owned(), |id| format!("the worst, {id}"));
+        let [ratio, allowed] = apart(ratio, recipe.path().max_dwell_ratio(), 2);
         format!(
-            "under the disc     {:8.2} s at 5 % of the treated area, {:.2} s at 95 %; ratio {ratio:.2} ({whose}), allowed {}",
-            dwell.low_s,
-            dwell.high_s,
-            recipe.path().max_dwell_ratio()
+            "under the disc     {:8} s at 5 % of the treated area, {} s at 95 %; ratio {ratio} ({whose}), allowed {allowed}",
+            fixed(dwell.low_s, 2),
+            fixed(dwell.high_s, 2)
         )
     }
 

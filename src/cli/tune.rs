@@ -13,7 +13,7 @@ use crate::inspect::{Advice, Demands, GridContrast, Sampler, Watch, best_thresho
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
-use crate::words::apart;
+use crate::words::{apart, fixed};
 use serde_json::json;
 
 /// Pictures of each phase that are looked at.
@@ -141,10 +141,11 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     let (persist_s, interval_s) = (demands.persist_s, 1.0 / demands.frames_per_second);
     let longer_s = tenth_up((found.flash_s + interval_s).max(2.0 * interval_s));
     if persist_s < longer_s {
+        let [persist, longer] = apart(persist_s, longer_s, 1);
         let message = format!(
-            "places look dry for up to {:.1} s and then wet again, and persist_s is {persist_s} s: needed are {longer_s:.1} s, or \
-             fewer reflections",
-            found.flash_s
+            "places look dry for up to {} s and then wet again, and persist_s is {persist} s: needed are {longer} s, or fewer \
+             reflections",
+            fixed(found.flash_s, 1)
         );
         review.push(Reason::new("persist", message));
     }

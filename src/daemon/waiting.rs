@@ -32,7 +32,7 @@ pub fn wait_for<T>(letters: &Inbox, mut attempt: impl FnMut() -> Result<T, Reaso
                 // Whoever hung up does not want to know.
                 let _ = reply.send(Reply { state, ..Reply::refused(answer, vec![why]) });
             }
-            // There is nothing to keep it in.
+            // Was answered already, and there is no store yet that could keep it.
             Some(Letter::Refused { .. }) | None => {}
         }
     }

@@ -1,6 +1,7 @@
 //! What the panel's place says before any film runs: does it stand there, and are the pixels fine enough for it?
 
 use crate::verdict::Reason;
+use crate::words::apart;
 
 /// The panel's outline in the dry picture is nearer than this to where the pose puts it, px. In place it is a few tenths of a
 /// pixel away, by the errors of pose and calibration.
@@ -30,8 +31,9 @@ pub fn elsewhere(off_px: Option<f64>, (assumed, has_dry): (bool, bool)) -> Optio
             .to_owned(),
         Some(off_px) => {
             let taken = if assumed { "its nominal place, where it is taken to stand" } else { "the place it was found" };
+            let [off, allowed] = apart(off_px, MAX_OFF_PX, 1);
             format!(
-                "in the dry picture the panel's outline lies {off_px:.1} px or more from {taken} (allowed {MAX_OFF_PX} px), and \
+                "in the dry picture the panel's outline lies {off} px or more from {taken} (allowed {allowed} px), and \
                  the wrong places would be judged"
             )
         }

@@ -125,7 +125,7 @@ fn a_region_goes_round() {
 fn a_search_box_has_a_size() {
     assert_eq!(
         says(&LEAST.replace("[700, 400, 800]", "[700, 400, 100]")),
-        ["3: locate.box_max_mm: [700.0, 400.0, 100.0] must exceed box_min_mm [300.0, -400.0, 100.0] in every axis"]
+        ["3: locate.box_max_mm: [700, 400, 100] must exceed box_min_mm [300, -400, 100] in every axis"]
     );
 }
 

@@ -58,7 +58,7 @@ impl Store {
             "SELECT unix_ms, event FROM journal WHERE cycle_id = ?1 AND event LIKE '{{\"asked\":%' {without}
              ORDER BY sequence"
         );
-        for (unix_ms, text) in self.texts_of(&sql, id)? {
+        for (unix_ms, text) in self.rows_of(&sql, id)? {
             if let Event::Asked(request) = self.parsed(&text)? {
                 let wanted = Wanted::For(request);
                 asked.push(Asked { unix_ms, wanted, who: None, answer: None, reasons: Vec::new() });
@@ -82,10 +82,10 @@ impl Store {
 
     fn asked_by(&self, one: &str, other: &str, id: CycleId) -> Result<Vec<Asked>, StoreError> {
         let sql = format!("SELECT unix_ms, request FROM requests WHERE {one} AND {other} ORDER BY id");
-        self.texts_of(&sql, id)?.iter().map(|(_, text)| self.parsed(text)).collect()
+        self.rows_of(&sql, id)?.iter().map(|(_, text)| self.parsed(text)).collect()
     }
 
-    fn texts_of(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
+    fn rows_of(&self, sql: &str, id: CycleId) -> Result<Vec<(i64, String)>, StoreError> {
         let read = || -> Result<Vec<_>, rusqlite::Error> {
             let mut rows = self.connection.prepare(sql)?;
             rows.query_map([id.0], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()

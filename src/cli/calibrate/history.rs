@@ -10,6 +10,7 @@ use crate::calib::health::{Strike, Verification};
 use crate::cell::Date;
 use crate::store::Store;
 use crate::verdict::Judgement;
+use crate::words::apart;
 use serde_json::{Value, json};
 
 /// Lists them.
@@ -52,7 +53,8 @@ fn line(number: i64, verification: &Verification) -> String {
         format!("; struck out on {} by {by}: {why}", Date::of_unix_s(*at_unix_s))
     });
     let struck = struck.unwrap_or_default();
-    format!("{number:5}  {day}  {subject:13}  {error_mm:.3} mm off, allowed were {limit_mm} mm{struck}")
+    let [off, limit] = apart(*error_mm, *limit_mm, 3);
+    format!("{number:5}  {day}  {subject:13}  {off} mm off, allowed were {limit} mm{struck}")
 }
 
 fn row(number: i64, verification: &Verification) -> Value {

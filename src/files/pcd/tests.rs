@@ -116,7 +116,7 @@ fn each_refusal_names_the_place_what_was_found_and_what_is_allowed() {
         (good().replace("SIZE 4", "SIZE 8"), "field x: found x TYPE F, SIZE 8, COUNT 1, allowed is TYPE F, SIZE 4"),
         (good().replace("x y z", "x y w"), "field z: found none"),
         (good().replace("z rgb", "z intensity"), "field rgb: found none, allowed is one of rgb and rgba"),
-        (good().replace("F F F U", "F F F I"), "field rgb: found rgb I32 COUNT 1"),
+        (good().replace("F F F U", "F F F I"), "field rgb: found rgb TYPE I, SIZE 4, COUNT 1"),
         (good().replacen("1 2 3", "1 2,5 3", 1), "line 9: y is '2,5', allowed is a number or nan"),
         (good().replacen("1 2 3 66051\n", "1 2 3\n", 1), "line 9: found 3 numbers, allowed are 4"),
         (good().replacen("66051", "-1", 1), "line 9: rgb is '-1', allowed is a whole number"),
