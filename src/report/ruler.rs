@@ -81,7 +81,11 @@ mod tests {
         let band = ruled.width - 300;
         assert!(band > 20 && ruled.height == 200 + band, "{band}");
         let at = |u: usize, v: usize| ruled.rgb[(v + band) * ruled.width + u + band];
-        assert_eq!((at(45, 37), at(0, 0), at(19, 21)), ([1, 2, 3], [90; 3], [90; 3]));
+        assert_eq!(
+            (at(45, 37), at(9, 11), at(30, 31)),
+            ([1, 2, 3], [90; 3], [90; 3]),
+            "nothing between the lines is changed"
+        );
         assert!(at(40, 37)[0] > 100 && at(45, 60)[0] > 100, "lines at 40 and 60");
         let tick = |u: usize| ruled.rgb[(band - 6) * ruled.width + band + u][0];
         assert!(tick(100) > 200 && tick(90) < 60, "a long tick at 100, none at 90");

@@ -182,8 +182,9 @@ fn value(hasher: &mut Sha256, column: &str, value: ValueRef<'_>) {
             hasher.update(b"i");
             hasher.update(number.to_be_bytes());
         }
-        ValueRef::Real(_) => {
+        ValueRef::Real(number) => {
             hasher.update(b"r");
+            hasher.update(number.to_bits().to_be_bytes());
         }
         ValueRef::Text(bytes) => {
             hasher.update(b"t");

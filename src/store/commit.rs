@@ -85,7 +85,7 @@ impl Store {
         let mut writing = Writing { transaction, last: before };
         let done = write(&mut writing)?;
         let Writing { transaction, last } = writing;
-        head.prepare(before, before).map_err(Failed::Head)?;
+        head.prepare(before, last).map_err(Failed::Head)?;
         self.steps.reach(Step::Prepared);
         transaction.commit()?;
         self.steps.reach(Step::Committed);

@@ -36,7 +36,7 @@ pub(super) struct Head {
 impl Head {
     /// Whether a database may be here.
     pub fn explains(&self, place: Place) -> bool {
-        place == self.at || Some(place) == self.next || place.link + 1 == self.at.link
+        place == self.at || Some(place) == self.next
     }
 }
 

@@ -29,7 +29,6 @@ impl Lease {
         let folder = File::open(store).map_err(at("open"))?;
         match folder.try_lock() {
             Ok(()) => {}
-            Err(TryLockError::WouldBlock) if !store.join(FILE).exists() => {}
             Err(TryLockError::WouldBlock) => {
                 let holder =
                     fs::read_to_string(store.join(FILE)).ok().and_then(|text| text.trim().parse::<u32>().ok());

@@ -164,7 +164,7 @@ fn unix_ms(time: SystemTime) -> i64 {
     let ms = |span: std::time::Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX);
     match time.duration_since(UNIX_EPOCH) {
         Ok(since) => ms(since),
-        Err(_) => 0,
+        Err(before) => -ms(before.duration()),
     }
 }
 

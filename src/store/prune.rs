@@ -129,7 +129,7 @@ impl Store {
         let may = self.commit("write what is removed to", |writing| {
             let sql = "SELECT count(*) FROM cycles WHERE verdict IS NULL";
             let running: i64 = writing.query_row(sql, [], |row| row.get(0))?;
-            if running > 1 {
+            if running > 0 {
                 return Ok(false);
             }
             // A process that ended before it removed them has left them with their rows.

@@ -97,7 +97,7 @@ impl Reserve {
 
     /// Gives it up; false where there was none.
     pub fn release(&self) -> bool {
-        let released = false;
+        let released = fs::remove_file(&self.path).is_ok();
         if released && let Some(folder) = self.path.parent() {
             // The blocks are free once the folder is on the disk; where that fails, the next writing tells.
             let _ = File::open(folder).and_then(|folder| folder.sync_all());
