@@ -71,7 +71,7 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
     let folder = folder.path();
     let mut cycle = 0;
     let mut hits = Vec::new();
-    for after_ms in [0, 70, 120, 200, 300] {
+    for after_ms in [0, 70, 120, 200, 300, 150, 100, 250] {
         cycle += 1;
         let motion = killed_in_contact(folder, Duration::from_millis(after_ms));
         let page = page(folder, cycle);
@@ -81,11 +81,17 @@ fn a_kill_in_contact_leaves_grids_that_count_as_abraded() {
             continue;
         }
         let executed = motion.executed().expect("it was bounded");
+        if executed.at_most == 0 {
+            // Killed between the line of the journal and the motion's row: nothing was permitted yet.
+            assert!(page.contains("none of it was permitted to be sent"), "{page}");
+            assert!(page.contains("Nothing: the tool touched no grid."), "{page}");
+            continue;
+        }
         let bounds = format!(
             "its end is not known: at least {} and at most {} of {} waypoints were executed",
             executed.at_least, executed.at_most, motion.motion.waypoints
         );
-        assert!(executed.at_most > 0 && page.contains(&bounds), "no {bounds} in\n{page}");
+        assert!(page.contains(&bounds), "no {bounds} in\n{page}");
         assert!(!page.contains("the tool touched no grid"), "{page}");
         let touched = motion.touched().expect("it was kept");
         assert!(!touched.is_empty(), "{motion:?}");

@@ -21,8 +21,7 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
         passes.entry(grid).or_default().push(format!("pass {pass}{how}"));
     }
     let left = record.motions.iter().filter(|one| one.motion.path == Path::Contact && !one.end_is_known());
-    let worn: Vec<f64> =
-        left.filter_map(|one| one.contact.as_ref()).map(|contact| contact.path.wears_mm2).collect();
+    let worn_mm2: f64 = left.filter_map(|one| one.contact.as_ref()).map(|contact| contact.path.wears_mm2).sum();
     let is_unsure = all.iter().any(|one| matches!(one.how, How::Touched | How::Perhaps));
     let mut text = match (passes.is_empty(), is_unsure) {
         (true, _) => "Nothing: the tool touched no grid.".to_owned(),
@@ -32,9 +31,8 @@ pub(super) fn abraded(record: &CycleRecord) -> Section {
                           panel too, until one of them ends with pass or fail, or because nothing more is allowed."
             .to_owned(),
     };
-    if !worn.is_empty() {
-        let all_mm2: f64 = worn.iter().sum();
-        text += &format!(" The disc counts as worn by the whole path that was cut short, {all_mm2:.0} mm².");
+    if worn_mm2 > 0.0 {
+        text += &format!(" The disc counts as worn by the whole path that was cut short, {worn_mm2:.0} mm².");
     }
     Section {
         heading: "What was abraded".to_owned(),
@@ -125,7 +123,7 @@ pub(super) fn motions(record: &CycleRecord) -> Section {
     Section {
         heading: "Motions".to_owned(),
         text:
-            "Each as the robot told its end. A path over the panel begins where the approach ended, at the first \
+            "Each with its end, where the robot told it. A path over the panel begins where the approach ended, at the first \
                waypoint of its plan, so that it has one less than the plan."
                 .to_owned(),
         rows: rows.collect(),
