@@ -364,7 +364,7 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "{ended}");
     let page =
         std::fs::read_to_string(folder.path().join(ended["report"].as_str().expect("a file"))).expect("the page");
-    assert!(page.contains("an air-run, with at most") && !page.contains("The abrasion</h"), "{page}");
+    assert!(page.contains("air-run: done, with at most") && !page.contains("The abrasion</h"), "{page}");
 }
 
 /// Three clips of 8 s, the last one clean, scored as a set; what one of them says about light and thresholds.

@@ -28,6 +28,7 @@ use std::io::ErrorKind;
 use std::os::unix::fs::{FileTypeExt, PermissionsExt};
 use std::os::unix::net as system;
 use std::path::{Path, PathBuf};
+use std::pin::pin;
 use std::sync::Arc;
 use std::thread;
 use std::time::Duration;
@@ -40,6 +41,8 @@ use tokio::time::{interval, sleep, timeout};
 const MODE: u32 = 0o660;
 /// A client says its whole line within this time, and takes its answer within the same time again.
 const CLIENT_PATIENCE: Duration = Duration::from_secs(2);
+/// How long a connection that has to give way is still listened to.
+const LAST_WORD: Duration = Duration::from_millis(50);
 /// The loop answers within this time, or something is wrong with it.
 const LOOP_PATIENCE: Duration = Duration::from_secs(5);
 /// The socket's thread says so often that it works, and is silent for at most so long.
@@ -197,9 +200,12 @@ fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervi
 
 /// Reads one line, has it answered, and tells the answer.
 async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door) {
+    let mut reading = pin!(read(&stream));
     let heard = tokio::select! {
-        heard = timeout(CLIENT_PATIENCE, read(&stream)) => heard.unwrap_or(Err(ProtocolError::Slow)),
-        () = place.is_wanted() => Err(ProtocolError::GaveWay),
+        biased;
+        heard = timeout(CLIENT_PATIENCE, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
+        // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
+        () = place.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
     };
     drop(place);
     let reply = match heard {
