@@ -417,7 +417,7 @@ mod tests {
         quality.flawed[Flaw::Focus as usize] = Flawed { pictures: 1, worst: 0.4 };
         let judgement = judge(&Observation { quality, ..good() }, &[], &DEMANDS, &inspect_table(""));
         let message = &judgement.reasons[0].message;
-        let told = "3 of 10 wet pictures cannot be judged by, 6.0 s of them without one that can (allowed 5.0 s); in 2 of \
+        let told = "3 of 10 wet pictures cannot be judged by, 6.0 s of them without one that can (allowed 5 s); in 2 of \
                     them the light is up to 36.4 % more than the dry picture's (allowed 33.3 %";
         assert!(message.starts_with(told), "{message}");
     }

@@ -340,7 +340,7 @@ mod tests {
         assert_eq!(told(&newer, 9), "the frames are of version 2, this program's of version 1");
         let mut request = Vec::new();
         write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
-        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is Reply");
+        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is 3");
     }
 
     /// A peer that claims a long payload gets no memory for it.
