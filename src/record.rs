@@ -135,8 +135,6 @@ pub mod name {
     pub const SCAN_TO_VERDICT: &str = "scan to verdict";
     /// From a decoded wet picture to its result, median, ms.
     pub const PER_PICTURE: &str = "a picture takes, median";
-    /// A time that was planned, and that no clock measured, s.
-    pub const AT_FEED: &str = "time at the recipe's feed";
     /// Waypoints of a plan, with the first, in air, at which the approach ends.
     pub const PLANNED: &str = "waypoints";
     /// Waypoints of a contact path that the robot executed, without the one at which the approach ended.

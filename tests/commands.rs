@@ -245,7 +245,7 @@ fn bad_input_is_refused_with_file_and_reason() {
         (teach(cell, recipe, "short.pcd"), vec!["short.pcd"]),
         (teach(cell, recipe, "small.pcd"), vec!["small.pcd", "40×30", "486×300"]),
         (
-            teach(cell, "cell/half.toml", "cell/taught_scan.pcd"),
+            TEACH.replace("cell/recipe.toml", "cell/half.toml"),
             vec!["no point of the scan there lies in the search box, though elsewhere a piece of"],
         ),
         (teach(cell, recipe, "cell/cell.toml"), vec!["cell/cell.toml"]),

@@ -160,7 +160,7 @@ impl Row {
 #[test]
 fn every_pattern_plans_singles_pairs_ls_rows_and_all() {
     // One set in eleven, the whole rows and all grids.
-    let some = |index: usize, set: &[GridId]| index % 11 == 0 || set.len() > 3;
+    let some = |index: usize, set: &[GridId]| index.is_multiple_of(11) || set.len() > 3;
     let rows = run((1..=2, 4), &[20.0, 30.0, 60.0], some);
     let faults: Vec<&String> = rows.values().flat_map(|row| &row.faults).collect();
     for ((pattern, disc_mm), row) in &rows {

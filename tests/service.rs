@@ -467,7 +467,7 @@ fn a_motion_that_was_left_open_is_cleared_through_the_service_alone() {
     let left = broken_off(folder);
     let (exit, refused) = json(folder, "cycle --cell cell/cell.toml --store left --recipe cell/recipe.toml");
     let words = refused["reasons"][0]["message"].as_str().unwrap_or_default();
-    assert!(exit == 2 && words.contains("motion is open") && words.contains("panelprep ctl clear"), "{refused}");
+    assert!(exit == 2 && words.contains("motion is open") && words.contains("panelprep clear"), "{refused}");
 
     std::fs::remove_dir_all(folder.join("cell/store")).expect("removed");
     std::fs::rename(left, folder.join("cell/store")).expect("in its place");

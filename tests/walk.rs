@@ -47,7 +47,7 @@ fn program() -> PathBuf {
 }
 
 fn help(of: &[String]) -> String {
-    let output = Command::new(program()).args(of).arg("--help").output().expect("it starts");
+    let output = Command::new(program()).args(of).arg("--help").env("COLUMNS", "2000").output().expect("it starts");
     assert!(output.status.success(), "{of:?}");
     String::from_utf8(output.stdout).expect("UTF-8")
 }

@@ -3,11 +3,12 @@
 //! `findChessboardCornersSB` looks at the picture several times, at a small size first: a large board is found there, and
 //! the last look sees at most [`MOST_PX`] pixels. (`findChessboardCorners` combines contours, and a picture with fine
 //! texture, or another board, can occupy it for minutes.) Each look asks for the board or a larger one, because a search
-//! for exactly so many corners takes a part of a larger board for the whole. Where none is found, one more look says which
-//! other board is there.
+//! for exactly so many corners takes a part of a larger board for the whole. What it finds may have grown beyond its board,
+//! since the outer squares' corners look a little like inner ones: only a grid in whose outer lines squares truly meet
+//! counts. Where none is found, one more look says which other board is there.
 
 use super::board::Board;
-use super::foreign::{self, CornerGrid};
+use super::foreign::{self, CornerGrid, Extent};
 use super::placing;
 use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
@@ -39,16 +40,24 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
     let (columns, rows) = (board.columns(), board.rows());
     let all = reductions(picture);
     for &times in &all {
-        let Some(grid) = look(picture, times, (columns, rows))? else { continue };
-        match grid.turned_to(columns, rows) {
-            Some(grid) => return Ok(Search::Board(oriented(grid, picture, board))),
-            None if is_real(picture, &grid)? => return Ok(Search::Other(grid.sides())),
-            None => {}
+        let Some(grid) = look(picture, times, (columns, rows), Extent::OrLarger)? else { continue };
+        if is_real(picture, &grid)? {
+            return Ok(match grid.turned_to(columns, rows) {
+                Some(grid) => Search::Board(oriented(grid, picture, board)),
+                None => Search::Other(grid.sides()),
+            });
+        }
+        let exact = look(picture, times, (columns, rows), Extent::Exact)?;
+        match exact.and_then(|grid| grid.turned_to(columns, rows)) {
+            Some(grid) if is_real(picture, &grid)? => {
+                return Ok(Search::Board(oriented(grid, picture, board)));
+            }
+            _ => {}
         }
     }
     let small = |times: &&usize| picture.gray.len() / (*times * *times) <= OTHER_PX;
     let times = all.iter().rev().find(small).or(all.first()).copied().unwrap_or(1);
-    let other = look(picture, times, (SMALLEST, SMALLEST))?;
+    let other = look(picture, times, (SMALLEST, SMALLEST), Extent::OrLarger)?;
     match other.filter(|grid| grid.turned_to(columns, rows).is_none()) {
         Some(grid) if is_real(picture, &grid)? => Ok(Search::Other(grid.sides())),
         _ => Ok(Search::Nothing),
@@ -67,20 +76,21 @@ fn reductions(picture: &GrayPicture) -> Vec<usize> {
     all
 }
 
-/// A grid of at least so many corners, in pixels of the whole picture.
+/// A grid of so many corners, in pixels of the whole picture.
 fn look(
     picture: &GrayPicture,
     times: usize,
     (columns, rows): (usize, usize),
+    extent: Extent,
 ) -> Result<Option<CornerGrid>, ImagingError> {
     if times == 1 {
-        return foreign::chessboard(picture, columns, rows);
+        return foreign::chessboard(picture, (columns, rows), extent);
     }
     let small = foreign::reduced(picture, times)?;
     let across = picture.width as f64 / small.width as f64;
     let down = picture.height as f64 / small.height as f64;
     let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-    let grid = foreign::chessboard(&small, columns, rows)?;
+    let grid = foreign::chessboard(&small, (columns, rows), extent)?;
     Ok(grid.map(|grid| CornerGrid { pixels: grid.pixels.iter().map(whole).collect(), ..grid }))
 }
 

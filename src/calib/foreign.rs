@@ -108,17 +108,27 @@ pub(super) struct CornerGrid {
     pub pixels: Vec<Pixel>,
 }
 
-/// `findChessboardCornersSB`: the inner corners of a board that has at least so many each way, with all that it has, to
-/// about a pixel; `None` where there is no such board.
+/// How many corners are looked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Extent {
+    /// So many, and of a larger board a part.
+    Exact,
+    /// So many each way, or all of a larger board.
+    OrLarger,
+}
+
+/// `findChessboardCornersSB`: the inner corners of a board that has so many each way, to about a pixel; `None` where there is
+/// no such board.
 pub(super) fn chessboard(
     picture: &GrayPicture,
-    columns: usize,
-    rows: usize,
+    (columns, rows): (usize, usize),
+    extent: Extent,
 ) -> Result<Option<CornerGrid>, ImagingError> {
     const OPERATION: &str = "chessboard corners";
     let source = picture_of(picture)?;
     let (mut found, mut kinds): (Vector<Point2f>, Mat) = (Vector::new(), Mat::default());
-    let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE | calib3d::CALIB_CB_LARGER;
+    let larger = if extent == Extent::OrLarger { calib3d::CALIB_CB_LARGER } else { 0 };
+    let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE | larger;
     let size = Size::new(columns as i32, rows as i32);
     let seen = calib3d::find_chessboard_corners_sb_with_meta(&source, size, &mut found, flags, &mut kinds);
     let seen = named(OPERATION, seen)?;

@@ -254,7 +254,7 @@ mod tests {
             (look(0.0, 19.0, 0.1, None), look(0.0, 21.0, 0.1, None), "turned by 21°"),
             (look(0.0, 0.0, 0.9, None), look(0.0, 0.0, 1.1, None), "1.10 px rms"),
             (look(0.0, 0.0, 0.1, Some(40.7)), look(0.0, 0.0, 0.1, Some(40.9)), "squares of 40.90 mm"),
-            (look(0.0, 0.0, 0.1, Some(39.3)), look(f64::NAN, 0.0, 0.1, None), "NaN"),
+            (look(0.0, 0.0, 0.1, Some(39.3)), look(f64::NAN, 0.0, 0.1, None), "unknown mm"),
         ] {
             let reason = refused.expect(words);
             assert!(kept.is_none(), "{words}: {kept:?}");

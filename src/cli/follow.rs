@@ -5,6 +5,7 @@
 use super::ctl;
 use super::fault::Fault;
 use super::outcome::Outcome;
+use super::output::tell_line;
 use crate::daemon::{Reply, Wish};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -44,7 +45,7 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
         let reply = state(socket)?;
         let line = words(&reply);
         if told.as_ref() != Some(&line) {
-            eprintln!("{line}");
+            tell_line(&line);
         }
         told = Some(line);
         let is_other = reply.cycle_id != begun.cycle_id;

@@ -30,7 +30,7 @@ impl Rendered {
         };
         Verify {
             camera,
-            board: Some(target_board()),
+            board: target_board().into(),
             recipe: None,
             image: self.file(&format!("target/{name}.png")),
             flange,
@@ -43,7 +43,7 @@ impl Rendered {
     /// A touch of the scanner's target, as `panelprep calibrate touch` takes it.
     pub fn touch(&self) -> Touch {
         Touch {
-            board: Some(target_board()),
+            board: target_board().into(),
             target: self.file("target/scanner.toml"),
             points: self.file("target/touched.toml"),
             pictures: None,

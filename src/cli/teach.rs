@@ -4,6 +4,7 @@ use super::args::{Common, Teach};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
+use super::output::tell_line;
 use super::pictures;
 use crate::files;
 use crate::geometry::{Camera, OrganizedCloud, Pixel, Point};
@@ -110,7 +111,7 @@ fn save_given(
             files.push(pictures::save(folder, &format!("taught_corner_{}", index + 1), &picture)?);
         }
     }
-    files.iter().for_each(|file| eprintln!("{}: what was given", file.display()));
+    files.iter().for_each(|file| tell_line(&format!("{}: what was given", file.display())));
     Ok(())
 }
 

@@ -298,7 +298,7 @@ pub(super) fn planned(
         Number::new("paths", "", plan.paths.len() as f64),
         Number::new(name::PLANNED, "", waypoints as f64),
         Number::new("length", "mm", plan.length_mm),
-        Number::new(name::AT_FEED, "s", plan.duration_s),
+        Number::new("time at the recipe's feed", "s", plan.duration_s),
         Number::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
         Number::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
         Number::new("swept by the disc", "mm²", disc.swept_mm2),

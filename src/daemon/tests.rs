@@ -174,7 +174,7 @@ fn a_corner_that_the_arm_does_not_come_to_is_left_out() {
 #[test]
 fn a_doubtful_plan_is_held_for_review_without_contact() {
     let mut fake = Fake::new(Scene::Good);
-    fake.more_recipe = "[path]\nedge_overhang_mm = 0\ndisc_diameter_mm = 300\n";
+    fake.more_recipe = "[path]\nedge_overhang_mm = 0\ndisc_diameter_mm = 60\n";
     let story = fake.run(Asks::one_cycle());
     let held = |at| matches!(at, At::Held(hold) if hold.why == Why::Review);
     assert!(held(story.outcome.state.at), "{story}");

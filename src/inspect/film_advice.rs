@@ -2,7 +2,8 @@
 //!
 //! In the brightness v that the method sees, the channels by their weights, a pixel has the mean d of the dry pictures and
 //! w of the first wet ones. It looks dry in a picture whose light is s times that of the first wet ones where
-//!     v / s > (d + w) / 2.                                                                             (1)
+//!     (d + w) / 2 < v / s < d + (d - w) / 2;                                                             (1)
+//! what is brighter is a reflection, which the method knows by that.
 //! A place that looks dry and then wet again within a few seconds was a glint, a drop or a flicker: `persist_s` has to be
 //! longer. What stays dry longer has broken, and is no part of this.
 
@@ -105,7 +106,8 @@ impl Flashes {
         let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
         let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>());
         for (index, now) in now.iter().enumerate() {
-            let is_dry = now / light > (self.dry[index] + self.wet[index]) / 2.0; // (1)
+            let half = (self.dry[index] - self.wet[index]) / 2.0;
+            let is_dry = (now / light - self.dry[index]).abs() < half; // (1)
             match (is_dry, self.since_s[index]) {
                 // What looks dry from the beginning never became wet, or became so late.
                 (true, None) => self.since_s[index] = Some(if self.is_first { f64::NEG_INFINITY } else { time_s }),

@@ -96,9 +96,9 @@ impl Outline {
         Outline { places, taught, first: Vec::new() }
     }
 
-    /// How far the panel's outline in this dry picture lies from where the pose puts it, px: the median of its profiles.
-    /// Where most of the outline is not within reach of them, it is farther than they reach. `None` where the outline has
-    /// too little contrast to tell.
+    /// How far the panel's outline in this dry picture lies from where the pose puts it, px: the larger of its shift, by (1),
+    /// and of the median of its profiles, which tells turns and another distance. Where most of the outline is not within
+    /// reach of them, it is farther than they reach. `None` where the outline has too little contrast to tell.
     pub fn off_px(&self, picture: &ColorPicture) -> Option<f64> {
         let now: Vec<Profile> = self.places.iter().map(|place| Profile::of(place, picture)).collect();
         let both = || self.taught.iter().zip(&now);
@@ -106,15 +106,19 @@ impl Outline {
             both().filter_map(|(then, now)| Some(now.mean? / then.mean.filter(|mean| *mean > 1.0)?)).collect();
         let light = median(&mut light);
         let expected = |edge: &Edge| edge.contrast * light >= SURE_CONTRAST * MIN_CONTRAST;
-        let pairs: Vec<(Edge, Option<Edge>)> =
-            both().filter_map(|(then, now)| Some((then.edge.filter(expected)?, now.edge))).collect();
-        if pairs.len() < MIN_PROFILES {
+        let count = self.taught.iter().filter(|then| then.edge.as_ref().is_some_and(expected)).count();
+        if count < MIN_PROFILES {
             return None;
         }
-        let mut off: Vec<f32> =
-            pairs.iter().filter_map(|(then, now)| Some((now.as_ref()?.offset_px - then.offset_px).abs())).collect();
-        let is_seen = 2 * off.len() >= pairs.len();
-        Some(if is_seen { f64::from(median(&mut off)) } else { f64::from(REACH_PX) })
+        let offset = |(place, (then, now)): (&Place, (&Profile, &Profile))| {
+            Some((place.normal, now.edge?.offset_px - then.edge.filter(expected)?.offset_px))
+        };
+        let offsets: Vec<(Vector2<f32>, f32)> = self.places.iter().zip(both()).filter_map(offset).collect();
+        if 2 * offsets.len() < count {
+            return Some(f64::from(REACH_PX));
+        }
+        let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
+        Some(f64::from(moved(&offsets).norm().max(median(&mut off))))
     }
 
     /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
@@ -257,7 +261,7 @@ mod tests {
         Outline { places, taught, first: Vec::new() }
     }
 
-    /// By hand: a square that is 3 px farther right and farther down shows it on all four sides.
+    /// By hand: 3 px to the right alone show on two of the four sides; with 4 px down as well it is 5 px away.
     #[test]
     fn a_panel_that_stands_elsewhere_is_told_from_one_in_its_place() {
         let outline = outline();
@@ -267,14 +271,16 @@ mod tests {
         let mut dimmed = square(0.0, 1.0, 70.0);
         dimmed.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| gray / 2));
         assert!(off(&dimmed).expect("contrast") < 0.05, "nor is another light");
-        let diagonal = |px: usize| {
-            let mut picture = square(px as f32, 1.0, 70.0);
-            picture.rgb.rotate_right(100 * px);
-            picture
+        let away = |right: usize, down: usize| {
+            let mut picture = square(right as f32, 1.0, 70.0);
+            picture.rgb.rotate_right(100 * down);
+            off(&picture)
         };
-        let found = off(&diagonal(3)).expect("contrast");
-        assert!((found - 3.0).abs() < 0.2, "{found}");
-        assert_eq!(off(&diagonal(14)), Some(f64::from(REACH_PX)), "farther than the profiles reach");
+        for (right, down, expected) in [(3, 0, 3.0), (0, 2, 2.0), (3, 4, 5.0)] {
+            let found = away(right, down).expect("contrast");
+            assert!((found - expected).abs() < 0.2, "{right}, {down}: {found}");
+        }
+        assert_eq!(away(14, 14), Some(f64::from(REACH_PX)), "farther than the profiles reach");
         dimmed.rgb.iter_mut().for_each(|pixel| *pixel = pixel.map(|gray| gray / 6));
         assert_eq!(off(&dimmed), None, "too dark to tell");
     }

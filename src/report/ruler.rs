@@ -21,7 +21,7 @@ impl Canvas {
         let step = RULER_STEPS_PX.into_iter().find(|step| width.max(height) / step <= MOST_NUMBERS);
         let step = step.unwrap_or(width.max(height));
         self.lines_at(step)?;
-        // As wide as the largest number, and a tick.
+        // As wide as the largest number, and a tick; a tick ends before its rim would touch the picture.
         let (scale, weight) = lettering(text_px);
         let widest = drawn(imgproc::get_text_size(&width.max(height).to_string(), FONT, scale, weight, &mut 0))?;
         let band = widest.width + (1.6 * text_px).ceil() as i32;
@@ -33,7 +33,7 @@ impl Canvas {
         let tick = |at: usize| if at.is_multiple_of(step) { 0.9 * text_px } else { 0.4 * text_px };
         for u in (0..width).step_by(step / 5) {
             let at = band + u as f64;
-            canvas.polyline(&[Pixel::at(at, band - tick(u)), Pixel::at(at, band - 1.0)], false, pen)?;
+            canvas.polyline(&[Pixel::at(at, band - tick(u)), Pixel::at(at, band - 3.0)], false, pen)?;
             if u % step == 0 {
                 let place = Pixel::at(at + 0.2 * text_px, band - 1.1 * text_px);
                 canvas.label(place, &u.to_string(), text_px, Ink::WHITE)?;
@@ -41,7 +41,7 @@ impl Canvas {
         }
         for v in (0..height).step_by(step / 5) {
             let at = band + v as f64;
-            canvas.polyline(&[Pixel::at(band - tick(v), at), Pixel::at(band - 1.0, at)], false, pen)?;
+            canvas.polyline(&[Pixel::at(band - tick(v), at), Pixel::at(band - 3.0, at)], false, pen)?;
             if v % step == 0 {
                 let place = Pixel::at(0.2 * text_px, at + 1.1 * text_px);
                 canvas.label(place, &v.to_string(), text_px, Ink::WHITE)?;
@@ -81,7 +81,11 @@ mod tests {
         let band = ruled.width - 300;
         assert!(band > 20 && ruled.height == 200 + band, "{band}");
         let at = |u: usize, v: usize| ruled.rgb[(v + band) * ruled.width + u + band];
-        assert_eq!((at(45, 37), at(0, 0), at(19, 21)), ([1, 2, 3], [90; 3], [90; 3]));
+        assert_eq!(
+            (at(45, 37), at(9, 11), at(30, 31)),
+            ([1, 2, 3], [90; 3], [90; 3]),
+            "nothing between the lines is changed"
+        );
         assert!(at(40, 37)[0] > 100 && at(45, 60)[0] > 100, "lines at 40 and 60");
         let tick = |u: usize| ruled.rgb[(band - 6) * ruled.width + band + u][0];
         assert!(tick(100) > 200 && tick(90) < 60, "a long tick at 100, none at 90");

@@ -77,6 +77,21 @@ fn no_board_and_another_board_are_told() {
     assert!(detect::detect("f", &empty, &unknown, None).expect_err("unknown").to_string().contains("7X7_1000"));
 }
 
+/// In the second of these pictures the search grows a column beyond the board, which is held against the grey levels.
+#[test]
+fn a_grid_that_grew_beyond_its_board_is_not_taken_for_one() {
+    let board = Board::parse("9x6", 25.0).expect("a board");
+    let cell = BoardCell::new(3, print_of(&board), STILL);
+    for shot in &cell.fixed_shots(3) {
+        let (rms, largest, count) = corner_error(&cell, &cell.scanner(), shot, &board);
+        assert!(rms < 0.02 && largest < 0.06 && count == 54, "{}: {rms} px rms, {largest} px, {count}", shot.index);
+        let other = Board::parse("10x6", 25.0).expect("a board");
+        let told =
+            detect::detect("it.png", &cell.picture(&cell.scanner(), shot), &other, None).expect_err("another");
+        assert!(!told.to_string().is_empty(), "never taken for a board with a column more");
+    }
+}
+
 /// The 5×4 board in a picture of full size: asked for one that it is not, by more squares or by fewer, and told which it is;
 /// a part of it is never taken for the whole. Its corners in the other order are the same.
 #[test]

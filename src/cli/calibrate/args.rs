@@ -78,6 +78,34 @@ pub struct BoardArgs {
     pub subpix: Option<u32>,
 }
 
+/// The board, where a file says it as well.
+#[derive(Debug, Clone, Default, Args)]
+pub struct NamedBoard {
+    /// Inner corners of a chessboard, 9x6; or squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy].
+    #[arg(long, requires = "square_mm")]
+    pub board: Option<String>,
+    /// Side of a square, mm; measure it over many squares.
+    #[arg(long, value_name = "MM", requires = "board")]
+    pub square_mm: Option<f64>,
+    /// Half the side of the window that refines a corner, px; without it, from the distance of corners.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
+    pub subpix: Option<u32>,
+}
+
+impl NamedBoard {
+    /// The board that the command names; `None` where it names none.
+    pub fn named(&self) -> Option<BoardArgs> {
+        let (board, square_mm) = (self.board.clone()?, self.square_mm?);
+        Some(BoardArgs { board, square_mm, subpix: self.subpix })
+    }
+}
+
+impl From<BoardArgs> for NamedBoard {
+    fn from(BoardArgs { board, square_mm, subpix }: BoardArgs) -> Self {
+        NamedBoard { board: Some(board), square_mm: Some(square_mm), subpix }
+    }
+}
+
 /// Options of `calibrate intrinsics`.
 #[derive(Debug, Clone, Args)]
 pub struct Intrinsics {
@@ -203,7 +231,7 @@ pub struct Verify {
     pub camera: CameraName,
     /// The board that stands still; the file of `--target` says which one it is, and the command may say so too.
     #[command(flatten)]
-    pub board: Option<BoardArgs>,
+    pub board: NamedBoard,
     /// In place of a board: the recipe of a panel that stands at its nominal place, with its first taught corner.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
@@ -229,7 +257,7 @@ pub struct Verify {
 pub struct Touch {
     /// The board; the file of `--target` says which one it is, and the command may say so too.
     #[command(flatten)]
-    pub board: Option<BoardArgs>,
+    pub board: NamedBoard,
     /// Where the board is known to be.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,

@@ -80,16 +80,17 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         (None, Some(file)) => file,
         _ => return wrong("name --target for a board, or --recipe for a taught corner"),
     };
-    let window = args.board.as_ref().and_then(super::window);
+    let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
+    let named = args.board.named();
     if args.learn {
-        let Some(named) = &args.board else {
+        let Some(named) = &named else {
             return wrong("--learn writes which board it is: name --board and --square-mm");
         };
         let board = super::board(named)?;
         let seen = look(args, &files, (&board, window), progress)?;
         return learn(file, &board, named, &seen);
     }
-    let target = Target::read(file, args.board.as_ref())?;
+    let target = Target::read(file, named.as_ref())?;
     let seen = look(args, &files, (&target.board, window), progress)?;
     let error_mm =
         health::distance_mm(&target.base_from_board, &seen.look.base_from_board, &target.board.corners());
@@ -157,7 +158,7 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
 /// Where a file is not what it must be, a corner is not on the board, or the store does not write.
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let Target { board, base_from_board: known } = Target::read(&args.target, args.board.as_ref())?;
+    let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
     let points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {

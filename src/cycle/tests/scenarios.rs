@@ -276,7 +276,7 @@ fn from_aborted_only_clear_leads_out() {
 #[test]
 fn clear_and_reset_succeed_after_a_fault_within_them() {
     for trouble in [Trouble::Refused, Trouble::Sequence, Trouble::Late, Trouble::Starved, Trouble::Protocol] {
-        for station in ["tooloff", "wateroff"] {
+        for station in ["stand", "end-epoch"] {
             let mut story = Story::started(&[Film::Broken]);
             story.until("spray");
             story.told(Report::Robot(Robot::LinkLost));

@@ -1,6 +1,7 @@
 //! Contact on the record: what is permitted, what a lost link leaves, what counts of earlier cycles, who asked what.
 
 use super::fake::{Asks, Cell as Fake};
+use super::serving::Script;
 use super::*;
 use crate::cycle::{Refusal, Robot as Condition, State};
 use crate::record::{Answer, Asked, CycleId, EarlierPass, Wanted};
@@ -33,18 +34,18 @@ fn no_waypoint_in_contact_comes_before_its_permission() {
 /// person has cleared it.
 #[test]
 fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
-    let fake = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
+    let cell = Fake::new(Scene::Good).slow().whose_link_is_lost_in_contact();
     let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
-    let story = fake.run(Asks::one_cycle().with(aborted, Request::Clear));
-    assert_eq!(story.outcome.verdict, Some(Verdict::Aborted), "{story}");
-    assert_eq!(
-        story.motions(Path::Contact).iter().map(|it| it.1).collect::<Vec<_>>(),
-        [Outcome::Cleared],
-        "{story}"
-    );
-    assert!(story.stages().iter().all(|kind| *kind != Kind::Abrade), "what nobody knows is not found: {story}");
-    let whole_mm2 = story.contacts[0].0.wears_mm2;
-    assert!(whole_mm2 > 1_000.0 && story.worn_mm2 == whole_mm2, "{} of {whole_mm2}", story.worn_mm2);
+    let mut script = Script::default().reset().start(&cell).when(aborted, Ask::For(Request::Clear));
+    script = script.leave_when(|state| state.at == At::Stopped && state.facts.standing);
+    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    assert_eq!(script.verdicts, [Verdict::Aborted]);
+    let contact: Vec<_> = record.intents.iter().filter(|(motion, _)| motion.path == Path::Contact).collect();
+    assert!(matches!(contact[..], [(_, Some((Outcome::Cleared, _)))]), "{contact:?}");
+    let abrasions = record.findings.iter().filter(|finding| finding.kind == Kind::Abrade).count();
+    assert_eq!(abrasions, 0, "what nobody knows is not found");
+    let whole_mm2 = record.contacts[0].0.wears_mm2;
+    assert!(whole_mm2 > 1_000.0 && record.worn_mm2 == whole_mm2, "{} of {whole_mm2}", record.worn_mm2);
 }
 
 /// An abort in contact, whose end the robot tells: what was done of it is booked.

@@ -48,6 +48,14 @@ impl Kind {
             Kind::Reply => 3,
         }
     }
+
+    fn word(self) -> &'static str {
+        match self {
+            Kind::Hello => "a greeting",
+            Kind::Request => "a request",
+            Kind::Reply => "a reply",
+        }
+    }
 }
 
 /// What is wrong with a frame.
@@ -91,7 +99,7 @@ pub enum WireError {
         computed: u32,
     },
     /// Something else was due.
-    #[error("found a frame of kind {found}, allowed is {}", allowed.number())]
+    #[error("found a frame of kind {found}, allowed is kind {}, {}", allowed.number(), allowed.word())]
     Kind {
         /// Found.
         found: u16,
@@ -340,7 +348,7 @@ mod tests {
         assert_eq!(told(&newer, 9), "the frames are of version 2, this program's of version 1");
         let mut request = Vec::new();
         write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
-        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is 3");
+        assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is kind 3, a reply");
     }
 
     /// A peer that claims a long payload gets no memory for it.

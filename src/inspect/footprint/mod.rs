@@ -26,6 +26,9 @@ const SEEN_SHARE: f64 = 0.99;
 /// miss rate against size.
 const SURE_PX: f64 = 12.0;
 
+/// Side of the squares over which the surface of a pixel is averaged, px.
+const BLOCK_PX: usize = 16;
+
 /// Pixels around the region that the window has at least, so that closing its mask does not run into the window's edge.
 const MIN_MARGIN_PX: usize = 2;
 
@@ -176,21 +179,24 @@ impl Footprint {
         broken_mm2
     }
 
-    /// The smallest break that is surely found on this panel from where the camera stands, mm²: [`SURE_PX`] of its
-    /// coarsest pixels.
+    /// The smallest break that is surely found on this panel from where the camera stands, mm²: [`SURE_PX`] pixels where they
+    /// are coarsest. Of neighbours one may hold two taught pixels and the next none, so surface is divided over many.
     pub fn detection_limit_mm2(&self) -> f64 {
-        let held = self.starts.windows(2).filter(|ends| ends[0] < ends[1]);
-        let surface = |ends: &[u32]| {
-            let patches = &self.patches[ends[0] as usize..ends[1] as usize];
-            patches.iter().map(|patch| f64::from(patch.area_mm2)).sum::<f64>()
-        };
-        let mut surfaces_mm2: Vec<f64> = held.map(surface).collect();
-        // Where two taught pixels meet in one the surface doubles; the twentieth part of all is such.
-        let place = surfaces_mm2.len() * 95 / 100;
-        if surfaces_mm2.is_empty() {
-            return 0.0;
+        let across = self.window.width.div_ceil(BLOCK_PX);
+        let mut blocks = vec![(0.0, 0usize); across * self.window.height.div_ceil(BLOCK_PX)];
+        for index in (0..self.inside.len()).filter(|&index| self.inside[index]) {
+            let (column, row) = (index % self.window.width, index / self.window.width);
+            let (area_mm2, pixels) = &mut blocks[row / BLOCK_PX * across + column / BLOCK_PX];
+            let patches = &self.patches[self.starts[index] as usize..self.starts[index + 1] as usize];
+            *area_mm2 += patches.iter().map(|patch| f64::from(patch.area_mm2)).sum::<f64>();
+            *pixels += 1;
         }
-        SURE_PX * *surfaces_mm2.select_nth_unstable_by(place, f64::total_cmp).1
+        let is_full = |block: &&(f64, usize)| 2 * block.1 >= BLOCK_PX * BLOCK_PX;
+        let coarsest =
+            blocks.iter().filter(is_full).map(|(area_mm2, pixels)| area_mm2 / *pixels as f64).reduce(f64::max);
+        // A region of few pixels has no full block.
+        let all = self.inside.iter().filter(|inside| **inside).count().max(1) as f64;
+        SURE_PX * coarsest.unwrap_or_else(|| self.region_mm2() / all)
     }
 
     /// The pixels of the picture that each grid holds: where two share one, the first of its patches decides.

@@ -57,9 +57,10 @@ impl Times {
     }
 
     /// What is added to a time, so that nobody takes one for the other.
-    fn beside(self, number: &Number) -> &'static str {
+    fn beside(self, kind: Kind, number: &Number) -> &'static str {
         match (self, number.unit.as_str()) {
-            _ if number.name == name::AT_FEED => ", planned",
+            // No clock measured it.
+            (_, "s") if kind == Kind::Plan => ", planned",
             (Times::Simulated, "s") => " of simulated time",
             (Times::Simulated, "ms") => " of wall time",
             _ => "",
@@ -132,7 +133,7 @@ fn section(finding: &Finding, pictures: &BTreeMap<String, Vec<u8>>, times: Times
                 format!("{}, all but the first, in air, at which the approach ends", shown((all - 1.0).max(0.0)));
             Row::new("of these, of the path over the panel", words, "")
         });
-        std::iter::once(row(number, times)).chain(to_execute)
+        std::iter::once(row(number, finding.kind, times)).chain(to_execute)
     });
     Section {
         heading: format!("{heading}{pass}"),
@@ -155,9 +156,9 @@ fn words(value: &Value) -> String {
     }
 }
 
-fn row(number: &Number, times: Times) -> Row {
+fn row(number: &Number, kind: Kind, times: Times) -> Row {
     let with_unit = |text: String| format!("{text} {}", number.unit).trim_end().to_owned();
-    let beside = times.beside(number);
+    let beside = times.beside(kind, number);
     let (sign, limit) = match number.limit {
         Limit::Unlimited => ("", None),
         Limit::AtMost(limit) => ("≤ ", Some(limit)),
@@ -240,8 +241,11 @@ fn signature(record: &CycleRecord, times: Times) -> Section {
     let film = |number: &&Number| number.name == name::WATCHED;
     let inspections = record.findings.iter().filter(|finding| finding.kind == Kind::Inspect);
     let films = inspections.map(|finding| {
-        let seconds =
-            finding.numbers.iter().find(film).map_or(NOT_MEASURED.to_owned(), |number| row(number, times).value);
+        let seconds = finding
+            .numbers
+            .iter()
+            .find(film)
+            .map_or(NOT_MEASURED.to_owned(), |number| row(number, Kind::Inspect, times).value);
         let pass = format!("film watched after pass {}", finding.pass);
         Row::new(if finding.pass == 0 { "film watched first" } else { &pass }, seconds, "")
     });

@@ -171,11 +171,10 @@ fn what_is_not_known_of_a_contact_is_said_to_be_unknown() {
 fn simulated_time_and_wall_time_are_told_apart() {
     let simulated = |ms: u64| Some(Clock::Simulated { at_ms: ms });
     let mut record = CycleRecord { clocks: [simulated(500), simulated(192_700)], ..cut_short() };
-    record.findings[0].numbers.extend([
-        Number::new(name::SCAN_TO_VERDICT, "ms", 136.0),
-        Number::new(name::AT_FEED, "s", 12.5),
-        Number::new("residual", "mm", 0.1),
-    ]);
+    record.findings[0]
+        .numbers
+        .extend([Number::new(name::SCAN_TO_VERDICT, "ms", 136.0), Number::new("residual", "mm", 0.1)]);
+    record.findings.push(finding(Kind::Plan, 1, vec![Number::new("time at the recipe's feed", "s", 12.5)]));
     let html = cycle_page(&record, &BTreeMap::new()).html();
     for part in [
         "Simulated time: 192.2 s. Wall time: 2023-11-14 22:13:20 UTC to 2023-11-14 22:14:50 UTC, 90 s.",
@@ -213,7 +212,7 @@ fn planned_and_executed_waypoints_agree() {
 #[test]
 fn a_number_that_is_not_allowed_differs_from_its_limit() {
     let shown = |value: f64, limit: Limit| {
-        let row = row(&Number::new("n", "%", value).within(limit), Times::Wall);
+        let row = row(&Number::new("n", "%", value).within(limit), Kind::Locate, Times::Wall);
         [row.value, row.allowed]
     };
     assert_eq!(shown(8.000_4, Limit::AtMost(8.0)), ["8.0004 %, not allowed", "≤ 8 %"]);

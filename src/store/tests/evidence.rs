@@ -194,7 +194,7 @@ fn a_flipped_bit_in_any_page_is_found() {
         }
     }
     eprintln!("{flips} flips in {pages} pages, all found; {named} of them in what rows, links and pages say");
-    assert!(pages > 10 && named > flips / 3);
+    assert!(pages > 10 && named > flips / 4);
     fs::write(&path, bytes).expect("as it was");
     assert_eq!(verify(&folder).found, [] as [String; 0]);
 }
@@ -337,7 +337,8 @@ fn the_last_line_alone_cannot_be_cut_off() {
 #[test]
 fn a_store_without_a_chain_is_taken_into_one() {
     let folder = whole();
-    let drop_all = "DROP TABLE chain; DROP TABLE checkpoints; DROP TABLE incidents; DROP TABLE pruned; PRAGMA user_version = 5";
+    let drop_all = "DROP TABLE chain; DROP TABLE checkpoints; DROP TABLE incidents; DROP TABLE pruned; DROP TABLE permits; \
+                    DROP TABLE contacts; DROP TABLE cycle_facts; DROP TABLE requests; PRAGMA user_version = 5";
     behind_its_back(&folder, drop_all);
     let path = store_in(&folder);
     // Beside a head that knows better it was rolled back, not left by an earlier program.
