@@ -348,7 +348,10 @@ fn a_whole_cycle_passes_after_an_abrasion() {
     assert!(ended["abraded"].as_array().is_some_and(|grids| !grids.is_empty()), "{ended}");
     let page =
         std::fs::read_to_string(folder.path().join(ended["report"].as_str().expect("a file"))).expect("the page");
-    assert!(page.contains("<td>signature</td>") && page.contains("start, with at most 2 abrasions"), "{page}");
+    assert!(
+        page.contains("<td>signature</td>") && page.contains("start: done, with at most 2 abrasions"),
+        "{page}"
+    );
     let (exit, ended) = json(folder.path(), &format!("{cycle} --scene clean"));
     assert_eq!((exit, ended["verdict"].as_str()), (0, Some("pass")), "{ended}");
     assert_eq!(ended["abraded"].as_array().map(Vec::len), Some(0), "no contact with a clean panel: {ended}");

@@ -64,7 +64,7 @@ fn each_mistake_is_named() {
             "path.reference_axis: found a direction of length 0.001, allowed is 0.1 to 1.8, or [0, 0, 0]",
         ),
         ("path.max_dwell_ratio = 1", "path.max_dwell_ratio: found 1, allowed is a number from 1.1 to 20"),
-        ("path.dwell_ratio = 2", "path.dwell_ratio: unknown key; did you mean max_dwell_ratio?"),
+        ("path.max_dwel_ratio = 2", "path.max_dwel_ratio: unknown key; did you mean max_dwell_ratio?"),
         ("locate.min_overlap = 90", "locate.min_overlap: found 90, allowed is a number from 0 to 1"),
         (
             "corner.which = 'top left'",
