@@ -20,7 +20,6 @@ fn replaced(file: &Path, changes: &[(&str, &str)]) {
 
 /// The smallest films that a verdict can be made of: what is sanded over the sockets holds its film afterwards.
 #[test]
-#[ignore = "more than eighty seconds by the wall clock: not yet seen to pass"]
 fn a_whole_cycle_by_the_wall_clock_passes_after_abrasion() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();

@@ -59,7 +59,7 @@ pub enum Command {
     #[command(
         after_help = "Examples, with the mock robot of config/cell.toml, which stands at its home pose anew each time:\n  \
         panelprep robot state\n  panelprep robot move-j ready\n  \
-        panelprep robot move-lin --speed-mm-s 30 500,0,740,0,90,0 --json\n\
+        panelprep robot move-lin --speed-mm-s 30 445,20,682,180,30,180 --json\n\
         To keep one standing between commands, run `panelprep mock-robot` and name it as an \"eki\" robot at 127.0.0.1."
     )]
     Robot(Robot),
