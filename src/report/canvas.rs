@@ -147,14 +147,21 @@ impl Canvas {
         Ok(())
     }
 
-    /// A label whose text begins at `at`, its baseline there; on a dark ground.
+    /// A label whose text begins at `at`, its baseline there; on a dark ground. One that would end outside of the picture
+    /// is moved inside as a whole.
     ///
     /// # Errors
     /// As [`Canvas::polyline`].
     pub fn label(&mut self, at: Pixel, text: &str, height_px: f64, ink: Ink) -> Result<(), ImagingError> {
         let text = &ascii(text);
         let (scale, weight) = lettering(height_px);
-        let origin = Point2i::new(at.u.round() as i32, at.v.round() as i32);
+        let mut below = 0;
+        let size = drawn(imgproc::get_text_size(text, FONT, scale, weight * 3 + 1, &mut below))?;
+        let within = |at: f64, least: i32, most: i32| (at.round() as i32).min(most).max(least);
+        let origin = Point2i::new(
+            within(at.u, 0, self.mat.cols() - size.width),
+            within(at.v, size.height, self.mat.rows() - below),
+        );
         for (ink, weight) in [(Ink::RIM, weight * 3 + 1), (ink, weight)] {
             let color = ink.scalar();
             drawn(imgproc::put_text(
@@ -283,6 +290,20 @@ mod tests {
         let dark = |row: usize| picture.rgb[row * 40 + 20].iter().all(|&value| value < 100);
         assert!((11..16).any(dark) && (4..9).any(dark), "a rim on both sides");
         assert_eq!(picture.rgb[20], [128; 3]);
+    }
+
+    /// A label that would begin beyond the right border, or above the upper one, is whole inside the picture: no letter touches
+    /// the border.
+    #[test]
+    fn a_label_is_never_cut_off() {
+        for at in [Pixel::at(195.0, 50.0), Pixel::at(400.0, -30.0), Pixel::at(-20.0, 99.0)] {
+            let mut canvas = Canvas::on(&ColorPicture::filled(200, 100, [128; 3])).expect("a picture");
+            canvas.label(at, "3 [1944, 1200]", 14.0, Ink::WHITE).expect("drawn");
+            let picture = canvas.finish().expect("pixels");
+            let white: Vec<usize> = (0..200 * 100).filter(|&index| picture.rgb[index][0] > 200).collect();
+            assert!(white.len() > 100, "{at:?}: {} bright pixels", white.len());
+            assert!(white.iter().all(|index| (1..199).contains(&(index % 200))), "{at:?}");
+        }
     }
 
     /// A picture of 60 px beside a legend of 30 letters: no letter is cut, and a wide picture keeps its width.

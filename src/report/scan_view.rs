@@ -35,18 +35,16 @@ pub fn region_in_scan<F: Frame>(
 ) -> Result<ColorPicture, ImagingError> {
     let mut canvas = tinted(scan)?;
     let size_px = (scan.height() as f64 / 60.0).max(9.0);
+    let text_px = (scan.height() as f64 / 50.0).max(11.0);
     let width_px = (scan.height() as f64 / 600.0).round().max(1.0) as i32;
     canvas.polyline(corners_px, true, Pen { ink: Ink::WHITE, width_px })?;
     for (index, corner) in corners_px.iter().enumerate() {
         let number = index + 1;
         let (ink, word) = if wrong.contains(&number) { (Ink::VERMILLION, " wrong") } else { (Ink::BLUE, "") };
         canvas.cross(*corner, size_px, Pen { ink, width_px: width_px + 1 })?;
-        // A corner outside of the picture is named at the picture's border.
-        let longest = 14.0 * size_px;
-        let u = (corner.u + size_px).clamp(size_px, (scan.width() as f64 - longest).max(size_px));
-        let v = (corner.v - size_px).clamp(2.0 * size_px, scan.height() as f64 - size_px);
+        // In white: coloured letters of this size are hard to read. The cross has the colour, the text the word.
         let text = format!("{number} [{:.0}, {:.0}]{word}", corner.u, corner.v);
-        canvas.label(Pixel::at(u, v), &text, size_px, ink)?;
+        canvas.label(Pixel::at(corner.u + size_px, corner.v - size_px), &text, text_px, Ink::WHITE)?;
     }
     let said = legend(scan);
     let lines = [

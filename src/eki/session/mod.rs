@@ -180,7 +180,7 @@ pub struct Session {
     /// The controller's epoch and the highest that was asked for, on this connection.
     controller_epoch: Epoch,
     asked_epoch: Epoch,
-    /// The highest epoch that was ever open, by what this session and its callers know.
+    /// The highest epoch that was ever asked to open, by what this session and its callers know.
     opened_epoch: Epoch,
     /// The last request sent and the last answered, on this connection.
     asked: u32,
@@ -354,6 +354,8 @@ impl Session {
             return Err(QueueError::NotConnected);
         }
         self.asked_epoch = epoch;
+        // An answer that is lost does not say that the controller has not opened it.
+        self.opened_epoch = epoch;
         self.phase = Phase::Opening { epoch, request };
         Ok(epoch)
     }

@@ -175,7 +175,6 @@ impl Session {
         match &mut self.phase {
             Phase::Opening { epoch, .. } if state.epoch == *epoch => {
                 let epoch = *epoch;
-                self.opened_epoch = self.opened_epoch.max(epoch);
                 self.phase = Phase::Open(Box::new(Flow::new(epoch)));
                 self.reports.push_back(Report::EpochOpened { epoch });
             }

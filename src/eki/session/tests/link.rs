@@ -20,6 +20,26 @@ fn another_boot_ends_the_epoch_and_no_number_comes_again() {
     assert_eq!(cell.session.open_epoch(), Ok(Epoch(8)));
 }
 
+/// The answer to the opening was lost with the link, and the controller then counts from zero again: what it may have
+/// opened is not opened a second time.
+#[test]
+fn an_epoch_that_was_asked_for_and_not_confirmed_never_comes_again() {
+    let mut cell = Cell::ready();
+    cell.controller.silent = true;
+    let asked = cell.session.open_epoch().expect("it stands");
+    cell.pass(50);
+    assert_eq!(cell.controller.epoch, asked.0, "the controller has opened it");
+    cell.session.disconnected(LinkLoss::Closed { channel: Channel::State });
+    while cell.session.poll_transmit(Time::at_ms(cell.now_ms)).is_some() {}
+    cell.controller.begin(0);
+    (cell.controller.boot, cell.controller.sequence, cell.controller.answered) = (78, 0, 0);
+    cell.controller.silent = false;
+    cell.session.connected(Time::at_ms(cell.now_ms));
+    cell.pass(200);
+    let next = cell.session.open_epoch().expect("connected");
+    assert!(next > asked, "{next:?} after {asked:?}");
+}
+
 /// A malformed message with a path underway: the abort still goes out, then the link is closed.
 #[test]
 fn a_broken_stream_aborts_and_closes() {
