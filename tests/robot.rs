@@ -126,3 +126,59 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let said: Vec<String> = lines.map_while(Result::ok).take(2).collect();
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }
+
+/// What a client can try is tried, the rest is asked for, and the page holds both.
+#[test]
+fn what_is_to_be_proven_is_gone_through() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (command, state) = (54_602, 54_603);
+    for (file, shipped, port) in [
+        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), command),
+        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml"), state),
+    ] {
+        let text = shipped.replace("<PORT>54600</PORT>", &format!("<PORT>{port}</PORT>"));
+        let text = text.replace("<PORT>54601</PORT>", &format!("<PORT>{port}</PORT>"));
+        std::fs::write(folder.join(file), text).expect("written");
+    }
+    let ports = format!("command_port = {command}\nstate_port = {state}\n");
+    cell(folder, "[robot]\nkind = \"mock\"\n");
+    let (exit, told, _) = robot(folder, "prove --out proven.html --by Ada");
+    assert_eq!(exit, 2, "{told}");
+    cell(folder, &format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}"));
+    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args("mock-robot --config . --cell cell.toml".split_whitespace())
+        .current_dir(folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(mock.stderr.take().expect("piped")).lines();
+    let _mock = Running(mock);
+    lines.next().expect("a line").expect("UTF-8");
+    std::thread::spawn(move || lines.for_each(drop));
+    std::fs::write(folder.join("answers"), "y trace 1\nn old entries came\n\ny\n").expect("written");
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args("robot prove --out proven.html --by Ada --cell cell.toml --json".split_whitespace())
+        .current_dir(folder)
+        .stdin(std::fs::File::open(folder.join("answers")).expect("there"))
+        .output()
+        .expect("the program starts");
+    let told: Value = serde_json::from_slice(&output.stdout).expect("one object");
+    let proofs = told["proofs"].as_array().expect("proofs");
+    let of = |number: u64| {
+        let proof = proofs.iter().find(|proof| proof["number"] == number).expect("a row");
+        (proof["finding"].as_str().expect("a word"), proof["tried"].as_bool().expect("yes or no"))
+    };
+    for number in [5, 7, 18, 33, 35, 39] {
+        assert_eq!(of(number), ("proven", true), "{number}: {told}");
+    }
+    assert_eq!(
+        [of(1), of(2), of(3), of(4)],
+        [("proven", false), ("wrong", false), ("open", false), ("open", false)]
+    );
+    assert_eq!(of(20), ("open", false), "in contact, by hand");
+    assert_eq!((output.status.code(), &told["verdict"]), (Some(1), &Value::from("reject")));
+    let page = std::fs::read_to_string(folder.join("proven.html")).expect("the page");
+    assert!(page.contains("trace 1") && page.contains("old entries came") && page.contains("By Ada"), "{page}");
+    assert_eq!(page.matches("<tr class=").count(), proofs.len());
+}

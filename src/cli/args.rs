@@ -402,6 +402,20 @@ pub enum RobotFunction {
         /// Its index there.
         index: u16,
     },
+    /// None of the nine: goes through what the installation page asks to be proven on the controller, and writes a page to
+    /// sign. Tries what a client can try, asks for the rest; nothing moves by it.
+    Prove(Prove),
+}
+
+/// Options of `robot prove`.
+#[derive(Debug, Clone, Args)]
+pub struct Prove {
+    /// The page, HTML.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Who stands at the controller.
+    #[arg(long, value_name = "NAME")]
+    pub by: String,
 }
 
 /// What the tip is.

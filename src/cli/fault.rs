@@ -134,6 +134,12 @@ pub enum Fault {
         /// The nearest that is delivered.
         nearest_px: [usize; 2],
     },
+    /// A simulated controller proves nothing of a real one.
+    #[error(
+        "[robot] kind is \"mock\": there is no controller to prove anything on; set kind = \"eki\" and host in the cell's file (to try \
+         the command, run panelprep mock-robot and set host = \"127.0.0.1\")"
+    )]
+    NothingToProve,
     /// A pose on the command line that is none.
     #[error("\"{found}\" is no {what}: {problem}")]
     NotSix {

@@ -32,6 +32,7 @@ mod part;
 mod person;
 mod pictures;
 mod plan;
+mod prove;
 mod recording;
 mod refine;
 mod render;

@@ -24,6 +24,9 @@ use std::time::Duration;
 /// Where a file or a number is not what it must be, another program holds the store, or no device can be started.
 pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
+    if let RobotFunction::Prove(prove) = &args.function {
+        return super::prove::run(prove, &files, &|line| super::output::tell_line(line));
+    }
     files.require(Purpose::Robot)?;
     let order = Order::read(&args.function, &files)?;
     // Whoever holds the store may be moving the robot. To look is free, and a mock robot is this program's own.
@@ -72,7 +75,7 @@ enum Order {
 impl Order {
     fn read(function: &RobotFunction, files: &CellFiles) -> Result<Self, Fault> {
         Ok(match function {
-            RobotFunction::State => Order::State,
+            RobotFunction::State | RobotFunction::Prove(_) => Order::State,
             RobotFunction::MoveJ { to, axis_speed_percent } => {
                 Order::MoveJ(joints(to, &files.cell)?, *axis_speed_percent)
             }

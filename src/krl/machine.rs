@@ -35,6 +35,10 @@ pub struct Meaning {
     pub clear_of_unknown_stops: bool,
     /// EKI_Open within two cycles after EKI_Clear fails: the server exists already.
     pub immediate_reopen_fails: bool,
+    /// The trigger of a motion behind which nothing is planned may not fire at all.
+    pub triggers_get_lost: bool,
+    /// A program that the safety controller stops is told as stopped a few cycles later, and executes statements until then.
+    pub stops_late: bool,
 }
 
 /// Memory that both interpreters share, and what was executed.
@@ -237,6 +241,9 @@ pub struct Interpreter {
     saved: Vec<(bool, Option<usize>, usize)>,
     statement: usize,
     statement_height: usize,
+    /// While an interrupt's condition is looked at: the first cell of the routine that declared it, and how many frames
+    /// there are outside of the functions that the condition calls.
+    condition_base: Option<(usize, usize)>,
 }
 
 impl Interpreter {
@@ -260,6 +267,7 @@ impl Interpreter {
             saved: Vec::new(),
             statement: 0,
             statement_height: 0,
+            condition_base: None,
         }
     }
 

@@ -1,14 +1,26 @@
 //! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
-//! without a stop; an abort through hostile clients of the service. A table, and exit code 1 where a target is missed.
-//! `cargo bench --bench link -- [TRIALS]`, the last alone with `-- socket`.
+//! without a stop; an abort through hostile clients of the service; 200,000 walks over the controller's programs. A table, and exit code 1 where a target is missed.
+//! `cargo bench --bench link -- [TRIALS]`, the aborts alone with `-- socket`,
+//! the walks alone with `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
 #[expect(dead_code, reason = "the tests use the rest")]
 mod cell;
 #[path = "../hostile/clients.rs"]
 mod clients;
+#[path = "../link/damage.rs"]
+mod damage;
 #[path = "../link/loopback.rs"]
 mod loopback;
+#[path = "../link/oracles.rs"]
+#[allow(dead_code, reason = "the tests use the rest")]
+mod oracles;
+#[path = "../link/programs/mod.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use the rest")]
+mod programs;
+#[path = "../link/walks.rs"]
+#[allow(dead_code, unused_imports, reason = "the tests use the rest")]
+mod walks;
 mod link {
     pub mod peer;
     pub mod socket;
@@ -37,12 +49,18 @@ const SOCKET_TRIALS: usize = 500;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
+/// Walks over the controller's programs as they ship.
+const PROGRAM_WALKS: u64 = 200_000;
 
 fn main() -> ExitCode {
     let trials = std::env::args().skip(1).find_map(|argument| argument.parse().ok()).unwrap_or(10_000);
     let arguments: Vec<String> = std::env::args().collect();
     if arguments.iter().any(|argument| argument == "socket") {
         return if abort_by_socket() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
+    if arguments.iter().any(|argument| argument == "programs") {
+        let walks = arguments.iter().find_map(|argument| argument.parse().ok()).unwrap_or(PROGRAM_WALKS);
+        return if walks_of_the_programs(walks) { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
     let reached = [
         abort_by_socket(),
@@ -52,10 +70,29 @@ fn main() -> ExitCode {
         stop_latency("both cores busy", trials, std::thread::available_parallelism().map_or(2, usize::from), BUSY),
         long_virtual_path(),
         path_over_sockets(),
+        walks_of_the_programs(PROGRAM_WALKS),
     ];
     let missed = reached.iter().filter(|reached| !**reached).count();
     println!("{missed} of {} missed their target", reached.len());
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// Seeded walks of the client against the programs that ship, executed.
+fn walks_of_the_programs(walks: u64) -> bool {
+    let (shipped, started) = (programs::texts("config/kuka"), Instant::now());
+    let loaded = programs::load(&shipped);
+    let (found, covered) = programs::many(walks, u64::MAX, &loaded);
+    let missing = covered.print(&loaded, &shipped);
+    found.iter().take(20).for_each(|(seed, violation)| println!("{seed}: {violation}"));
+    let reached = found.is_empty() && missing.is_empty();
+    println!(
+        "{walks} walks over the controller's programs: {} violate a rule, {} lines never executed, {:.0} s {}",
+        found.len(),
+        missing.len(),
+        started.elapsed().as_secs_f64(),
+        verdict(reached)
+    );
+    reached
 }
 
 fn verdict(reached: bool) -> &'static str {

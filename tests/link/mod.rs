@@ -3,6 +3,7 @@
 mod cell;
 mod corpus;
 mod cuts;
+mod damage;
 mod fuzz;
 mod loopback;
 mod oracles;

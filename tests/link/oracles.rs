@@ -24,6 +24,8 @@ const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_O
 
 /// What the programs may take longer than the model, which stops in one act: cycles of a scheduler that starves them.
 const PROGRAMS_MS: u64 = 250;
+/// So much later a starved robot interpreter begins to brake.
+const STARVED_MS: u64 = 60;
 /// Without its link the arm goes on so long at most, where the programs are executed.
 const UNLINKED_MS: u64 = 400 + BRAKE_MS;
 
@@ -35,6 +37,8 @@ pub struct Oracles {
     pub violation: Violation,
     /// Until then the arm is slowed.
     pub slowed_until_ms: u64,
+    /// Somebody else has sent commands, in epochs up to this one.
+    pub strange_epoch: i32,
     /// The longest way of a byte.
     pub delay_ms: u64,
     points: BTreeMap<(u32, u32), (MoveLin, f64)>,
@@ -81,6 +85,10 @@ impl Oracles {
         }
     }
 
+    fn is_strange(&self, cell: &Insides<'_>) -> bool {
+        cell.controller.epoch() <= self.strange_epoch
+    }
+
     /// How long a retract that begins then may take.
     fn retract_ms(&self, from_ms: u64) -> u64 {
         if from_ms < self.slowed_until_ms { SLOW_RETRACT_MS } else { RETRACT_MS }
@@ -102,7 +110,7 @@ impl Oracles {
             self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed after command {before}"));
         }
         if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch)
-            && now_ms > stop.time_ms + BRAKE_MS
+            && now_ms > stop.time_ms + BRAKE_MS + STARVED_MS
         {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
         }
@@ -137,9 +145,16 @@ impl Oracles {
         let (received, done) = controller.counts();
         let last_stop = controller.stops().last();
         let after_ms = last_stop.map_or(u64::MAX, |stop| now_ms - stop.time_ms);
-        let contact = last_stop.is_some_and(|stop| stop.contact);
         let retract_ms = last_stop.map_or(0, |stop| self.retract_ms(stop.time_ms));
-        let ends = after_ms <= BRAKE_MS || (contact && after_ms <= BRAKE_MS + retract_ms);
+        let brake_ms = if is_program(cell) { BRAKE_MS + STARVED_MS } else { BRAKE_MS };
+        // Behind a stop in contact there may be another one, while the arm retracts.
+        let retracts = controller
+            .stops()
+            .iter()
+            .rev()
+            .take(3)
+            .any(|stop| stop.contact && now_ms - stop.time_ms <= brake_ms + self.retract_ms(stop.time_ms));
+        let ends = after_ms <= brake_ms || retracts;
         let epoch = controller.epoch();
         if is_program(cell)
             && now_ms > self.linked_ms + UNLINKED_MS + retract_ms
@@ -197,7 +212,7 @@ impl Oracles {
     /// What the robot still does on its own is at most a second, or five points.
     fn judge_window(&mut self, cell: &Insides<'_>) {
         // What an ended epoch has received waits for nobody.
-        if is_program(cell) && cell.controller.is_stopped() {
+        if is_program(cell) && (cell.controller.is_stopped() || self.is_strange(cell)) {
             return;
         }
         let (received, done) = cell.controller.counts();
@@ -297,7 +312,7 @@ impl Watch for Oracles {
                     );
                 }
             }
-            Report::Refused { refusal, id } if !MAY_BE_REFUSED.contains(refusal) => {
+            Report::Refused { refusal, id } if !self.is_strange(cell) && !MAY_BE_REFUSED.contains(refusal) => {
                 self.wrong(cell.now_ms, format!("the controller refused command {id}: {refusal}"));
             }
             _ => {}

@@ -4,14 +4,18 @@
 //! reaches motion; at its end everything is mended, and the link must come back and execute a path.
 
 use super::cell::{self, Cell, Side, pass, sanding_tool, setup, speed};
+use super::damage::{self, MAPPED_INPUT};
 use super::oracles::Oracles;
 use panelprep::devices::mock::{self, Clock, Fault, Mode, Programs, Rule, Setup, Side as End};
-use panelprep::eki::{Channel, Command, CommandId, Epoch, LinkLimits, MoveJ, MoveLin, QueueError, Report, Signal};
+use panelprep::eki::{
+    Channel, Command, CommandId, Epoch, LinkLimits, MappedInputs, MoveJ, MoveLin, QueueError, Report, Signal,
+};
 use panelprep::geometry::Joints;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use std::cell::Cell as Flag;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 const WALKS: u64 = 20_000;
@@ -19,6 +23,9 @@ const WEAK_WALKS: u64 = 400;
 const COMMANDS: usize = 100;
 const FAULTS: usize = 3;
 const LENGTH_MS: u64 = 20_000;
+/// Of a walk over the programs, where faults come twice as often.
+const PROGRAM_COMMANDS: usize = 60;
+const PROGRAM_LENGTH_MS: u64 = 8_000;
 /// From mended to connected, opened and executed.
 const RECOVERY_MS: u64 = 12_000;
 
@@ -41,6 +48,8 @@ struct Walk {
     mended: bool,
     /// When the foreign program is done and the cell's is selected again.
     home_at_ms: Option<u64>,
+    /// The controller executes the programs that ship.
+    is_program: bool,
 }
 
 /// One walk; what was wrong.
@@ -51,21 +60,38 @@ fn walk(seed: u64, weak: &Weak) -> Result<(), String> {
 /// One walk: the cell at its end, and what was wrong.
 pub fn walk_over(seed: u64, weak: &Weak) -> (Cell, Result<(), String>) {
     let mut draw = Pcg64::seed_from_u64(seed);
-    let setup = Setup { left_out: weak.rule, programs: weak.programs.clone(), ..setup(Clock::Free) };
-    let mut cell = Cell::new(setup, weak.limits.unwrap_or_default(), seed);
+    let is_program = weak.programs.is_some();
+    let mut setup = Setup { left_out: weak.rule, programs: weak.programs.clone(), ..setup(Clock::Free) };
+    let mut limits = weak.limits.unwrap_or_default();
+    if is_program {
+        setup.mapped_inputs = BTreeMap::from([(MAPPED_INPUT, 860)]);
+        limits.mapped_inputs = MappedInputs::new([MAPPED_INPUT]).expect("room for one");
+    }
+    let mut cell = Cell::new(setup, limits, seed);
     cell.delay_ms = [(0, 0), (1, 3), (2, 25), (10, 10)][draw.random_range(0..4)];
     cell.fragment = draw.random_bool(0.3);
     let oracles = Oracles::new(cell.delay_ms.1);
     let next_fault_ms = draw.random_range(300..4_000);
-    let mut walk =
-        Walk { cell, oracles, draw, commands: 0, faults: 0, next_fault_ms, mended: false, home_at_ms: None };
+    let mut walk = Walk {
+        cell,
+        oracles,
+        draw,
+        commands: 0,
+        faults: 0,
+        next_fault_ms,
+        mended: false,
+        home_at_ms: None,
+        is_program,
+    };
     let found = walk.whole();
     (walk.cell, found)
 }
 
 impl Walk {
     fn whole(&mut self) -> Result<(), String> {
-        while !(self.commands >= COMMANDS && self.faults >= FAULTS && self.cell.now_ms >= LENGTH_MS) {
+        let (commands, length_ms) =
+            if self.is_program { (PROGRAM_COMMANDS, PROGRAM_LENGTH_MS) } else { (COMMANDS, LENGTH_MS) };
+        while !(self.commands >= commands && self.faults >= FAULTS && self.cell.now_ms >= length_ms) {
             self.round()?;
             if self.cell.now_ms > 20 * LENGTH_MS {
                 return Err(format!("{} commands and {} faults in 400 s", self.commands, self.faults));
@@ -136,6 +162,9 @@ impl Walk {
             return self.pass_time(100);
         }
         let speed_m_s = [0.15, 0.3][self.draw.random_range(0..2)];
+        if self.is_program && self.draw.random_bool(0.1) {
+            self.queue(Command::CallSubroutine { index: 0 });
+        }
         for command in [Command::SetBase(cell::BASE), sanding_tool(), speed(speed_m_s)] {
             self.queue(command);
         }
@@ -151,12 +180,25 @@ impl Walk {
         if self.draw.random_bool(0.1) {
             self.queue(Command::CallSubroutine { index: 0 });
         }
+        if self.is_program && self.draw.random_bool(0.2) {
+            let on = self.draw.random_bool(0.5);
+            self.queue(Command::SetDigin(Signal { number: MAPPED_INPUT, on }));
+        }
         for _ in 0..self.draw.random_range(1..3) {
             // Now and then more than the window holds.
             let count = if self.draw.random_bool(0.1) { 60..140 } else { 5..36 };
-            let points = pass(self.draw.random_range(count), 3.0, self.draw.random_bool(0.6));
+            let mut points = pass(self.draw.random_range(count), 3.0, self.draw.random_bool(0.6));
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: true }));
+            if self.is_program {
+                self.vary(&mut points, speed_m_s);
+            }
             let Some(last) = self.queue_path(&points, speed_m_s) else { break };
+            if self.is_program && self.draw.random_bool(0.3) {
+                for _ in 0..self.draw.random_range(1..3) {
+                    let signal = Signal { number: 3, on: self.draw.random_bool(0.5) };
+                    self.queue(Command::SetDigoutOnPath(signal));
+                }
+            }
             self.queue(Command::SetDigout(Signal { number: cell::TOOL_OUTPUT, on: false }));
             let over = |report: &Report| match report {
                 Report::PathDone { last: done } => *done == last,
@@ -171,6 +213,16 @@ impl Walk {
         }
         let pause_ms = self.draw.random_range(100..2_500);
         self.pass_time(pause_ms)
+    }
+
+    /// Here and there a line that brings its speed, and one that stops exactly in the air.
+    fn vary(&mut self, points: &mut [MoveLin], speed_m_s: f64) {
+        for point in points {
+            point.speed_m_s = self.draw.random_bool(0.2).then_some(speed_m_s);
+            if !point.contact && self.draw.random_bool(0.2) {
+                point.blend_mm = 0.0;
+            }
+        }
     }
 
     fn queue(&mut self, command: Command) {
@@ -190,15 +242,16 @@ impl Walk {
     fn strike(&mut self) {
         let draw = &mut self.draw;
         self.faults += 1;
-        self.next_fault_ms = self.cell.now_ms + draw.random_range(500..8_000);
+        self.next_fault_ms = self.cell.now_ms
+            + if self.is_program { draw.random_range(300..3_500) } else { draw.random_range(500..8_000) };
         let lasts_ms = draw.random_range(20..2_000);
         let for_ms = Some(lasts_ms);
         let side = [Side::Client, Side::Robot][draw.random_range(0..2)];
         let channel = [Channel::Command, Channel::State][draw.random_range(0..2)];
         let end = [End::Command, End::State, End::Both][draw.random_range(0..3)];
         let until_ms = self.cell.now_ms + lasts_ms;
-        let is_program = self.cell.controller.robot_state().is_some();
-        let kinds = if is_program { 27 } else { 24 };
+        let is_program = self.is_program;
+        let kinds = if is_program { 34 } else { 24 };
         let fault = match draw.random_range(0..kinds) {
             0..3 => return self.cell.cut(channel, side, draw.random_bool(0.5)),
             3 => return self.cell.client_stalls_until_ms = until_ms,
@@ -229,6 +282,9 @@ impl Walk {
                 let number = [i32::MIN, -1, 0, 1_000_000, i32::MAX - 1, i32::MAX][draw.random_range(0..6)];
                 return self.cell.foreign_request(operation, number);
             }
+            20 if is_program => {
+                Fault::Mode { to: [Mode::T1, Mode::T2, Mode::Aut][draw.random_range(0..3)], for_ms }
+            }
             20 => Fault::Mode { to: Mode::T1, for_ms },
             21 => Fault::Deselect { for_ms },
             22 => Fault::Reboot { for_ms },
@@ -247,9 +303,35 @@ impl Walk {
             }
             // A thumb on the start key, whatever the program does.
             25 => return self.cell.controller.hold_start_key(draw.random_bool(0.5)),
+            26..30 => return self.damage(),
+            30 => return self.turn_over(),
+            31 => return self.cell.controller.set_input(draw.random_range(1..9), draw.random_bool(0.7)),
+            32 => return self.cell.controller.fail_channels(until_ms),
             _ => Fault::Stall { for_ms: Some(draw.random_range(100..380)) },
         };
         self.cell.controller.inject(fault);
+    }
+
+    /// What no good client sends.
+    fn damage(&mut self) {
+        let (epoch, (received, _)) = (self.cell.controller.epoch(), self.cell.controller.counts());
+        self.oracles.strange_epoch = epoch.saturating_add(2);
+        let documents = damage::documents(&mut self.draw, epoch, received);
+        if documents.len() > 100 {
+            // Else the client ends the epoch before the ring is full.
+            self.cell.deaf_until_ms = self.cell.now_ms + 350;
+        }
+        for document in documents {
+            match document {
+                Ok(command) => self.cell.controller.command_bytes(command.as_bytes()),
+                Err(request) => self.cell.controller.state_bytes(request.as_bytes()),
+            }
+        }
+    }
+
+    /// The count of states has come to its end.
+    fn turn_over(&mut self) {
+        self.cell.controller.set_shared("CELL_SEQ", i32::MAX - self.draw.random_range(0..4));
     }
 
     /// Nothing goes wrong any more: the link comes back and a path is executed.

@@ -180,6 +180,11 @@ impl Mover {
         if self.place == Place::Standing { None } else { self.planned.front() }
     }
 
+    /// One of the next two planned moves, the present one included, ends in contact.
+    pub(super) fn is_near_contact(&self) -> bool {
+        self.planned.iter().take(2).any(Move::contact)
+    }
+
     /// The oldest move that is not executed.
     pub(super) fn oldest(&self) -> Option<Key> {
         let passing = match &self.place {

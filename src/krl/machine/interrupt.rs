@@ -87,20 +87,19 @@ impl Interpreter {
         let interrupt = &self.interrupts[index];
         let (start, level) = (interrupt.condition, interrupt.declared_in);
         // Conditions are of the declaring routine's variables.
-        let above = self.frames.split_off((level + 1).min(self.frames.len()));
+        self.condition_base = self.frames.get(level).map(|frame| (frame.base, self.frames.len()));
         self.at = start;
-        let program = self.program.clone();
         let value = loop {
-            match program.code.get(self.at) {
+            match self.program.code.get(self.at).copied() {
                 Some(Op::EndCondition) => break self.pop_bool(),
-                Some(&op) => match self.condition_op(op, memory, host) {
+                Some(op) => match self.condition_op(op, memory, host) {
                     Ok(()) => {}
                     Err(message) => break Err(message),
                 },
                 None => break Err("a condition without end".to_owned()),
             }
         };
-        self.frames.extend(above);
+        self.condition_base = None;
         self.stack.truncate(height);
         self.at = at;
         value
@@ -238,6 +237,11 @@ impl Interpreter {
         self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
         host.discard();
         Ok(Flow::Next)
+    }
+
+    /// The triggers of this motion never fire.
+    pub fn forget_triggers(&mut self, sequence: u64) {
+        self.armed.retain(|trigger| trigger.sequence != Some(sequence));
     }
 
     /// A trigger that fires late is still to come.

@@ -172,9 +172,10 @@ impl Interpreter {
             _ => {}
         }
         let has_tag = !matches!(builtin, EkiInit | EkiOpen | EkiClose | EkiClear | EkiLock | EkiUnlock);
-        let tag = if has_tag { self.pop_text()? } else { String::new() };
-        let channel = self.pop_text()?;
-        let answer = host.eki(builtin, &channel, &tag, &value)?;
+        let tag = if has_tag { Some(self.pop_text_index()?) } else { None };
+        let channel = self.pop_text_index()?;
+        let text = |index: usize| self.program.texts.get(index).map_or("", String::as_str);
+        let answer = host.eki(builtin, text(channel), tag.map_or("", text), &value)?;
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
             for (offset, cell) in (address.offset..).zip(answer.value.into_iter().take(cells)) {

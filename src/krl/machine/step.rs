@@ -19,11 +19,11 @@ const INVALID: &str = "a value is invalid: it was never assigned";
 impl Interpreter {
     /// Executes the statement that comes next, or goes on with one that waits.
     pub fn step(&mut self, memory: &mut Memory, host: &mut dyn Host) -> Pause {
-        let program = self.program.clone();
+        if self.frames.is_empty() {
+            return Pause::Ended;
+        }
         loop {
-            let Some(op) = program.code.get(self.at).copied().filter(|_| !self.frames.is_empty()) else {
-                return Pause::Ended;
-            };
+            let Some(op) = self.program.code.get(self.at).copied() else { return Pause::Ended };
             if let Op::Statement(index) = op {
                 self.begin_statement(index as usize, memory);
                 self.at += 1;
@@ -36,7 +36,7 @@ impl Interpreter {
                     Err(message) => return Pause::Fault(format!("{}: {message}", self.place())),
                 }
             }
-            if matches!(program.code.get(self.at), Some(Op::Statement(_))) {
+            if matches!(self.program.code.get(self.at), Some(Op::Statement(_))) {
                 return Pause::Statement;
             }
         }
@@ -102,7 +102,10 @@ impl Interpreter {
     }
 
     fn base(&self) -> usize {
-        self.frames.last().map_or(0, |frame| frame.base)
+        match self.condition_base {
+            Some((base, frames)) if frames == self.frames.len() => base,
+            _ => self.frames.last().map_or(0, |frame| frame.base),
+        }
     }
 
     /// Whether reading this must wait for the arm.
@@ -351,10 +354,14 @@ impl Interpreter {
     }
 
     pub(super) fn pop_text(&mut self) -> Result<String, String> {
+        let index = self.pop_text_index()?;
+        self.program.texts.get(index).cloned().ok_or_else(|| "a text is missing".to_owned())
+    }
+
+    /// The place of a text among the program's texts.
+    pub(super) fn pop_text_index(&mut self) -> Result<usize, String> {
         match self.pop()? {
-            Cell::Text(index) => {
-                self.program.texts.get(index as usize).cloned().ok_or_else(|| "a text is missing".to_owned())
-            }
+            Cell::Text(index) => Ok(index as usize),
             _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".to_owned()),
         }
     }

@@ -10,9 +10,10 @@ use super::super::wire::Channel;
 use super::values::Values;
 use crate::krl::{Builtin, Cell, EkiAnswer, Meaning};
 
-/// Not available; initialised already; exists already; unknown element; nobody is connected.
+/// Not available; initialised already; interpretation failed; exists already; unknown element; nobody is connected.
 const NOT_AVAILABLE: i32 = 9;
 const INITIALISED: i32 = 23;
+const FAILED: i32 = 6;
 const EXISTS: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
@@ -27,10 +28,12 @@ pub(super) fn call(
     (name, tag): (&str, &str),
     value: &[Cell],
 ) -> Result<EkiAnswer, String> {
-    let channel = match name.to_uppercase().as_str() {
-        "CELLCMD" => Channel::Command,
-        "CELLSTAT" => Channel::State,
-        _ => return Ok(answer(controller, Channel::Command, NOT_AVAILABLE)),
+    let channel = if name.eq_ignore_ascii_case("CELLCMD") {
+        Channel::Command
+    } else if name.eq_ignore_ascii_case("CELLSTAT") {
+        Channel::State
+    } else {
+        return Ok(answer(controller, Channel::Command, NOT_AVAILABLE));
     };
     let now_ms = controller.now_ms;
     let state = &mut values.channels[channel as usize];
@@ -47,6 +50,7 @@ pub(super) fn call(
             msg_no
         }
         Builtin::EkiInit if state.initialised => INITIALISED,
+        Builtin::EkiInit | Builtin::EkiOpen if now_ms < values.channels_fail_until_ms => FAILED,
         Builtin::EkiInit => {
             state.initialised = true;
             state.set.fill(Value::Unset);

@@ -43,6 +43,10 @@ pub struct Programs {
     pub adverse: bool,
     /// A start of the controller begins with the values of the data lists; else with those of its end.
     pub cold_start: bool,
+    /// What `$ROB_TIMER` counts at the start, ms.
+    pub uptime_ms: u64,
+    /// The submit interpreter begins its next cycle at once where one ends without waiting; else with the next tick.
+    pub busy_submit: bool,
 }
 
 impl Programs {
@@ -67,7 +71,15 @@ impl Programs {
             }
         }
         let program = Arc::new(analysis.program);
-        Ok(Programs { program, meaning: Meaning::default(), seed: 0, adverse: false, cold_start: false })
+        Ok(Programs {
+            program,
+            meaning: Meaning::default(),
+            seed: 0,
+            adverse: false,
+            cold_start: false,
+            uptime_ms: 0,
+            busy_submit: false,
+        })
     }
 
     /// The program, for what a test says of its statements.
@@ -102,6 +114,8 @@ pub(super) struct Running {
     /// Why the safety controller or a person stopped the arm last.
     pub(super) pressed: Option<(u64, super::log::StopCause)>,
     reset_since_ms: Option<u64>,
+    /// When a program that the safety controller stops is told as stopped.
+    stops_at_ms: Option<u64>,
     /// When the foreign program that a person selects begins.
     foreign_at_ms: Option<u64>,
 }
@@ -116,6 +130,7 @@ struct Cells {
     done: Option<u32>,
     run_epoch: Option<u32>,
     dead_epoch: Option<u32>,
+    behind: Option<u32>,
     under_air: Option<u32>,
     under_touch: Option<u32>,
     sequence: Option<u32>,
@@ -135,6 +150,7 @@ impl Running {
             done: cell("CELL_DONE"),
             run_epoch: cell("CELL_RUN_EP"),
             dead_epoch: cell("CELL_DEAD_EP"),
+            behind: cell("CELL_BEHIND"),
             under_air: cell("CELL_UNDER_AIR"),
             under_touch: cell("CELL_UNDER_TOUCH"),
             sequence: cell("CELL_SEQ"),
@@ -157,6 +173,7 @@ impl Running {
             was_open: false,
             pressed: None,
             reset_since_ms: None,
+            stops_at_ms: None,
             foreign_at_ms: None,
             programs,
         }

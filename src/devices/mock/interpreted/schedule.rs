@@ -148,7 +148,7 @@ impl Running {
             Pause::Ended => {
                 self.initialised = true;
                 self.submit.clear();
-                true
+                !self.programs.busy_submit
             }
             Pause::Fault(message) => {
                 self.faults.push(format!("submit interpreter: {message}"));
@@ -233,7 +233,10 @@ impl Running {
                 true => self.draw.random_range(0..3) * TICK_MS,
                 false => 0,
             };
-            if self.robot.has_trigger(sequence) {
+            let lost = self.programs.meaning.triggers_get_lost && controller.mover.stands();
+            if lost && self.draw.random_bool(0.3) {
+                self.robot.forget_triggers(sequence);
+            } else if self.robot.has_trigger(sequence) {
                 self.fired.push_back((sequence, controller.now_ms + late_ms));
             }
         }

@@ -17,6 +17,22 @@ impl Controller {
         running.memory.cells.get(cell as usize).copied()
     }
 
+    /// Sets an INT of the data lists, as a person does with the display of variables.
+    pub fn set_shared(&mut self, name: &str, number: i32) {
+        let Some(running) = &mut self.running else { return };
+        let cell = running.programs.program.cell(name);
+        if let Some(cell) = cell.and_then(|cell| running.memory.cells.get_mut(cell as usize)) {
+            *cell = Cell::Int(number);
+        }
+    }
+
+    /// Until then EthernetKRL reads no configuration and opens no channel; those that are open stay open.
+    pub fn fail_channels(&mut self, until_ms: u64) {
+        if let Some(running) = &mut self.running {
+            running.values.channels_fail_until_ms = until_ms;
+        }
+    }
+
     /// File and line where each interpreter is, the robot's first.
     pub fn program_places(&self) -> Option<[String; 2]> {
         self.running.as_ref().map(|running| [running.robot.place(), running.submit.place()])

@@ -1,10 +1,12 @@
 //! The robot program's states, and what people, the safety controller and the cell's PLC do to them.
 
+use super::super::contact::Contact;
 use super::super::log::{Stop, StopCause};
-use super::super::model::Controller;
+use super::super::model::{Controller, TICK_MS};
 use super::super::setup::Mode;
 use super::super::wire::Channel;
 use super::Running;
+use rand::RngExt;
 
 /// `$PRO_STATE1`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,8 +122,9 @@ impl Controller {
                 }
                 StopCause::Rebooted => controller.stop_arm_for_good(),
                 _ if running.values.state == RobotState::Active => {
-                    running.values.state = RobotState::Stopped;
+                    running.stops_at_ms = Some(now_ms + running.draw_stop_ms());
                     running.values.stop_message |= cause != StopCause::Mode;
+                    running.stop_in_time(now_ms);
                 }
                 _ => {}
             }
@@ -149,6 +152,7 @@ impl Controller {
         self.started_ms = self.now_ms;
         self.flags.clear();
         self.stop_arm_for_good();
+        self.contact = Contact::default();
         let on: Vec<u16> = self.outputs.iter().filter(|(_, on)| **on).map(|(number, _)| *number).collect();
         on.iter().for_each(|&number| self.set_output(number, false));
         self.safety.started = false;
@@ -160,6 +164,21 @@ impl Controller {
 }
 
 impl Running {
+    /// How long after its cause a program is told as stopped, ms.
+    fn draw_stop_ms(&mut self) -> u64 {
+        if self.programs.meaning.stops_late { self.draw.random_range(0..5) * TICK_MS } else { 0 }
+    }
+
+    fn stop_in_time(&mut self, now_ms: u64) {
+        if self.stops_at_ms.is_none_or(|at_ms| now_ms < at_ms) {
+            return;
+        }
+        self.stops_at_ms = None;
+        if self.values.state == RobotState::Active {
+            self.values.state = RobotState::Stopped;
+        }
+    }
+
     /// At the start of a tick: what drives, guard, mode and keys do to a program that runs, and what the PLC does.
     pub(super) fn pass_states(&mut self, controller: &mut Controller) {
         let safety = &controller.safety;
@@ -172,8 +191,10 @@ impl Running {
             }
         }
         if values.state == RobotState::Active && !may_run {
-            values.state = RobotState::Stopped;
+            self.stops_at_ms.get_or_insert(controller.now_ms);
         }
+        self.stop_in_time(controller.now_ms);
+        let values = &mut self.values;
         if std::mem::take(&mut values.reset_asked) && values.state == RobotState::Stopped {
             values.state = RobotState::Reset;
             values.stop_message = false;
@@ -211,7 +232,9 @@ impl Running {
                 (true, None) => StopCause::Halted,
                 _ => StopCause::Program,
             };
-            let contact = controller.contact.touches(controller.mover.front());
+            // The programs retract where they cannot know better: a trigger may be late.
+            let near = controller.mover.is_near_contact() || self.memory.bool(self.cells.behind);
+            let contact = controller.contact.touches(controller.mover.front()) || near;
             let epoch = self.memory.int(self.cells.epoch);
             let (time_ms, detail) = (controller.now_ms, self.values.gave_up.clone().unwrap_or_default());
             controller.stops.push(Stop { time_ms, epoch, cause, contact, detail });

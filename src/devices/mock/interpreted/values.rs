@@ -57,6 +57,8 @@ pub(in super::super) struct Values {
     /// What a program writes and nothing here acts on.
     others: std::collections::BTreeMap<(u16, u32), Cell>,
     pub(super) channels: [ChannelState; 2],
+    /// Until then EKI_Init and EKI_Open fail.
+    pub(super) channels_fail_until_ms: u64,
     /// An interrupt's condition may have changed.
     pub(super) changed: bool,
     /// An approximated motion from standstill need not wait for a next one.
@@ -66,6 +68,8 @@ pub(in super::super) struct Values {
     /// The next motion is given up.
     pub(super) refuses: bool,
     pub(super) reset_asked: bool,
+    /// What `$ROB_TIMER` counted at the start.
+    pub(super) uptime_ms: u64,
 }
 
 impl Values {
@@ -89,11 +93,13 @@ impl Values {
             words: [0; 2],
             others: std::collections::BTreeMap::new(),
             channels: [channel(setup.commands.sent.len()), channel(setup.states.sent.len())],
+            channels_fail_until_ms: 0,
             changed: true,
             released: false,
             gave_up: None,
             refuses: false,
             reset_asked: false,
+            uptime_ms: setup.programs.as_ref().map_or(0, |programs| programs.uptime_ms),
         }
     }
 
@@ -147,7 +153,8 @@ pub(super) fn read(controller: &Controller, values: &Values, variable: u16, offs
         "$COULD_START_MOTION" => bool(safety.may_start()),
         "$PRO_MOVE" => bool(controller.mover.is_in_motion()),
         "$STOPMESS" => bool(values.stop_message),
-        "$ROB_TIMER" => int((controller.now_ms - controller.started_ms) as i64),
+        // Turns over as an INT of 32 bits does.
+        "$ROB_TIMER" => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
         "$ADVANCE" => int(i64::from(values.advance)),
         "$NULLFRAME" | "$WORLD" | "$ROBROOT" => real(0.0),
         "$BASE" => values.base.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),

@@ -1,0 +1,188 @@
+//! `panelprep robot prove`: what the installation page asks to be proven on a controller, one assumption after the other.
+//!
+//! What a client alone can see it tries itself, over the two ports; for the rest it says what to do and what to expect and
+//! takes down what the person at the controller has seen. Nothing moves by it. The answers become a page to sign.
+
+mod page;
+mod tries;
+
+use super::args::Prove;
+use super::fault::Fault;
+use super::live;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::cell::RobotKind;
+use crate::requirements::Purpose;
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::json;
+use std::io::BufRead;
+
+/// The installation page, whose table of assumptions is gone through.
+const INSTALLATION: &str = include_str!("../../config/kuka/README.md");
+/// Rows that need the tool in contact, or a panel: nothing for this command.
+const IN_CONTACT: [u32; 4] = [20, 21, 22, 40];
+
+/// A row of the page's table.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Assumption {
+    /// Its number on the installation page.
+    pub(super) number: u32,
+    pub(super) assumed: String,
+    pub(super) to_do: String,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Finding {
+    Proven,
+    Wrong,
+    Open,
+}
+
+impl Finding {
+    pub(super) fn word(self) -> &'static str {
+        match self {
+            Finding::Proven => "proven",
+            Finding::Wrong => "wrong",
+            Finding::Open => "open",
+        }
+    }
+}
+
+/// One line of the page.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Proof {
+    pub(super) assumption: Assumption,
+    pub(super) finding: Finding,
+    pub(super) evidence: String,
+    /// Tried by this program; else told by the person.
+    pub(super) tried: bool,
+}
+
+/// Goes through the table and writes the page.
+///
+/// # Errors
+/// Where the cell's robot is no controller behind two ports, another program holds the store, or the page cannot be written.
+pub fn run(args: &Prove, files: &CellFiles, tell: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    files.require(Purpose::Robot)?;
+    if files.cell.robot().kind() != RobotKind::Eki {
+        return Err(Fault::NothingToProve);
+    }
+    let _store = files.settled_store()?;
+    let (robot, _) = live::robot_alone(&files.cell)?;
+    drop(robot);
+    let mut answers = std::io::stdin().lock().lines().map_while(Result::ok);
+    let mut proofs = Vec::new();
+    for assumption in assumptions(INSTALLATION) {
+        tell(&format!("{}. {}", assumption.number, assumption.assumed));
+        let proof = match tries::of(assumption.number) {
+            Some(attempt) => {
+                let (finding, evidence) = attempt(&files.cell)?;
+                Proof { assumption, finding, evidence, tried: true }
+            }
+            None => ask(assumption, &mut answers, tell),
+        };
+        tell(&format!("   {}: {}", proof.finding.word(), proof.evidence));
+        proofs.push(proof);
+    }
+    super::disk::write(&args.out, page::of(&proofs, &args.by, files.cell.robot()))?;
+    let mut outcome = Outcome::of(&judgement(&proofs));
+    let rows: Vec<_> = proofs
+        .iter()
+        .map(|proof| {
+            json!({
+                "number": proof.assumption.number, "finding": proof.finding.word(),
+                "evidence": proof.evidence, "tried": proof.tried
+            })
+        })
+        .collect();
+    outcome.put("proofs", json!(rows));
+    outcome.put("page", json!(args.out.display().to_string()));
+    outcome.say(format!("page: {}; print it, sign it, and keep it with the cell's file", args.out.display()));
+    Ok(outcome)
+}
+
+/// What the person has seen: `y`, `n` or nothing, and evidence behind it.
+fn ask(assumption: Assumption, answers: &mut dyn Iterator<Item = String>, tell: &dyn Fn(&str)) -> Proof {
+    let contact = IN_CONTACT.contains(&assumption.number);
+    tell(&format!("   {}", assumption.to_do));
+    let (finding, evidence) = if contact {
+        (Finding::Open, "needs the tool on the panel: by hand, when all others are proven".to_owned())
+    } else {
+        tell(
+            "   Seen as expected? y or n, then a space and the evidence (trace, film, figure); Enter leaves it open.",
+        );
+        answer(&answers.next().unwrap_or_default())
+    };
+    Proof { assumption, finding, evidence, tried: false }
+}
+
+fn answer(line: &str) -> (Finding, String) {
+    let (word, evidence) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
+    let evidence = evidence.trim();
+    match word.to_ascii_lowercase().as_str() {
+        "" => (Finding::Open, "not done".to_owned()),
+        // What nobody can look up later proves nothing.
+        "y" if evidence.is_empty() => (Finding::Open, "said to be as expected, without evidence".to_owned()),
+        "y" => (Finding::Proven, evidence.to_owned()),
+        "n" => (Finding::Wrong, if evidence.is_empty() { "not as expected" } else { evidence }.to_owned()),
+        _ => (Finding::Open, format!("the answer \"{}\" is neither y nor n", line.trim())),
+    }
+}
+
+fn judgement(proofs: &[Proof]) -> Judgement {
+    let reasons: Vec<Reason> = proofs
+        .iter()
+        .filter(|proof| proof.finding != Finding::Proven)
+        .map(|proof| {
+            let number = proof.assumption.number;
+            let message = format!("assumption {number} is {}: {}", proof.finding.word(), proof.evidence);
+            Reason::new(
+                if proof.finding == Finding::Wrong { "assumption_wrong" } else { "assumption_open" },
+                message,
+            )
+        })
+        .collect();
+    let is_wrong = proofs.iter().any(|proof| proof.finding == Finding::Wrong);
+    let verdict = match (is_wrong, reasons.is_empty()) {
+        (true, _) => Verdict::Reject,
+        (false, false) => Verdict::Review,
+        (false, true) => Verdict::Accept,
+    };
+    Judgement { verdict, reasons }
+}
+
+/// The rows of the table "To be proven".
+fn assumptions(page: &str) -> Vec<Assumption> {
+    let table = page.split("\n## To be proven\n").nth(1).and_then(|rest| rest.split("\n## ").next());
+    let row = |line: &str| {
+        let mut cells = line.trim().trim_matches('|').split(" | ").map(str::trim);
+        let number = cells.next()?.parse().ok()?;
+        Some(Assumption { number, assumed: cells.next()?.to_owned(), to_do: cells.next()?.to_owned() })
+    };
+    table.unwrap_or_default().lines().filter_map(row).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_row_of_the_page_is_gone_through() {
+        let rows = assumptions(INSTALLATION);
+        let numbers: Vec<u32> = rows.iter().map(|row| row.number).collect();
+        assert!(numbers.len() >= 47, "{numbers:?}");
+        assert_eq!(numbers, (1..=numbers.len() as u32).collect::<Vec<_>>());
+        assert!(rows.iter().all(|row| !row.to_do.is_empty() && !row.to_do.ends_with('|')));
+        assert!(IN_CONTACT.iter().all(|number| numbers.contains(number)));
+    }
+
+    #[test]
+    fn an_answer_without_evidence_proves_nothing() {
+        assert_eq!(answer("y film 12, 0.3 s"), (Finding::Proven, "film 12, 0.3 s".to_owned()));
+        assert_eq!(answer("y").0, Finding::Open);
+        assert_eq!(answer("N stops at the second").0, Finding::Wrong);
+        assert_eq!(answer("  ").0, Finding::Open);
+        assert_eq!(answer("perhaps").0, Finding::Open);
+    }
+}

@@ -1,0 +1,311 @@
+//! The faults that a reading of the programs found: each is shown by a run of the programs as they were before they were
+//! mended, kept in `fixtures/kuka_before`, and is gone in the same run of those that ship.
+
+use super::super::cell::{TOOL_OUTPUT, height_mm};
+use super::raw::{Raw, started};
+use super::{Undone, load, texts, undo, walk};
+use panelprep::devices::mock::{Channel, Controller, Mode, Programs, RobotState};
+use panelprep::krl::{Kss, Meaning, Op, analyse, parse};
+use rayon::prelude::*;
+
+const BEFORE: &str = "fixtures/kuka_before";
+const SHIPS: &str = "config/kuka";
+
+/// Both, in this meaning.
+fn both(meaning: Meaning) -> [Programs; 2] {
+    [BEFORE, SHIPS].map(|folder| {
+        let mut programs = load(&texts(folder));
+        programs.meaning = meaning;
+        programs
+    })
+}
+
+/// A fault that a walk shows, in a meaning that public documents leave open: what the walk over the old programs says.
+#[test]
+fn walks_show_the_faults_of_before() {
+    let standard = Meaning::default();
+    let rows: [(&str, Meaning, u64, &str); 2] = [
+        (
+            "RESUME with $ADVANCE at 3",
+            Meaning { resume_needs_advance_0: true, ..standard },
+            0,
+            "RESUME with $ADVANCE",
+        ),
+        ("$POS_ACT of a program that is gone", standard, 3, "$POS_ACT has no value"),
+    ];
+    for (name, meaning, seed, words) in rows {
+        let [before, ships] = both(meaning);
+        let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
+        if let Some(walks) = anew {
+            let shown = |seed: &u64| {
+                walk(*seed, &before, meaning).1.is_err_and(|found| found.contains(words))
+                    && walk(*seed, &ships, meaning).1.is_ok()
+            };
+            println!("BEFORE {name}: {:?}", (0..walks).find(shown));
+            continue;
+        }
+        let found = walk(seed, &before, meaning).1.expect_err(name);
+        assert!(found.contains(words), "{name}: {found}");
+        assert_eq!(walk(seed, &ships, meaning).1, Ok(()), "{name}");
+    }
+}
+
+/// Comes and goes between two cycles; then someone tries for 10 s.
+fn comes_back(programs: Programs) -> bool {
+    let mut controller = started(programs);
+    for channel in [Channel::Command, Channel::State] {
+        assert!(controller.connect(channel));
+        controller.disconnect(channel);
+        assert!(!controller.connect(channel), "a lost channel does not open by itself");
+    }
+    (0..100).any(|_| {
+        controller.advance_ms(100);
+        [Channel::Command, Channel::State].into_iter().all(|channel| controller.connect(channel))
+    })
+}
+
+/// Only a client that was seen was missed, before; a channel whose client nobody saw stayed closed for ever.
+#[test]
+fn a_client_that_vanishes_within_a_cycle_closes_no_channel_for_good() {
+    for immediate_reopen_fails in [false, true] {
+        let meaning = Meaning { immediate_reopen_fails, ..Meaning::default() };
+        assert_eq!(both(meaning).map(comes_back), [false, true], "{immediate_reopen_fails}");
+    }
+}
+
+/// Someone else's program, stopped by the drives, stands where it was stopped.
+#[test]
+fn a_foreign_program_is_left_alone() {
+    let resets = |programs: Programs| {
+        let mut controller = started(programs);
+        controller.select_foreign_program();
+        controller.advance_ms(2_000);
+        assert_eq!(controller.robot_state(), Some(RobotState::Active));
+        controller.switch_drives(false);
+        controller.advance_ms(1_000);
+        controller.switch_drives(true);
+        (controller.foreign_resets(), controller.robot_state())
+    };
+    let [before, ships] = both(Meaning::default()).map(resets);
+    assert_eq!((before.0, ships), (1, (0, Some(RobotState::Stopped))));
+}
+
+/// In contact with the tool on, in T2; the start key is let go. The tool's output, and how long it stayed on, ms.
+fn key_in_contact(programs: Programs) -> Option<u64> {
+    let mut raw = Raw::opened(programs);
+    raw.controller.select_mode(Mode::T2);
+    raw.run(200);
+    raw.controller.hold_start_key(true);
+    raw.run(300);
+    raw.open();
+    raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+    raw.line(30, false, [-40.0, 0.0, -10.0]);
+    for point in 0..20 {
+        raw.line(29 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]);
+    }
+    let is_on = |controller: &Controller| controller.outputs().get(&TOOL_OUTPUT) == Some(&true);
+    let mut waited_ms = 0;
+    while raw.int("CELL_DONE") < 10 {
+        raw.run(12);
+        waited_ms += 12;
+        assert!(waited_ms < 3_000, "the path begins: {}", raw.int("CELL_DONE"));
+    }
+    assert!(is_on(&raw.controller), "in contact, the tool runs");
+    raw.controller.hold_start_key(false);
+    (0..200).find_map(|tick| {
+        raw.run(12);
+        (!is_on(&raw.controller)).then_some(12 * tick)
+    })
+}
+
+/// The client goes on with its heartbeats; only the programs could switch the tool off.
+#[test]
+fn the_stop_key_in_contact_switches_the_tool_off() {
+    let [before, ships] = both(Meaning::default()).map(key_in_contact);
+    assert_eq!(before, None, "the tool of before ran on");
+    assert!(ships.is_some_and(|ms| ms <= 100), "{ships:?}");
+}
+
+/// The first start of a controller: no channel was ever initialised.
+#[test]
+fn no_channel_is_cleared_before_it_was_initialised() {
+    let meaning = Meaning { clear_of_unknown_stops: true, ..Meaning::default() };
+    let [before, ships] = both(meaning).map(|programs| started(programs).program_faults().to_vec());
+    assert!(before.iter().any(|fault| fault.contains("EKI_Clear")), "{before:?}");
+    assert_eq!(ships, Vec::<String>::new());
+}
+
+/// Every version of KSS that the installation page names has the variables that the programs read.
+#[test]
+fn every_version_of_the_page_has_the_system_variables() {
+    let lacking = |folder: &str, minor: u8| {
+        let texts = texts(folder);
+        let files: Vec<_> = texts.iter().map(|(name, text)| parse(name, text).0).collect();
+        let problems = analyse(&files, Kss { major: 8, minor }).problems;
+        problems.into_iter().flatten().map(|problem| problem.key).collect::<Vec<_>>()
+    };
+    assert_eq!(lacking(BEFORE, 3), ["$COULD_START_MOTION"]);
+    for minor in 3..=7 {
+        assert_eq!(lacking(SHIPS, minor), Vec::<String>::new(), "8.{minor}");
+    }
+}
+
+/// Cycles of the submit interpreter in 1.2 s without a client, where each begins as soon as the last has ended.
+#[test]
+fn without_a_client_the_submit_interpreter_waits() {
+    let cycles = |mut programs: Programs| {
+        programs.busy_submit = true;
+        let program = programs.program();
+        let routine = program.routine("CELL_CYCLE").expect("it is there");
+        let first = match program.code[program.routines[routine as usize].start as usize] {
+            Op::Statement(index) => index as usize,
+            other => panic!("a routine begins with a statement, not with {other:?}"),
+        };
+        let mut controller = started(programs);
+        let before = controller.statement_hits()[first];
+        controller.advance_ms(1_200);
+        controller.statement_hits()[first] - before
+    };
+    let [before, ships] = both(Meaning::default()).map(cycles);
+    assert!(before > 500, "{before}");
+    assert!((45..=101).contains(&ships), "{ships}");
+}
+
+/// A user subroutine sees the axes' speed that `set_acc_speed` asked for.
+#[test]
+fn the_axes_speed_of_set_acc_speed_is_applied() {
+    let seen = |folder: &str| {
+        let mut texts = texts(folder);
+        for (name, text) in &mut texts {
+            if name == "cell_user.src" {
+                *text = text.replace("  WAIT SEC 0.1\n", "  CELL_SEEN=$VEL_AXIS[6]\n");
+            } else if name == "cell_config.dat" {
+                *text = text.replace("ENDDAT", "DECL GLOBAL INT CELL_SEEN=0\nENDDAT");
+            }
+        }
+        let mut raw = Raw::opened(load(&texts));
+        raw.command(8, [0, 0], [0.0, 0.0], [0.0; 6]);
+        raw.run(300);
+        raw.int("CELL_SEEN")
+    };
+    assert_eq!([BEFORE, SHIPS].map(seen), [100, 37]);
+}
+
+/// One blended line in the air, more points promised and none sent.
+#[test]
+fn a_lone_blended_line_starts() {
+    let meaning = Meaning { lone_approximation_waits: true, ..Meaning::default() };
+    let moved = |programs: Programs| {
+        let mut raw = Raw::opened(programs);
+        raw.line(5, false, [10.0, 0.0, -20.0]);
+        raw.run(1_500);
+        !raw.has_not_moved() && raw.int("CELL_DONE") == 4
+    };
+    assert_eq!(both(meaning).map(moved), [false, true]);
+}
+
+/// A path that ends in contact: the programs stop it, and the arm must leave the panel whatever the scheduler does. A stop
+/// closes the epoch before it raises its flag; in between the robot program of before left the epoch in contact.
+#[test]
+fn no_stop_in_contact_goes_without_a_retract() {
+    let is_left_there = |programs: &Programs, seed: u64| {
+        let mut programs = programs.clone();
+        (programs.seed, programs.adverse) = (seed, true);
+        let mut raw = Raw::opened(programs);
+        raw.line(4, false, [0.0, 0.0, -10.0]);
+        for point in 0..4 {
+            raw.line(3 - point, true, [6.0 * f64::from(point), 0.0, 0.0]);
+        }
+        raw.run(3_000);
+        height_mm(&raw.controller) < 1.0
+    };
+    let seeds =
+        |programs: &Programs| (0..400).into_par_iter().filter(|seed| is_left_there(programs, *seed)).count();
+    let [before, ships] = both(Meaning::default()).map(|programs| seeds(&programs));
+    assert!(before > 0, "the programs of before left the tool on the panel in none of 400 runs");
+    assert_eq!(ships, 0, "of 400");
+}
+
+/// Lines that stop, an output behind each: a trigger that fires late must not count the next line.
+#[test]
+fn a_late_trigger_counts_its_own_motion() {
+    let meaning = Meaning { late_triggers: true, ..Meaning::default() };
+    let is_ahead = |programs: Programs| {
+        let mut raw = Raw::opened(programs);
+        let first = raw.int("CELL_DONE") + 1;
+        for round in 0..40 {
+            let x_mm = if round % 2 == 0 { 10.0 } else { 0.0 };
+            raw.command(2, [0, 0], [0.0, 0.0], [x_mm, 0.0, -20.0, 0.0, 0.0, 0.0]);
+            raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]);
+        }
+        let mut is_ahead = false;
+        for _ in 0..800 {
+            raw.run(12);
+            let done = raw.int("CELL_DONE");
+            let is_line = done >= first && (done - first) % 2 == 0;
+            is_ahead |= is_line && !raw.controller.executed().iter().any(|step| step.id == done);
+        }
+        assert_eq!(raw.int("CELL_DONE"), first + 79, "all are executed in the end");
+        is_ahead
+    };
+    assert_eq!(both(meaning).map(is_ahead), [true, false]);
+}
+
+/// Undone one at a time in the programs that ship: what else is mended cannot hide it.
+const UNDONE: [Undone; 4] = [
+    Undone {
+        name: "another program is reset",
+        file: "cell_submit.src",
+        ships: "CELL_RESET_DUE=CELL_READY\n",
+        before: "CELL_RESET_DUE=TRUE\n",
+        meaning: |_| {},
+        seed: 3,
+    },
+    Undone {
+        name: "RESUME with $ADVANCE at 3",
+        file: "cell_motion.src",
+        ships: "    $ADVANCE=0\n    RESUME\n",
+        before: "    RESUME\n",
+        meaning: |meaning| meaning.resume_needs_advance_0 = true,
+        seed: 0,
+    },
+    Undone {
+        name: "$POS_ACT of a program that is gone",
+        file: "cell_tell.src",
+        ships: "  IF CELL_READY AND (VARSTATE(\"$POS_ACT\")==#INITIALIZED) THEN\n    ; The program may be cancelled right \
+                here: zeros then.\n    ON_ERROR_PROCEED\n",
+        before: "  IF CELL_READY THEN\n",
+        meaning: |_| {},
+        seed: 8,
+    },
+    Undone {
+        name: "a late trigger hides a contact from the stop",
+        file: "cell_submit.src",
+        ships: "  FOR I=0 TO 1\n",
+        before: "  FOR I=0 TO 0\n",
+        meaning: |meaning| meaning.late_triggers = true,
+        seed: 190,
+    },
+];
+
+/// Each mend that a walk can show is shown by one where it alone is undone.
+#[test]
+fn each_mend_is_missed_where_it_is_undone() {
+    let ships = load(&texts(SHIPS));
+    let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
+    for undone in &UNDONE {
+        let mut meaning = Meaning::default();
+        (undone.meaning)(&mut meaning);
+        let programs = undo(undone);
+        if let Some(walks) = anew {
+            let found = (0..walks)
+                .find(|seed| walk(*seed, &programs, meaning).1.is_err() && walk(*seed, &ships, meaning).1.is_ok());
+            println!("UNDONE {}: {found:?}", undone.name);
+            continue;
+        }
+        let found = walk(undone.seed, &programs, meaning).1;
+        println!("{}: {found:?}", undone.name);
+        assert!(found.is_err(), "{}: undone, and the walk is green", undone.name);
+        assert_eq!(walk(undone.seed, &ships, meaning).1, Ok(()), "{}", undone.name);
+    }
+}

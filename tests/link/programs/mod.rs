@@ -1,0 +1,154 @@
+//! The programs as they ship, executed: seeded walks of the real client, in every meaning that public documents leave open.
+
+mod before;
+mod coverage;
+mod mistakes;
+mod raw;
+
+use super::cell::Cell;
+use super::walks::{Weak, walk_over};
+use coverage::Coverage;
+use panelprep::devices::mock::Programs;
+use panelprep::krl::Meaning;
+use rayon::prelude::*;
+use std::path::Path;
+
+/// Walks in every run of the tests.
+const WALKS: u64 = 5_000;
+
+/// The texts of a folder's programs and data lists.
+pub fn texts(folder: &str) -> Vec<(String, String)> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("an entry").path();
+        if path.extension().is_some_and(|ending| ending == "src" || ending == "dat") {
+            let name = path.file_name().expect("a name").to_string_lossy().into_owned();
+            found.push((name, std::fs::read_to_string(&path).expect("a text")));
+        }
+    }
+    found.sort();
+    found
+}
+
+pub fn load(texts: &[(String, String)]) -> Programs {
+    let named: Vec<(&str, &str)> = texts.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    Programs::load(&named).expect("right programs")
+}
+
+/// The meaning of this walk: each switch by a bit of its seed, so that 1,024 walks go through all of them together.
+pub fn meaning(seed: u64) -> Meaning {
+    let bit = |place: u32| seed >> place & 1 == 1;
+    Meaning {
+        resume_needs_advance_0: bit(0),
+        on_fires_at_once: bit(1),
+        short_circuit: bit(2),
+        aggregate_keeps_rest: bit(3),
+        late_triggers: bit(4),
+        lone_approximation_waits: bit(5),
+        clear_of_unknown_stops: bit(6),
+        immediate_reopen_fails: bit(7),
+        triggers_get_lost: bit(8),
+        stops_late: bit(9),
+    }
+}
+
+/// One walk of the programs: the cell at its end, and what was wrong.
+pub fn walk(seed: u64, programs: &Programs, meaning: Meaning) -> (Cell, Result<(), String>) {
+    let mut programs = programs.clone();
+    (programs.meaning, programs.seed, programs.adverse) = (meaning, seed, true);
+    programs.cold_start = seed.is_multiple_of(3);
+    // It goes round several times in a tick.
+    programs.busy_submit = seed % 64 == 7;
+    programs.uptime_ms = if seed.is_multiple_of(5) { (1 << 31) - 6_000 } else { 0 };
+    let (cell, mut found) = walk_over(seed, &Weak { programs: Some(programs), ..Weak::default() });
+    if let Some(fault) = cell.controller.program_faults().first() {
+        found = Err(format!("{fault} ({found:?})"));
+    }
+    if cell.controller.foreign_resets() > 0 {
+        found = Err(format!("a foreign program was reset ({found:?})"));
+    }
+    (cell, found)
+}
+
+/// So many walks: the seeds that violate a rule, and what was executed.
+pub fn many(walks: u64, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
+    let walked = (0..walks).into_par_iter().map(|seed| {
+        let (cell, found) = walk(seed, programs, meaning(seed & mask));
+        let wrong: Vec<(u64, String)> = found.err().map(|violation| (seed, violation)).into_iter().collect();
+        (wrong, Coverage::of(&cell.controller))
+    });
+    let none = || (Vec::new(), Coverage::default());
+    let (mut found, covered) = walked.reduce(none, |(mut wrong, covered), (more, other)| {
+        wrong.extend(more);
+        (wrong, covered.with(&other))
+    });
+    found.sort();
+    (found, covered)
+}
+
+/// More walks: `KRL_WALKS=5000`. What one looks like at its end: `KRL_SEED=148`. In fewer meanings: `KRL_MASK=0`.
+#[test]
+fn no_walk_of_the_shipped_programs_violates_a_rule() {
+    let shipped = texts("config/kuka");
+    let programs = load(&shipped);
+    let walks = std::env::var("KRL_WALKS").ok().and_then(|walks| walks.parse().ok()).unwrap_or(WALKS);
+    let mask: u64 = std::env::var("KRL_MASK").ok().and_then(|mask| mask.parse().ok()).unwrap_or(u64::MAX);
+    let (found, covered) = many(walks, mask, &programs);
+    let missing = covered.print(&programs, &shipped);
+    for (seed, violation) in found.iter().take(40) {
+        println!("{seed}: {violation}");
+    }
+    if let Some(seed) = std::env::var("KRL_SEED").ok().and_then(|seed| seed.parse().ok()) {
+        let (cell, found) = walk(seed, &programs, meaning(seed & mask));
+        let controller = &cell.controller;
+        println!("{found:?} {:?} {:?}", controller.robot_state(), controller.program_places());
+        for stop in controller.stops().iter().rev().take(3) {
+            println!("{stop:?}");
+        }
+        for name in [
+            "CELL_EP",
+            "CELL_OPEN",
+            "CELL_STOPPED",
+            "CELL_RX",
+            "CELL_TAKEN",
+            "CELL_DONE",
+            "CELL_RUN_EP",
+            "CELL_DEAD_EP",
+            "CELL_QR",
+            "CELL_QW",
+            "CELL_BEHIND",
+            "CELL_RETRACT",
+            "CELL_BELOW",
+            "CELL_READY",
+            "CELL_RESET_DUE",
+            "CELL_ERR",
+            "CELL_NAK",
+        ] {
+            print!("{name} {:?} ", controller.shared(name));
+        }
+        println!("{:?}", controller.flags());
+    }
+    assert_eq!(found.len(), 0, "of {walks}");
+    assert_eq!(missing, Vec::<String>::new(), "no walk has executed these");
+}
+
+/// A mend, undone: the file, the text that ships, the text of before, and how the controller is asked to behave.
+struct Undone {
+    name: &'static str,
+    file: &'static str,
+    ships: &'static str,
+    before: &'static str,
+    meaning: fn(&mut Meaning),
+    /// A walk that shows it.
+    seed: u64,
+}
+
+/// The text of before, in the programs that ship.
+fn undo(undone: &Undone) -> Programs {
+    let mut texts = texts("config/kuka");
+    let (_, text) = texts.iter_mut().find(|(name, _)| name == undone.file).expect("a file");
+    assert!(text.contains(undone.ships), "{}: {} is not in {}", undone.name, undone.ships, undone.file);
+    *text = text.replace(undone.ships, undone.before);
+    load(&texts)
+}
