@@ -169,7 +169,7 @@ fn what_is_to_be_proven_is_gone_through() {
         let proof = proofs.iter().find(|proof| proof["number"] == number).expect("a row");
         (proof["finding"].as_str().expect("a word"), proof["tried"].as_bool().expect("yes or no"))
     };
-    for number in [5, 7, 18, 33, 35, 39] {
+    for number in [5, 7, 33, 35, 39] {
         assert_eq!(of(number), ("proven", true), "{number}: {told}");
     }
     assert_eq!(

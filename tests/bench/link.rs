@@ -1,10 +1,11 @@
 //! The robot link: how many commands a second, how soon a lost acknowledgement becomes STOP on the wire, and long paths
-//! without a stop; an abort through hostile clients of the service; 200,000 walks over the controller's programs. A table, and exit code 1 where a target is missed.
+//! without a stop; an abort through hostile clients of the service; 200,000 walks over the
+//! controller's programs. A table, and exit code 1 where a target is missed.
 //! `cargo bench --bench link -- [TRIALS]`, the aborts alone with `-- socket`,
 //! the walks alone with `-- programs [WALKS]`.
 
 #[path = "../link/cell.rs"]
-#[expect(dead_code, reason = "the tests use the rest")]
+#[allow(dead_code, reason = "the tests use the rest")]
 mod cell;
 #[path = "../hostile/clients.rs"]
 mod clients;

@@ -18,7 +18,6 @@ pub(super) fn of(number: u32) -> Option<fn(&Cell) -> Tried> {
     match number {
         5 => Some(names_are_read),
         7 => Some(second_client_is_kept_out),
-        18 => Some(large_numbers_have_no_exponent),
         33 => Some(the_epoch_is_not_used_up),
         35 => Some(a_vanishing_client_is_missed_by_nobody),
         39 => Some(decimals_are_kept),
@@ -193,8 +192,4 @@ fn base_comes_back(cell: &Cell, x_mm: f64, most_mm: f64) -> Tried {
 
 fn decimals_are_kept(cell: &Cell) -> Tried {
     base_comes_back(cell, 1.2345, 0.000_01)
-}
-
-fn large_numbers_have_no_exponent(cell: &Cell) -> Tried {
-    base_comes_back(cell, 2_000_000.0, 0.2)
 }

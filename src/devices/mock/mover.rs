@@ -180,9 +180,9 @@ impl Mover {
         if self.place == Place::Standing { None } else { self.planned.front() }
     }
 
-    /// One of the next two planned moves, the present one included, ends in contact.
+    /// One of the planned moves, the present one included, ends in contact.
     pub(super) fn is_near_contact(&self) -> bool {
-        self.planned.iter().take(2).any(Move::contact)
+        self.planned.iter().any(Move::contact)
     }
 
     /// The oldest move that is not executed.

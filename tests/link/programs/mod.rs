@@ -4,6 +4,7 @@ mod before;
 mod coverage;
 mod mistakes;
 mod raw;
+mod scenes;
 
 use super::cell::Cell;
 use super::walks::{Weak, walk_over};

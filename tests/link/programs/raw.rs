@@ -43,6 +43,11 @@ impl Raw {
         self.run(120);
     }
 
+    /// What is written from here on belongs to this epoch.
+    pub fn count_from(&mut self, epoch: i32) {
+        (self.epoch, self.id) = (epoch, 0);
+    }
+
     pub fn request(&mut self, operation: i32, number: i32) {
         let request = format!("<Req Id=\"1\" Ep=\"{}\" Op=\"{operation}\" N1=\"{number}\"></Req>", self.epoch);
         self.controller.state_bytes(request.as_bytes());

@@ -1,0 +1,193 @@
+//! Short scenes with one thing wrong each, written to the channels by hand: what the programs must have done after them.
+
+use super::super::cell::{TOOL_OUTPUT, height_mm};
+use super::raw::{Raw, started};
+use panelprep::devices::mock::{Channel, Programs};
+use panelprep::krl::{Cell, Meaning};
+
+/// Runs of a path that ends in contact, each with another order of the interpreters.
+const ORDERS: u64 = 150;
+
+/// So far above the panel, at least, a retract of 50 mm ends.
+const RETRACTED_MM: f64 = 40.0;
+/// Aborts at one tick after the other.
+const ABORTS: u64 = 80;
+
+type Scene = fn(&Programs) -> bool;
+
+/// Each is right where it says TRUE.
+const SCENES: [(&str, Scene); 15] = [
+    ("thirty commands at once are all executed", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        (0..30).for_each(|_| raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]));
+        raw.run(1_000);
+        raw.int("CELL_DONE") == 33
+    }),
+    ("a reset and a command behind it in the same moment", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.begin();
+        raw.command(6, [1, 0], [0.0, 0.0], [0.0; 6]);
+        raw.run(300);
+        raw.int("CELL_DONE") == 1
+    }),
+    ("a command of an ended epoch is dropped", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.begin();
+        raw.run(100);
+        raw.stale();
+        raw.run(100);
+        raw.int("CELL_ERR") == 0 && raw.int("CELL_RX") == 0 && raw.is("CELL_OPEN")
+    }),
+    ("a speed above the robot's is refused", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.command(5, [50, 50], [2.5, 1.0], [0.0; 6]);
+        raw.run(100);
+        raw.int("CELL_ERR") == 5
+    }),
+    ("a line without a base is refused by the robot program", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.begin();
+        raw.line(0, false, [0.0, 0.0, -10.0]);
+        raw.run(200);
+        raw.int("CELL_ERR") == 6
+    }),
+    ("one request does not use the epoch's number up", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        let before = raw.int("CELL_EP");
+        raw.request(12, i32::MAX);
+        raw.run(100);
+        raw.int("CELL_EP") == before
+    }),
+    ("silence switches the tool off", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+        raw.run(200);
+        raw.controller.advance_ms(700);
+        raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false)
+    }),
+    ("an emergency stop ends the path for good", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.command(6, [i32::from(TOOL_OUTPUT), 1], [0.0, 0.0], [0.0; 6]);
+        (0..40).for_each(|point| raw.line(39 - point, false, [6.0 * f64::from(point), 0.0, -20.0]));
+        raw.run(400);
+        raw.controller.press_e_stop();
+        raw.run(100);
+        let is_off = raw.controller.outputs().get(&TOOL_OUTPUT) == Some(&false);
+        let executed = raw.controller.executed().len();
+        raw.controller.release_e_stop();
+        raw.controller.switch_drives(true);
+        raw.run(4_000);
+        is_off && executed > 0 && raw.controller.executed().len() == executed && !raw.is("CELL_OPEN")
+    }),
+    ("an epoch whose program is gone is over", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        (0..40).for_each(|point| raw.line(39 - point, false, [6.0 * f64::from(point), 0.0, -20.0]));
+        raw.run(400);
+        raw.controller.deselect();
+        raw.run(200);
+        !raw.is("CELL_OPEN") && raw.int("CELL_QR") == raw.int("CELL_QW")
+    }),
+    ("an epoch of before the program's start stays without motion", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.controller.deselect();
+        raw.run(200);
+        raw.begin();
+        raw.run(100);
+        raw.controller.select();
+        raw.run(1_000);
+        !raw.is("CELL_OPEN")
+    }),
+    ("an abort next to a contact retracts where a trigger is late", |programs| {
+        (0..ABORTS).all(|tick| leaves_after_an_abort(programs, tick))
+    }),
+    ("in contact nothing waits long, whatever comes next", |programs| {
+        let mut raw = Raw::opened(programs.clone());
+        raw.line(9, false, [0.0, 0.0, -10.0]);
+        raw.line(8, true, [6.0, 0.0, 0.0]);
+        (0..9).for_each(|_| raw.command(8, [0, 0], [0.0, 0.0], [0.0; 6]));
+        raw.run(1_000);
+        !raw.is("CELL_OPEN") && height_mm(&raw.controller) > 1.0
+    }),
+    ("both channels come back where a client vanished unseen", |programs| {
+        let mut controller = started(programs.clone());
+        for channel in [Channel::Command, Channel::State] {
+            controller.connect(channel);
+            controller.disconnect(channel);
+        }
+        controller.advance_ms(5_000);
+        [Channel::Command, Channel::State].into_iter().all(|channel| controller.connect(channel))
+    }),
+    ("a channel that did not open is tried again soon", |programs| {
+        let mut programs = programs.clone();
+        programs.meaning = Meaning { immediate_reopen_fails: true, ..Meaning::default() };
+        let mut raw = Raw::opened(programs);
+        raw.controller.disconnect(Channel::Command);
+        raw.run(300);
+        raw.controller.connect(Channel::Command)
+    }),
+    ("no path that ends in contact is left there", |programs| {
+        (0..ORDERS).all(|seed| !is_left_in_contact(programs, seed))
+    }),
+];
+
+/// An abort shortly before or behind the landing, so many ticks later: the tool is off the panel in the end.
+fn leaves_after_an_abort(programs: &Programs, tick: u64) -> bool {
+    let mut programs = programs.clone();
+    programs.meaning = Meaning { late_triggers: true, ..Meaning::default() };
+    programs.seed = tick;
+    let mut raw = Raw::opened(programs);
+    raw.line(9, false, [-40.0, 0.0, -10.0]);
+    (0..9).for_each(|point| raw.line(8 - point, true, [3.0 * f64::from(point) - 37.0, 0.0, 0.0]));
+    while raw.controller.executed().is_empty() {
+        raw.run(12);
+    }
+    raw.run(12 * (tick % 8));
+    raw.request(11, raw.controller.epoch() + 1);
+    raw.run(1_000);
+    height_mm(&raw.controller) > RETRACTED_MM
+}
+
+/// The first scene that goes wrong.
+pub fn first_wrong(programs: &Programs) -> Option<&'static str> {
+    SCENES.iter().find(|(_, scene)| !scene(programs)).map(|(name, _)| *name)
+}
+
+/// A path that ends in contact: the programs stop it, and the arm must leave the panel in this order of the interpreters.
+pub fn is_left_in_contact(programs: &Programs, seed: u64) -> bool {
+    let mut programs = programs.clone();
+    (programs.seed, programs.adverse) = (seed, true);
+    let mut raw = Raw::opened(programs);
+    raw.line(4, false, [0.0, 0.0, -10.0]);
+    for point in 0..4 {
+        raw.line(3 - point, true, [6.0 * f64::from(point), 0.0, 0.0]);
+    }
+    raw.run(3_000);
+    height_mm(&raw.controller) < 1.0
+}
+
+impl Raw {
+    /// A new epoch, without base and tool.
+    fn begin(&mut self) {
+        let next = self.controller.epoch() + 1;
+        self.request(12, next);
+        self.count_from(next);
+    }
+
+    /// A command of the epoch before.
+    fn stale(&mut self) {
+        let epoch = self.controller.epoch();
+        self.count_from(epoch - 1);
+        self.command(6, [1, 0], [0.0, 0.0], [0.0; 6]);
+        self.count_from(epoch);
+    }
+
+    fn is(&self, name: &str) -> bool {
+        self.controller.shared(name) == Some(Cell::Bool(true))
+    }
+}
+
+#[test]
+fn every_scene_ends_well_with_the_programs_that_ship() {
+    let programs = super::load(&super::texts("config/kuka"));
+    assert_eq!(first_wrong(&programs), None);
+}
