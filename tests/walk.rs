@@ -12,7 +12,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
-const ORDER: [&str; 22] = [
+const ORDER: [&str; 23] = [
     "render",
     "check",
     "teach",
@@ -35,6 +35,7 @@ const ORDER: [&str; 22] = [
     "replay",
     "run",
     "mock-robot",
+    "calibrate strike", // no cycle starts on what was struck out
 ];
 /// A verdict that is not good, exit code 1, is what these show: grease, a lens seen in small pictures, and a cell before its
 /// demo.
