@@ -8,7 +8,7 @@ DEMO_OUT := target/demo
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in the README; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'

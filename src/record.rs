@@ -10,7 +10,7 @@ mod contact;
 pub use asked::{Answer, Asked, Front, Wanted, Who};
 pub use contact::{Abraded, Bounds, Contact, ContactPath, EarlierPass, How, Reached, Touched, abraded};
 
-use crate::cycle::{Motion, Outcome};
+use crate::cycle::{Motion, Outcome, Path, Request};
 use crate::verdict::Judgement;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -337,6 +337,16 @@ pub struct CycleRecord {
     pub recording: Option<RecordingFile>,
     /// Lines of the journal that belong to it.
     pub events: u64,
+}
+
+impl CycleRecord {
+    /// Whether it was asked for as a run in the air, or moved as one: its verdict is of the motions, not of the panel.
+    pub fn is_air_run(&self) -> bool {
+        let asked = |asked: &Asked| {
+            matches!(asked.wanted, Wanted::For(Request::AirRun { .. })) && asked.answer == Some(Answer::Done)
+        };
+        self.asked.iter().any(asked) || self.motions.iter().any(|kept| kept.motion.path == Path::Air)
+    }
 }
 
 #[cfg(test)]

@@ -122,7 +122,7 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
 /// The axes of a pose that stand beyond the arm's limits.
 fn beyond(cell: &Cell, name: &str, pose: &Joints) -> Vec<Unmet> {
     let axes = cell.arm().axes();
-    let angles = [pose.a1_deg, pose.a2_deg, pose.a3_deg, pose.a4_deg, pose.a5_deg, pose.a6_deg];
+    let angles = pose.degrees();
     let of_axis = |(axis, angle): (usize, f64)| {
         let (low, high) = (axes.min_deg[axis], axes.max_deg[axis]);
         let message = || {

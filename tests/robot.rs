@@ -55,8 +55,9 @@ fn each_function_goes_through_its_gate() {
         ("move-lin --speed-mm-s 251 435,0,680,180,30,180", vec!["speed"]),
         ("move-j 0,-90,361,0,60,0", vec!["axis_limit"]),
         ("set-out ligth on", vec!["no_such_output"]),
-        ("set-out tool on", vec!["interlock"]),
-        ("set-out spray on", vec!["interlock"]),
+        // Drained, extraction, approach point; parked, lens shut.
+        ("set-out tool on", vec!["interlock"; 3]),
+        ("set-out spray on", vec!["interlock"; 2]),
     ] {
         let (exit, told, _) = robot(folder, arguments);
         assert_eq!((exit, &told["verdict"]), (1, &Value::from("reject")), "{arguments}: {told}");

@@ -12,7 +12,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 /// What comes before what: what a command needs, an earlier one leaves. Others, of which nothing is known, come at `*`.
-const ORDER: [&str; 22] = [
+const ORDER: [&str; 23] = [
     "render",
     "check",
     "teach",
@@ -35,6 +35,7 @@ const ORDER: [&str; 22] = [
     "replay",
     "run",
     "mock-robot",
+    "calibrate strike", // no cycle starts on what was struck out
 ];
 /// A verdict that is not good, exit code 1, is what these show: grease, a lens seen in small pictures, and a cell before its
 /// demo.
@@ -252,9 +253,9 @@ fn every_command_of_readme_and_help_does_what_it_says() {
 fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
     let mut service = walk.serves(line);
     service.says("listens on");
-    let since = Instant::now();
     for question in asked {
-        // A reset is taken once the controller has answered, a start once the reset is through.
+        // A reset is taken once the controller has answered and no cycle runs, a start once the reset is through.
+        let since = Instant::now();
         loop {
             let output = walk.command(&format!("panelprep {question}")).output().expect("a shell");
             if output.status.success() {
@@ -262,7 +263,7 @@ fn served_and_asked(walk: &Walk, line: &str, asked: &[String]) {
                 break;
             }
             let said = String::from_utf8_lossy(&output.stdout).into_owned();
-            assert!(since.elapsed() < Duration::from_secs(60), "{question}: {said}");
+            assert!(since.elapsed() < Duration::from_secs(180), "{question}: {said}");
             std::thread::sleep(Duration::from_millis(100));
         }
     }

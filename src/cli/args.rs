@@ -84,8 +84,10 @@ pub enum Command {
     #[command(after_help = "Example, beside `panelprep run --cell target/cell/cell.toml`:\n  \
         panelprep ctl reset --cell target/cell/cell.toml\n  \
         panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml\n  \
-        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait\n  \
-        panelprep ctl state --cell target/cell/cell.toml --json")]
+        panelprep ctl state --cell target/cell/cell.toml --json\n\
+        And once that cycle is over, the next one, waiting for its end:\n  \
+        panelprep ctl reset --cell target/cell/cell.toml\n  \
+        panelprep ctl start --cell target/cell/cell.toml --recipe target/cell/recipe.toml --part SN-0017 --order W-4 --wait")]
     Ctl(Ctl),
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]

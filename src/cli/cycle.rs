@@ -186,6 +186,9 @@ impl Ran {
             outcome.say(format!("refused: {}", daemon::refusal(request, refusal, &ended.state).message));
         }
         let passes = abraded(&self.kept.record);
+        if self.kept.record.is_air_run() {
+            outcome.say("air-run: the panel was neither tested nor abraded");
+        }
         outcome
             .say(format!("abraded: {}", if passes.is_empty() { "nothing".to_owned() } else { passes.join(", ") }));
         if let Some(recorded) = &self.recorded {

@@ -10,7 +10,7 @@ use super::output;
 use super::pictures;
 use super::validate;
 use crate::files::{self, Clip, ClipEntry};
-use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid};
+use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
 use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
 use crate::panel::Grid;
 use crate::phase::Phase;
@@ -154,7 +154,7 @@ pub fn stage(
     }
     let inspection = watch.finish().map_err(|error| Fault::file(&list, error))?;
     let score = truth.map(|folder| scored(&inspection, folder)).transpose()?;
-    let ms_per_frame = median(&mut wet_ms);
+    let ms_per_frame = median(&mut wet_ms).unwrap_or_default();
     let clip = clip.to_owned();
     Ok(Inspected { inspection, ms_per_frame, score, clip, shots, camera: placed.camera, camera_from_panel })
 }
@@ -165,11 +165,6 @@ fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), 
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
     let named = |error| Fault::file(&file, error);
     Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
-}
-
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or_default()
 }
 
 impl Inspected {

@@ -91,7 +91,7 @@ impl Told {
         }
         for done in &controller.executed()[self.executed..] {
             let joints = done.joints;
-            let axes = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+            let axes = joints.degrees();
             let axes = axes.map(|angle| fixed(angle, 2).to_string()).join(" ");
             let contact = if done.contact { ", in contact" } else { "" };
             lines.push(format!("{}  command {} executed, axes {axes}{contact}", at(done.time_ms), done.id));

@@ -66,6 +66,12 @@ pub(super) fn needs(act: Act) -> Vec<Row> {
     }
 }
 
+/// What an act needs and what does not hold, each in words; none where the act may begin. For acts that a person asks for
+/// one at a time: they keep the interlocks of a cycle.
+pub fn open_interlocks(act: Act, facts: &Facts) -> Vec<&'static str> {
+    needs(act).into_iter().filter(|(_, need)| !need.holds(facts)).map(|(_, need)| need.words()).collect()
+}
+
 /// What Stopping and Holding bring about. Water is shut while the epoch still takes commands; nothing moves while
 /// it may run, so a motion never waits for it.
 pub(super) const LEAVING: [Row; 2] = [(Rule::WaterOff, Need::WaterOff), (Rule::StandsFirst, Need::EpochEnded)];
@@ -100,6 +106,31 @@ pub(super) const COMPLETING: [Row; 5] = [
 ];
 
 impl Need {
+    /// As the end of a sentence that begins with "needs".
+    fn words(self) -> &'static str {
+        match self {
+            Need::Standing => "a robot that stands",
+            Need::Tested => "a self-test",
+            Need::Epoch => "an open epoch",
+            Need::EpochEnded => "an ended epoch",
+            Need::Frames(_) => "base and tool as the controller echoed them",
+            Need::At(Path::Park) => "the arm at the pose park",
+            Need::At(Path::Approach) => "the arm at the approach point of a path, which only a cycle reaches",
+            Need::At(_) => "the arm at the end of that path",
+            Need::ToolOff => "the tool off, proven by the feedback tool_running",
+            Need::ToolRunning => "the tool on, proven by the feedback tool_running",
+            Need::WaterOff => "the water off, proven by the feedback water_off",
+            Need::Drained => "the water off for the drain time, which only a cycle measures",
+            Need::LightOff => "the light off",
+            Need::LightSettled => "the light on and settled",
+            Need::LensClear => "a clear lens",
+            Need::LensGuarded => "the lens shut, proven by the feedback lens_shut",
+            Need::ExtractionOff => "the extraction off",
+            Need::ExtractionFlowing => "the extraction on, proven by the feedback extraction_flow",
+            Need::Token => "a live localization",
+        }
+    }
+
     /// Whether it holds.
     pub fn holds(self, facts: &Facts) -> bool {
         match self {

@@ -47,5 +47,6 @@ pub use boot::{fold, recover};
 pub use effect::{Act, Effect, Frames, Motion, Outcome, Path, Refusal, Switch};
 pub use event::{Answer, Deadline, Event, Film, Grade, Id, Report, Request, Robot, Trouble};
 pub use facts::{Epoch, Extraction, Facts, Lens, Light, Tool, Water};
+pub use interlocks::open_interlocks;
 pub use state::{At, Cause, Due, Hold, Intent, Job, Phase, State, Why};
 pub use step::step;

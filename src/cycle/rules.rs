@@ -2,6 +2,7 @@
 
 /// Each rule has its place in the code beside its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(test, derive(strum::EnumIter))] // a new rule is taken out in turn, too
 pub(super) enum Rule {
     // Interlocks: rows of `interlocks::needs`.
     /// No shot of the scanner with the arm in view.

@@ -43,6 +43,7 @@ mod routes;
 mod run;
 mod sight;
 mod single;
+mod single_interlocks;
 mod socket;
 mod trace;
 mod waiting;

@@ -261,7 +261,7 @@ impl Running<'_> {
     fn deviation(&self, sent: Sent, state: &State) -> Vec<Reason> {
         let (off_mm, off_deg) = match sent.end {
             End::Joints(end) => {
-                let pairs = axes(&end).into_iter().zip(axes(&state.joints));
+                let pairs = end.degrees().into_iter().zip(state.joints.degrees());
                 (0.0, pairs.map(|(wanted, found)| (wanted - found).abs()).fold(0.0, f64::max))
             }
             End::Tip(end) => {
@@ -291,8 +291,4 @@ fn as_base(place: Rigid<Base, Panel>) -> Rigid<Base, Base> {
 
 fn move_j(joints: Joints) -> Command {
     Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(routes::AXIS_PERCENT) })
-}
-
-fn axes(joints: &Joints) -> [f64; 6] {
-    [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
 }

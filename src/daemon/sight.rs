@@ -7,7 +7,7 @@ use super::ports::{Eyes, Picture2d, Record, SightError};
 use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
-use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid};
+use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::{self, LocateError, Prepared, gate};
 use crate::path::reach::Things;
@@ -262,11 +262,6 @@ impl Sight {
 
 fn elapsed_ms(begun: Instant) -> f64 {
     begun.elapsed().as_secs_f64() * 1e3
-}
-
-fn median(values: &mut [f64]) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied()
 }
 
 /// A gate's word for the table.

@@ -1,14 +1,15 @@
 //! One function of the robot at a time, for commissioning: `panelprep robot …`.
 //!
 //! Each runs in an epoch of its own, which ends with it: the controller then switches the tool off, and base and tool
-//! are unknown again. A line goes through the same gate as the cycle's, whole; an output is set only where its
-//! interlocks hold. Unlike a cycle's, these motions may run in T1, with a person at the enabling switch. They are not
+//! are unknown again. A line goes through the same gate as the cycle's, whole; motions and outputs are held to the cycle's
+//! own list of interlocks (`single_interlocks`). Unlike a cycle's, these motions may run in T1, with a person at the enabling switch. They are not
 //! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
 
 use super::ports::Robot;
 use super::routes::{self, Standing};
-use super::wiring::{RINSE, reads};
-use crate::cell::{Cell, Feedback, InputsOutputs, Output};
+use super::single_interlocks;
+use crate::cell::{Cell, InputsOutputs};
+use crate::cycle::{Act, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
 };
@@ -123,6 +124,7 @@ impl<'r> Single<'r> {
         reach::swing(&arm, tool, &self.state.joints, &joints)
             .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
         self.open_epoch()?;
+        self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;
         let id =
             self.robot.send(Command::MoveJ(MoveJ { joints, axis_speed_percent: f64::from(axis_speed_percent) }))?;
         self.executed(id, LONG)
@@ -163,6 +165,8 @@ impl<'r> Single<'r> {
             line.speed_mm_s,
         );
         accepted(gated.judgement)?;
+        // By their names the first corner's; what it needs is what every straight way through the air needs.
+        self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.robot.send(Command::SetAccSpeed(gated.speed))?;
         let id = self.robot.send_path(gated.points)?;
         self.executed(id, LONG)
@@ -175,12 +179,9 @@ impl<'r> Single<'r> {
     pub fn set_output(&mut self, name: &str, on: bool, cell: &Cell, keep: Duration) -> Result<(), SingleError> {
         let number = number_of(name, cell.io())?;
         self.open_epoch()?;
-        // The feedbacks as they are now, not as they were told when the epoch began.
-        let told = self.state.sequence;
-        while self.state.sequence == told {
-            self.hear()?;
+        if let Some(switch) = single_interlocks::switched_on(name).filter(|_| on) {
+            self.held_to_interlocks(name, Act::Switch(switch), cell)?;
         }
-        interlocks((name, on), cell.io(), &self.state)?;
         let id = self.robot.send(Command::SetDigout(Signal { number, on }))?;
         self.executed(id, SHORT)?;
         let until = self.robot.now() + keep;
@@ -188,6 +189,15 @@ impl<'r> Single<'r> {
             self.hear()?;
         }
         Ok(())
+    }
+
+    /// What the cycle asks for before this act, by the feedbacks as they are now, not as they were when the epoch began.
+    fn held_to_interlocks(&mut self, name: &str, act: Act, cell: &Cell) -> Result<(), SingleError> {
+        let told = self.state.sequence;
+        while self.state.sequence == told {
+            self.hear()?;
+        }
+        accepted(single_interlocks::judge(name, act, &self.state, cell))
     }
 
     /// A person, or nobody, must be able to let it move.
@@ -280,28 +290,6 @@ fn number_of(name: &str, io: &InputsOutputs) -> Result<u16, SingleError> {
         let message = format!("\"{name}\" is no output of [io.outputs]; allowed are {names}");
         gate(Reason::new("no_such_output", message))
     })
-}
-
-/// Whether an output may be set so now. Off is always allowed.
-fn interlocks((name, on): (&str, bool), io: &InputsOutputs, state: &State) -> Result<(), SingleError> {
-    // A feedback that the cell does not have proves nothing.
-    let is_on = |feedback| io.feedback_bit(feedback).is_some_and(|bit| reads(state, bit));
-    let is_off = |feedback| io.feedback_bit(feedback).is_some_and(|bit| !reads(state, bit));
-    let mut open = Vec::new();
-    let mut needs = |holds: bool, feedback: Feedback, words: &str| {
-        let message =
-            || format!("{name} may be switched on only {words}: the feedback {} does not say so", feedback.name());
-        open.extend((!holds).then(|| Reason::new("interlock", message())));
-    };
-    if on && name == Output::Tool.name() {
-        needs(is_on(Feedback::WaterOff), Feedback::WaterOff, "with the water off");
-        needs(is_on(Feedback::ExtractionFlow), Feedback::ExtractionFlow, "while the dust extraction draws air");
-    }
-    if on && [Output::Spray.name(), RINSE].contains(&name) {
-        needs(is_off(Feedback::ToolRunning), Feedback::ToolRunning, "with the tool at rest");
-        needs(is_on(Feedback::LensShut), Feedback::LensShut, "with the lens shut");
-    }
-    accepted(Judgement::of(open, vec![]))
 }
 
 /// Speeds as a function of their own.

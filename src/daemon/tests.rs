@@ -13,6 +13,8 @@ use crate::sim::Scene;
 use crate::verdict::Verdict;
 use fake::{Asks, Cell as Fake};
 
+pub(super) use fake::standing_state;
+
 #[test]
 fn a_greasy_panel_is_abraded_once_and_passes() {
     let story = Fake::new(Scene::Good).run(Asks::one_cycle());

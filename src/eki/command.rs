@@ -217,7 +217,7 @@ impl Command {
         let none = Fields { operation: 0, n: [0; 2], r: [0.0; 2], p: [0.0; 6] };
         Ok(match *self {
             Command::MoveJ(MoveJ { joints: j, axis_speed_percent }) => {
-                let p = [j.a1_deg, j.a2_deg, j.a3_deg, j.a4_deg, j.a5_deg, j.a6_deg];
+                let p = j.degrees();
                 for (field, angle) in ["A1 (°)", "A2 (°)", "A3 (°)", "A4 (°)", "A5 (°)", "A6 (°)"].iter().zip(p)
                 {
                     check.range(field, angle, -LARGEST_DEG, LARGEST_DEG)?;

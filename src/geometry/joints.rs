@@ -19,3 +19,10 @@ pub struct Joints {
     /// Axis 6, degrees.
     pub a6_deg: f64,
 }
+
+impl Joints {
+    /// The angles of axes 1 to 6, degrees.
+    pub fn degrees(&self) -> [f64; 6] {
+        [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
+    }
+}

@@ -8,7 +8,7 @@
 //! longer. What stays dry longer has broken, and is no part of this.
 
 use super::advice::Sampler;
-use crate::geometry::{ColorPicture, Mask};
+use crate::geometry::{ColorPicture, Mask, median};
 use crate::panel::GridId;
 use crate::recipe;
 
@@ -55,11 +55,6 @@ fn shares(settings: &recipe::Inspect) -> [f64; 3] {
     weights.map(|weight| weight / weights.iter().sum::<f64>())
 }
 
-fn median(values: &mut [f64]) -> f64 {
-    let middle = values.len() / 2;
-    if values.is_empty() { f64::NAN } else { *values.select_nth_unstable_by(middle, f64::total_cmp).1 }
-}
-
 impl Sampler {
     /// Contrast in each grid of which pixels of the picture are given; those without one are left out.
     pub fn contrasts(&self, settings: &recipe::Inspect, grids: &[(GridId, Vec<usize>)]) -> Vec<GridContrast> {
@@ -104,7 +99,8 @@ impl Flashes {
     /// The next wet picture.
     pub fn push(&mut self, picture: &ColorPicture, time_s: f64) {
         let now: Vec<f64> = self.pixels.iter().map(|&index| brightness(picture.rgb[index], self.weights)).collect();
-        let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>());
+        let light = median(&mut now.iter().zip(&self.wet).map(|(now, wet)| now / wet.max(1.0)).collect::<Vec<_>>())
+            .unwrap_or(f64::NAN);
         for (index, now) in now.iter().enumerate() {
             let half = (self.dry[index] - self.wet[index]) / 2.0;
             let is_dry = (now / light - self.dry[index]).abs() < half; // (1)

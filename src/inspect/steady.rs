@@ -8,7 +8,7 @@
 //! Does it stand where the pose puts it? The same profiles in the taught picture say where on each the edge is when the
 //! panel is in its place. In the dry picture of a panel that stands there each edge is at the same place of its profile.
 
-use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid};
+use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid, median};
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix2, Vector2};
 
@@ -104,7 +104,7 @@ impl Outline {
         let both = || self.taught.iter().zip(&now);
         let mut light: Vec<f32> =
             both().filter_map(|(then, now)| Some(now.mean? / then.mean.filter(|mean| *mean > 1.0)?)).collect();
-        let light = median(&mut light);
+        let light = middle(&mut light);
         let expected = |edge: &Edge| edge.contrast * light >= SURE_CONTRAST * MIN_CONTRAST;
         let count = self.taught.iter().filter(|then| then.edge.as_ref().is_some_and(expected)).count();
         if count < MIN_PROFILES {
@@ -118,7 +118,7 @@ impl Outline {
             return Some(f64::from(REACH_PX));
         }
         let mut off: Vec<f32> = offsets.iter().map(|(_, offset)| offset.abs()).collect();
-        Some(f64::from(moved(&offsets).norm().max(median(&mut off))))
+        Some(f64::from(moved(&offsets).norm().max(middle(&mut off))))
     }
 
     /// Takes this picture as the one that later ones are held against. Its own sharpness comes back: the largest step as
@@ -126,7 +126,7 @@ impl Outline {
     pub fn begin(&mut self, picture: &ColorPicture) -> Option<f64> {
         self.first = self.places.iter().map(|place| edge(place, picture)).collect();
         let mut sharp: Vec<f32> = self.first.iter().flatten().map(|edge| edge.sharpness).collect();
-        (sharp.len() >= MIN_PROFILES).then(|| f64::from(median(&mut sharp)))
+        (sharp.len() >= MIN_PROFILES).then(|| f64::from(middle(&mut sharp)))
     }
 
     /// What moved since, and how sharp it is.
@@ -150,7 +150,7 @@ impl Outline {
         let shifts: Vec<(Vector2<f32>, f32)> =
             seen.iter().map(|(place, first, now)| (place.normal, now.offset_px - first.offset_px)).collect();
         let mut sharp: Vec<f32> = seen.iter().map(|(_, first, now)| now.sharpness / first.sharpness).collect();
-        Some(Steadiness { moved_px: f64::from(moved(&shifts).norm()), sharpness: f64::from(median(&mut sharp)) })
+        Some(Steadiness { moved_px: f64::from(moved(&shifts).norm()), sharpness: f64::from(middle(&mut sharp)) })
     }
 }
 
@@ -167,7 +167,7 @@ fn moved(shifts: &[(Vector2<f32>, f32)]) -> Vector2<f32> {
         let Some(inverse) = normal.try_inverse() else { return d };
         d = inverse * right;
         let mut left: Vec<f32> = shifts.iter().map(|(n, shift)| (n.dot(&d) - shift).abs()).collect();
-        bound = (3.0 * median(&mut left)).max(0.05);
+        bound = (3.0 * middle(&mut left)).max(0.05);
     }
     d
 }
@@ -223,9 +223,9 @@ fn gray(picture: &ColorPicture, at: Vector2<f32>) -> Option<f32> {
     Some(mix(row) * (1.0 - down) + mix(row + 1) * down)
 }
 
-fn median(values: &mut [f32]) -> f32 {
-    let middle = values.len() / 2;
-    if values.is_empty() { 0.0 } else { *values.select_nth_unstable_by(middle, f32::total_cmp).1 }
+/// The median, 0 of none.
+fn middle(values: &mut [f32]) -> f32 {
+    median(values).unwrap_or(0.0)
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! Pairs farther apart than a limit are dropped; the
 //! limit follows the median distance of all pairs down to a floor, so that it shrinks as the fit gets better.
 
-use crate::geometry::{Base, Panel, Point, Rigid};
+use crate::geometry::{Base, Panel, Point, Rigid, median};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
 
@@ -56,12 +56,7 @@ pub(super) fn pairs(tree: &Tree, taught: &[Point<Panel>], base_from_panel: Rigid
 /// The distance beyond which a pair is dropped: three medians, but at least the floor.
 pub(super) fn distance_limit_mm(pairs: &[Pair], floor_mm: f64) -> f64 {
     let mut distances: Vec<f64> = pairs.iter().map(|pair| pair.distance_mm).collect();
-    if distances.is_empty() {
-        return floor_mm;
-    }
-    let middle = distances.len() / 2;
-    let (_, median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
-    (MEDIANS * *median).max(floor_mm)
+    median(&mut distances).map_or(floor_mm, |median_mm| (MEDIANS * median_mm).max(floor_mm))
 }
 
 #[cfg(test)]

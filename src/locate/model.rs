@@ -6,7 +6,7 @@
 use super::LocateError;
 use super::grid::{Grid, Motion, camera_point};
 use super::profile;
-use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, polygon};
+use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, median, polygon};
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
@@ -271,8 +271,7 @@ fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlineP
         .collect();
     let edges: Vec<_> = edges.into_iter().flatten().collect();
     let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.2).collect();
-    let middle = widths.len() / 2;
-    let width = if widths.is_empty() { 0.0 } else { *widths.select_nth_unstable_by(middle, f64::total_cmp).1 };
+    let width = median(&mut widths).unwrap_or(0.0);
     let panel_from_camera = Motion::of(&panel.panel_from_camera);
     let count = edges.len();
     let point = |k: usize| {

@@ -11,6 +11,7 @@ use super::model::Model;
 use super::pieces::Piece;
 use super::search::{Sight, covered, sight};
 use super::shadow;
+use crate::geometry::median;
 use rayon::prelude::*;
 
 /// A point of the outline is found where the edge is this near, px.
@@ -97,13 +98,12 @@ impl OutlineShares {
             }
         }
         let whole: f64 = model.outline.iter().map(|sample| sample.length_mm).sum();
-        let middle = widths.len() / 2;
         let enough = widths.len() >= 20;
         OutlineShares {
             found: found / whole.max(1.0),
             absent: absent / f64::max(in_view, 1.0),
             rms_px: (squares / near.max(1) as f64).sqrt(),
-            width_px: enough.then(|| *widths.select_nth_unstable_by(middle, f64::total_cmp).1),
+            width_px: median(&mut widths).filter(|_| enough),
         }
     }
 }

@@ -7,7 +7,7 @@
 //! neighbours that share one error. Sums are taken over fixed chunks in their order: the same bits for any number of
 //! threads.
 
-use crate::geometry::{Camera, Panel, Rigid};
+use crate::geometry::{Camera, Panel, Rigid, median};
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3, Vector6};
 use rayon::prelude::*;
 
@@ -113,11 +113,7 @@ const ZERO_1: Vector6<f64> = Vector6::from_array_storage(nalgebra::ArrayStorage(
 pub(super) fn spread(constraints: &[Constraint]) -> f64 {
     const NORMAL: f64 = 1.4826;
     let mut sizes: Vec<f64> = constraints.iter().map(|constraint| constraint.residual.abs()).collect();
-    if sizes.is_empty() {
-        return 0.0;
-    }
-    let middle = sizes.len() / 2;
-    NORMAL * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
+    NORMAL * median(&mut sizes).unwrap_or(0.0)
 }
 
 /// The transform followed by a small turn about a point and a small shift, both in the camera's frame.

@@ -3,7 +3,7 @@
 //! Two neighbouring pixels belong together where the depth between them changes by less than a step that no smooth
 //! panel makes from one pixel to the next. No shape is assumed.
 
-use crate::geometry::{Frame, Mask, OrganizedCloud};
+use crate::geometry::{Frame, Mask, OrganizedCloud, median};
 
 /// Neighbouring points this many times farther apart than usual are two objects: more than a steep panel makes of the
 /// usual step, and far below the gap between a panel and its fixture.
@@ -17,8 +17,7 @@ fn usual_step_mm<F: Frame>(cloud: &OrganizedCloud<F>, free: &[bool]) -> Option<f
         pair.then(|| Some(cloud.point_at(index)?.distance_mm(cloud.point_at(beside)?))).flatten()
     };
     let mut steps: Vec<f64> = (0..free.len() - 1).step_by(7).filter_map(pair).collect();
-    let middle = steps.len() / 2;
-    (!steps.is_empty()).then(|| *steps.select_nth_unstable_by(middle, f64::total_cmp).1)
+    median(&mut steps)
 }
 
 /// The pieces of a scan that are connected, each as its pixel indices, largest first.

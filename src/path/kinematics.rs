@@ -66,7 +66,7 @@ impl Kinematics {
 
     /// Where the flange is; `None` for angles that are no numbers.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
-        let pose = self.solver.try_forward(&angles(joints).map(f64::to_radians)).ok()?;
+        let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
         Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
@@ -128,10 +128,6 @@ impl Kinematics {
 fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
     let turn = base_from_flange.isometry().rotation;
     base_from_flange.isometry().translation.vector - turn * Vector3::z() * geometry.c4_mm
-}
-
-pub(super) fn angles(joints: &Joints) -> Angles {
-    [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg]
 }
 
 pub(super) fn joints([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: Angles) -> Joints {

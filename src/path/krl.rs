@@ -234,7 +234,7 @@ fn frame(pose: &KukaPose) -> String {
 }
 
 fn axes(joints: &Joints) -> String {
-    let angles = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+    let angles = joints.degrees();
     let words: Vec<String> =
         angles.iter().enumerate().map(|(axis, angle)| format!("A{} {}", axis + 1, number(*angle, 4))).collect();
     format!("{{{}}}", words.join(", "))

@@ -71,7 +71,7 @@ pub fn judge_route(route: &Route<'_>, limits: &WaypointLimits) -> Judgement {
 
 /// Accepts axis angles or rejects them.
 pub fn judge_joints(joints: &Joints) -> Judgement {
-    let angles = [joints.a1_deg, joints.a2_deg, joints.a3_deg, joints.a4_deg, joints.a5_deg, joints.a6_deg];
+    let angles = joints.degrees();
     let wrong = angles.iter().position(|angle| !angle.is_finite() || angle.abs() > LARGEST_AXIS_DEG);
     let reason = |axis: usize| {
         let angle = plain(angles[axis]);

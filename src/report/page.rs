@@ -63,7 +63,7 @@ const STYLE: &str = "body{font:16px/1.5 system-ui,sans-serif;max-width:1100px;ma
 background:#fff}h1{margin-bottom:0}.sub{color:#555;margin-top:.2rem}.verdict{padding:.6rem 1rem;border-left:.6rem solid;\
 background:#f4f4f4;font-size:1.15rem}.good{border-color:#009e73}.doubt{border-color:#e69f00}.bad{border-color:#d55e00}\
 table{border-collapse:collapse;margin:.6rem 0}th,td{text-align:left;padding:.15rem 1.2rem .15rem 0;border-bottom:1px solid #ddd;\
-font-variant-numeric:tabular-nums}figure{margin:1rem 0}img{max-width:100%;height:auto;border:1px solid #ccc}\
+font-variant-numeric:tabular-nums}td:nth-child(2){overflow-wrap:anywhere}td:nth-child(3){white-space:nowrap}figure{margin:1rem 0}img{max-width:100%;height:auto;border:1px solid #ccc}\
 figcaption{color:#555;font-size:.9rem}@media print{figure{break-inside:avoid}}";
 
 impl Page {

@@ -121,9 +121,7 @@ fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
             );
             Check::right("scanner", told)
         }
-        Err(fault) => {
-            Check::wrong("scanner", fault.to_string(), "the page on the Zivid camera in README says what it needs")
-        }
+        Err(fault) => Check::wrong("scanner", fault.to_string(), "src/devices/README.md says what it needs"),
     }
 }
 

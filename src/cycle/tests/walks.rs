@@ -6,6 +6,7 @@ use super::cell::Cell;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::collections::BTreeMap;
+use strum::IntoEnumIterator;
 
 const WALKS: u64 = 6_000;
 const STEPS: usize = 300;
@@ -158,7 +159,7 @@ fn no_walk_finds_what_must_never_be_and_the_walks_see_everything() {
 #[test]
 fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     let mut missed = Vec::new();
-    for rule in ALL_RULES {
+    for rule in Rule::iter() {
         let found = (0..WALKS).find_map(|seed| walk(Rules::without(rule), seed, &mut Seen::new()).err());
         match found {
             Some(wrong) => println!("{rule:?}: {}", wrong.lines().next().unwrap_or_default()),
@@ -167,53 +168,3 @@ fn without_any_one_rule_the_walks_find_what_it_kept_away() {
     }
     assert!(missed.is_empty(), "nobody misses {missed:?}");
 }
-
-const ALL_RULES: [Rule; 44] = {
-    use Rule::*;
-    [
-        ArmOutOfView,
-        AtView,
-        LightOff,
-        LightSettled,
-        LensClear,
-        LensGuarded,
-        ParkedForWater,
-        WaterOff,
-        ToolOff,
-        Drained,
-        Extraction,
-        StartsInAir,
-        ToolRunning,
-        Token,
-        Frames,
-        Epoch,
-        StandsFirst,
-        AllOff,
-        SelfTest,
-        AnswersMatch,
-        AskedIsUnknown,
-        RobotReady,
-        ConditionAborts,
-        LossForgets,
-        IntentFirst,
-        Sequence,
-        WholePath,
-        AnswerDeadline,
-        StopDeadline,
-        TroubleLeaves,
-        AbortIsSent,
-        LinkEndsEpoch,
-        BootRests,
-        RejectEnds,
-        ReviewHolds,
-        InvalidEnds,
-        AirRun,
-        DryPicture,
-        VerifyFirst,
-        TokenInContact,
-        UnholdVerifies,
-        DriedFirst,
-        MoveLimit,
-        PassLimit,
-    ]
-};

@@ -5,7 +5,7 @@
 //! what it is on both sides. A robust line through these places is the edge; it is read once more from there.
 
 use super::CornerError;
-use crate::geometry::{GrayPicture, Pixel};
+use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Vector2};
 
 /// How far across the edge the grey is read, px.
@@ -95,8 +95,7 @@ impl Line {
         for _ in 0..LINE_ROUNDS {
             let away = |place: &Vector2<f64>| (place - line.middle).perp(&line.along).abs();
             let mut sizes: Vec<f64> = kept.iter().map(away).collect();
-            let middle = sizes.len() / 2;
-            let limit_px = (MEDIANS * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1).max(FLOOR_PX);
+            let limit_px = (MEDIANS * median(&mut sizes)?).max(FLOOR_PX);
             kept = places.iter().filter(|place| away(place) <= limit_px).copied().collect();
             line = Line::least_squares(&kept, outwards)?;
         }

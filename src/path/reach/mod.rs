@@ -18,7 +18,7 @@ pub use obstacle::{Obstacle, ReachFault, Singular};
 pub use swing::swing;
 pub use things::Things;
 
-use super::kinematics::{Angles, Kinematics, angles, joints};
+use super::kinematics::{Angles, Kinematics, joints};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
 use margins::{axis_limit, beyond, keeps_out, room, too_fast};
 use nalgebra::{Isometry3, Vector3};
@@ -85,7 +85,7 @@ pub fn follow(
         return Err(ReachFault { index: 0, obstacle: out_of_reach(arm, first) });
     }
     let starts = match from {
-        Some(joints) => vec![angles(joints)],
+        Some(joints) => vec![joints.degrees()],
         None => first.ways.iter().flat_map(|way| turns(arm, way)).collect(),
     };
     let (mut best, mut farthest): (Option<Travel>, Option<(usize, ReachFault)>) = (None, None);

@@ -8,7 +8,7 @@ use super::margins::keeps_out;
 use super::obstacle::Obstacle;
 use super::things::keeps_off;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
-use crate::path::kinematics::{Angles, Kinematics, angles, joints};
+use crate::path::kinematics::{Angles, Kinematics, joints};
 
 /// Largest turn of an axis between two looks, degrees.
 const STEP_DEG: f64 = 2.0;
@@ -23,7 +23,7 @@ pub fn swing(
     from: &Joints,
     to: &Joints,
 ) -> Result<(), Obstacle> {
-    let (from, to) = (angles(from), angles(to));
+    let (from, to) = (from.degrees(), to.degrees());
     if from.iter().chain(&to).any(|angle| !angle.is_finite()) {
         return Err(Obstacle::NotFinite);
     }

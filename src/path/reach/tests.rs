@@ -43,7 +43,7 @@ fn every_obstacle_of_the_arm_has_its_name() {
     let free = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}")).arm());
     let beside = leg(380.0, 240.0, 500.0);
     let there = follow(&free, gates.flange_from_tool, None, &[beside]).expect("nothing in the way").joints[0];
-    let kept = from(&gates.arm, angles(&there), beside);
+    let kept = from(&gates.arm, there.degrees(), beside);
     assert!(matches!(&kept, Obstacle::KeepOut { name, .. } if name == "rack"), "{kept:?}");
     assert!(matches!(refused(&[leg(f64::NAN, 0.0, 400.0)]), Obstacle::NotFinite));
     let fast = Leg { feed_mm_s: 15_000.0, ..leg(560.0, -100.0, 400.0) };

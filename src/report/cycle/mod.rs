@@ -14,6 +14,8 @@ use std::collections::BTreeMap;
 /// What a person fills in by hand.
 const BLANK: &str = "……………………………………";
 const NOT_MEASURED: &str = "not measured";
+const AIR_RUN: &str = "This was an air-run: the path was run above the panel with water and tool off. The panel was neither \
+                       tested nor abraded, and this page does not release it. ";
 
 /// The page of a cycle; `pictures` holds its JPEGs by their hash. One that is missing is said to be.
 pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) -> Page {
@@ -26,10 +28,14 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
         record.findings.iter().map(|finding| section(finding, pictures, times)).collect();
     sections.extend([happened::abraded(record), happened::motions(record), budget(record.budget)]);
     sections.extend(happened::asked(record));
-    sections.extend([used(record), signature(record, times)]);
+    sections.push(used(record));
+    // Nothing was tested that an inspector could sign.
+    let is_air_run = record.is_air_run();
+    sections.extend((!is_air_run).then(|| signature(record, times)));
+    let (kind, warning) = if is_air_run { (", air-run", AIR_RUN) } else { ("", "") };
     Page {
-        title: format!("Panel {}, cycle {}", record.panel, record.id),
-        subtitle: duration(record),
+        title: format!("Panel {}, cycle {}{kind}", record.panel, record.id),
+        subtitle: format!("{warning}{}", duration(record)),
         judgement: record.judgement.clone().unwrap_or_else(running),
         sections,
         made: String::new(),

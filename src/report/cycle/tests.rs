@@ -220,3 +220,24 @@ fn a_number_that_is_not_allowed_differs_from_its_limit() {
     assert_eq!(shown(8.2, Limit::AtMost(8.0)), ["8.2 %, not allowed", "≤ 8 %"]);
     assert_eq!(shown(-0.0, Limit::AtMost(8.0)), ["0 %", "≤ 8 %"]);
 }
+
+/// The verdict of an air-run says that the motions passed, not the panel: its page says so, and has no line to sign.
+#[test]
+fn the_page_of_an_air_run_releases_nothing() {
+    let cycle = record();
+    assert!(!cycle_page(&cycle, &BTreeMap::new()).html().contains("air-run"));
+    let asked_for = CycleRecord {
+        asked: vec![asked(Wanted::For(Request::AirRun { max_moves: 3 }), Some(Answer::Done))],
+        ..cycle.clone()
+    };
+    let mut flown = cycle.clone();
+    flown.motions[0].motion.path = Path::Air;
+    for page in [asked_for, flown] {
+        let html = cycle_page(&page, &BTreeMap::new()).html();
+        assert!(html.contains("cycle 7, air-run</h1>") && html.contains("neither tested nor abraded"), "{html}");
+        assert!(!html.contains("<td>signature</td>"), "{html}");
+    }
+    let refused = asked(Wanted::For(Request::AirRun { max_moves: 3 }), Some(Answer::Refused));
+    let page = cycle_page(&CycleRecord { asked: vec![refused], ..cycle }, &BTreeMap::new());
+    assert!(page.html().contains("<td>signature</td>"));
+}

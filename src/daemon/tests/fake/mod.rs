@@ -5,6 +5,8 @@ mod cameras;
 mod record;
 mod robot;
 
+pub use robot::standing_state;
+
 pub use asks::Asks;
 pub use cameras::FakeEyes;
 pub use record::Memory;

@@ -63,28 +63,17 @@ impl World {
             * (self.base_from_flange * flange_from_tool.to_rigid::<Flange, Tool>());
         eki::State {
             time_ms: self.time_ms as u32,
-            sequence: 0,
-            answered: 0,
             epoch: Epoch(self.epoch),
-            boot: 1,
-            programs_checksum: 1,
-            mode: Mode::External,
-            drives_on: true,
-            emergency_stop: false,
-            guard_closed: true,
             moving: !self.queue.is_empty(),
-            motion_possible: true,
             base_set: self.base.is_some(),
             tool_set: self.tool.is_some(),
-            stopped: false,
             inputs: (1 - is_on(2)) | is_on(3) << 1 | is_on(4) << 2 | is_on(5) << 3 | is_on(1) << 4,
-            outputs: 0,
             done: CommandId(self.done),
-            underruns: 0,
             joints: self.joints,
             base_from_tcp: KukaPose::from_rigid(&tip),
             active_base: base,
             flange_from_tool,
+            ..standing_state()
         }
     }
 
@@ -195,5 +184,34 @@ impl Robot for FakeRobot {
 
     fn is_lock_step(&self) -> bool {
         !self.by_the_wall
+    }
+}
+
+/// A robot that stands, drives on, guard closed, in EXT.
+pub fn standing_state() -> eki::State {
+    eki::State {
+        time_ms: 0,
+        sequence: 0,
+        answered: 0,
+        epoch: Epoch(0),
+        boot: 1,
+        programs_checksum: 1,
+        mode: Mode::External,
+        drives_on: true,
+        emergency_stop: false,
+        guard_closed: true,
+        moving: false,
+        motion_possible: true,
+        base_set: false,
+        tool_set: false,
+        stopped: false,
+        inputs: 0,
+        outputs: 0,
+        done: CommandId(0),
+        underruns: 0,
+        joints: Joints::default(),
+        base_from_tcp: KukaPose::default(),
+        active_base: KukaPose::default(),
+        flange_from_tool: KukaPose::default(),
     }
 }

@@ -25,6 +25,7 @@ fn another_boot_ends_the_epoch_and_no_number_comes_again() {
 #[test]
 fn an_epoch_that_was_asked_for_and_not_confirmed_never_comes_again() {
     let mut cell = Cell::ready();
+    cell.pass(200);
     cell.controller.silent = true;
     let asked = cell.session.open_epoch().expect("it stands");
     cell.pass(50);

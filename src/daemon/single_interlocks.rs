@@ -1,0 +1,158 @@
+//! The interlocks of single functions: the cycle's own list, held against what the controller says now.
+//!
+//! A single function knows less than a cycle: no drain time, no approach point, no localization. What is not known does not
+//! hold, so the tool's output is switched on by a cycle alone, and water only while the arm stands at the pose `park`.
+
+use super::wiring::{RINSE, reads};
+use crate::cell::{Cell, Feedback, InputsOutputs, Output};
+use crate::cycle::{
+    Act, Epoch, Extraction, Facts, Frames, Id, Lens, Motion, Path, Switch, Tool, Water, open_interlocks,
+};
+use crate::eki::State;
+use crate::geometry::Joints;
+use crate::verdict::{Judgement, Reason};
+
+/// So far from `park` an axis may stand and the arm counts as parked, degrees: ten times what a controller reports.
+const PARKED_DEG: f64 = 0.1;
+
+/// The cycle's switch that an output's name stands for; off is always allowed.
+pub(super) fn switched_on(name: &str) -> Option<Switch> {
+    let known = [
+        (Output::Light.name(), Switch::LightOn),
+        (Output::Spray.name(), Switch::Spray),
+        (RINSE, Switch::Rinse),
+        (Output::LensShutter.name(), Switch::LensGuard),
+        (Output::Extraction.name(), Switch::ExtractionOn),
+        (Output::Tool.name(), Switch::ToolOn),
+    ];
+    known.into_iter().find(|(output, _)| *output == name).map(|(_, switch)| switch)
+}
+
+/// A motion that needs what the cycle's motion along this path needs.
+pub(super) fn motion(path: Path) -> Act {
+    Act::Move(Motion { epoch: 0, path, plan: 0, waypoints: 1 })
+}
+
+/// Rejects where an interlock of the act is open; `name` is what the person asked for.
+pub(super) fn judge(name: &str, act: Act, state: &State, cell: &Cell) -> Judgement {
+    let open = open_interlocks(act, &facts(state, cell));
+    let reason = |need: &&str| Reason::new("interlock", format!("{name} needs {need}"));
+    Judgement::of(open.iter().map(reason).collect(), vec![])
+}
+
+/// What a single function knows of the cell: its epoch is open, and base and tool were echoed in it.
+fn facts(state: &State, cell: &Cell) -> Facts {
+    let io = cell.io();
+    let parked = cell.park().is_some_and(|park| is_at(&state.joints, &park));
+    Facts {
+        standing: !state.moving,
+        epoch: Epoch::Open,
+        frames: Some(Frames::Camera),
+        arm: parked.then_some(Path::Park),
+        tool: match told(io, (Output::Tool, Feedback::ToolRunning), state) {
+            Told::NotThere | Told::Is(false) => Tool::Off,
+            Told::Is(true) => Tool::Running,
+            Told::Nothing => Tool::Unknown,
+        },
+        water: match told(io, (Output::Spray, Feedback::WaterOff), state) {
+            Told::NotThere => Water::Drained,
+            // Since when is not known.
+            Told::Is(true) => Water::Draining { until: Id(0) },
+            Told::Is(false) | Told::Nothing => Water::Unknown,
+        },
+        lens: match told(io, (Output::LensShutter, Feedback::LensShut), state) {
+            Told::Is(true) => Lens::Guarded,
+            _ => Lens::Unknown,
+        },
+        extraction: match told(io, (Output::Extraction, Feedback::ExtractionFlow), state) {
+            Told::Is(true) => Extraction::Flowing,
+            _ => Extraction::Unknown,
+        },
+        ..Facts::UNKNOWN
+    }
+}
+
+/// What the controller says of an output.
+enum Told {
+    /// The cell has no such output.
+    NotThere,
+    /// It has one, and nothing that proves how it is.
+    Nothing,
+    Is(bool),
+}
+
+fn told(io: &InputsOutputs, (output, feedback): (Output, Feedback), state: &State) -> Told {
+    match (io.output(output), io.feedback_bit(feedback)) {
+        (_, Some(bit)) => Told::Is(reads(state, bit)),
+        (None, None) => Told::NotThere,
+        (Some(_), None) => Told::Nothing,
+    }
+}
+
+fn is_at(joints: &Joints, pose: &Joints) -> bool {
+    joints.degrees().iter().zip(pose.degrees()).all(|(is, asked)| (is - asked).abs() <= PARKED_DEG)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::daemon::tests::standing_state;
+
+    const CELL: &str = "[poses]\npark = { a1_deg = 10.0, a2_deg = -90.0, a3_deg = 90.0, a4_deg = 0.0, a5_deg = 60.0, \
+        a6_deg = 0.0 }\n[io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n[io.feedbacks]\n\
+        water_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
+
+    fn cell() -> Cell {
+        Cell::check("cell.toml", CELL).expect("good")
+    }
+
+    /// The bits of `In`, from the lowest: water_off, lens_shut, extraction_flow, tool_running.
+    fn may(act: Act, inputs: u32, a1_deg: f64) -> bool {
+        let joints = Joints { a1_deg, ..cell().park().expect("given") };
+        let state = State { inputs, joints, ..standing_state() };
+        judge("it", act, &state, &cell()).reasons.is_empty()
+    }
+
+    /// Every combination of feedbacks, parked and not: by hand, motion needs water off and tool off; water needs the arm
+    /// parked, the lens shut and the tool off; the tool's output is a cycle's alone; light, lens and extraction need nothing.
+    #[test]
+    fn a_single_function_does_nothing_that_a_cycle_may_not() {
+        for inputs in 0..16 {
+            let bit = |at: u32| inputs >> at & 1 == 1;
+            let (water_off, lens_shut, tool_off) = (bit(0), bit(1), !bit(3));
+            for (a1_deg, parked) in [(10.0, true), (10.05, true), (10.2, false), (-120.0, false)] {
+                for path in [Path::Park, Path::Corner { view: 0 }] {
+                    assert_eq!(may(motion(path), inputs, a1_deg), water_off && tool_off, "{path:?} {inputs:04b}");
+                }
+                for (name, expected) in [
+                    ("spray", parked && lens_shut && tool_off),
+                    ("rinse", parked && lens_shut && tool_off),
+                    ("tool", false),
+                    ("light", true),
+                    ("lens_shutter", true),
+                    ("extraction", true),
+                ] {
+                    let act = Act::Switch(switched_on(name).expect("known"));
+                    assert_eq!(may(act, inputs, a1_deg), expected, "{name} {inputs:04b} {a1_deg}");
+                }
+            }
+        }
+        assert_eq!(switched_on("horn"), None);
+    }
+
+    /// An output without a feedback is not proven off; one that the cell does not have cannot be on.
+    #[test]
+    fn what_nothing_proves_is_open() {
+        let without = |line: &str| Cell::check("cell.toml", &CELL.replace(line, "")).expect("good");
+        let refused = |cell: &Cell| {
+            let judgement = judge("a motion", motion(Path::Park), &State { inputs: 1, ..standing_state() }, cell);
+            judgement.reasons.iter().map(|reason| reason.message.clone()).collect::<Vec<_>>()
+        };
+        assert_eq!(
+            refused(&without("tool_running = 4\n")),
+            ["a motion needs the tool off, proven by the feedback tool_running"]
+        );
+        let neither = CELL.replace("tool_running = 4\n", "").replace("tool = 5\n", "");
+        assert_eq!(refused(&Cell::check("cell.toml", &neither).expect("good")), [""; 0]);
+    }
+}

@@ -1,0 +1,38 @@
+//! The median of numbers.
+
+/// A number with a total order.
+pub trait Ordered: Copy {
+    /// The order of the IEEE standard, in which NaN is the largest.
+    fn order(&self, other: &Self) -> std::cmp::Ordering;
+}
+
+impl Ordered for f64 {
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        self.total_cmp(other)
+    }
+}
+
+impl Ordered for f32 {
+    fn order(&self, other: &Self) -> std::cmp::Ordering {
+        self.total_cmp(other)
+    }
+}
+
+/// The middle one of these values, which are reordered; of an even number the larger of the two in the middle. `None` where
+/// there is none.
+pub fn median<T: Ordered>(values: &mut [T]) -> Option<T> {
+    let middle = values.len() / 2;
+    (middle < values.len()).then(|| *values.select_nth_unstable_by(middle, T::order).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_median_is_the_middle_one_or_the_larger_of_two() {
+        assert_eq!(median(&mut [3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(&mut [4.0_f32, 1.0, 3.0, 2.0]), Some(3.0));
+        assert_eq!(median::<f64>(&mut []), None);
+    }
+}
