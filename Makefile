@@ -82,7 +82,8 @@ bench-inspect: setup
 bench-worker: setup zivid-stub
 	cargo bench --locked --bench worker
 
-# The robot link: rates, from a lost acknowledgement to STOP, long paths. About five minutes.
+# The robot link: rates, from a lost acknowledgement to STOP, long paths: about five minutes. Then 200,000 walks over the
+# controller's programs: more than an hour on two idle cores; fewer: cargo bench --locked --bench link -- programs 5000
 bench-link: setup
 	cargo bench --locked --bench link
 

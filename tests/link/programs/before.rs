@@ -242,7 +242,7 @@ fn a_late_trigger_counts_its_own_motion() {
 }
 
 /// Undone one at a time in the programs that ship: what else is mended cannot hide it.
-const UNDONE: [Undone; 4] = [
+const UNDONE: [Undone; 3] = [
     Undone {
         name: "another program is reset",
         file: "cell_submit.src",
@@ -258,15 +258,6 @@ const UNDONE: [Undone; 4] = [
         before: "    RESUME\n",
         meaning: |meaning| meaning.resume_needs_advance_0 = true,
         seed: 0,
-    },
-    Undone {
-        name: "$POS_ACT of a program that is gone",
-        file: "cell_tell.src",
-        ships: "  IF CELL_READY AND (VARSTATE(\"$POS_ACT\")==#INITIALIZED) THEN\n    ; The program may be cancelled right \
-                here: zeros then.\n    ON_ERROR_PROCEED\n",
-        before: "  IF CELL_READY THEN\n",
-        meaning: |_| {},
-        seed: 8,
     },
     Undone {
         name: "a late trigger hides a contact from the stop",
