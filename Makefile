@@ -3,7 +3,7 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-inspect bench-link bench-calib bench-surface bench-locate bench-worker bench-cameras bench-recording
+.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
@@ -104,6 +104,12 @@ bench-calib: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
 	cargo test --locked --test all -- --nocapture real_pictures
 	cargo bench --locked --bench calib
+
+# Public pictures of real boards and robots: opencv-doc, and a copy of ros-industrial/industrial_calibration (Apache-2.0) by
+# REAL=FOLDER. A set that is not there is told as not run, and the bench does not pass.
+bench-real: setup
+	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are not run' >&2
+	REAL='$(REAL)' cargo bench --locked --bench real
 
 # The surface and the paths over it, beside geomdl and scipy in a Python of their own under target/; its parts alone:
 # make bench-surface PARTS='fit 5', of fit [SEEDS], evaluate, paths, patterns [SEEDS up to 10], attitudes, gauntlet.

@@ -13,7 +13,7 @@ use crate::cell::{
     TargetMount, ToolMount, ZividCamera,
 };
 use crate::config::{self, Problem, Problems};
-use crate::geometry::{Degrees, Frame, Vector};
+use crate::geometry::{Degrees, Frame, Vector, polygon};
 use crate::krl::{Kss, LOWEST_KSS};
 use crate::recipe::{RECIPE_KEYS, Recipe};
 use crate::requirements::{Purpose, Unmet, unmet};
@@ -271,13 +271,25 @@ fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     let view = |size_px: usize, focal_px: f64| Degrees::from_rad(2.0 * (size_px as f64 / 2.0 / focal_px).atan()).0;
     let (across, down) = (view(camera.width_px, camera.fx_px), view(camera.height_px, camera.fy_px));
     let residual = intrinsics.rms_px.map_or("unknown".to_owned(), |rms_px| format!("{rms_px:.3} px rms"));
-    vec![
+    let mut says = vec![
         format!(
             "camera of {} × {} px that sees about {across:.1}° × {down:.1}°",
             camera.width_px, camera.height_px
         ),
         format!("residual: {residual}"),
-    ]
+    ];
+    says.extend(intrinsics.extent.model.map(|model| format!("lens model: {model}")));
+    says.extend(intrinsics.extent.left_out.iter().map(|reason| format!("left out of it: {reason}")));
+    says.extend(intrinsics.extent.supported.map(|supported| {
+        let picture_px2 = (camera.width_px * camera.height_px) as f64;
+        let share = polygon::signed_area_px2(&supported.outline_px).abs() / picture_px2;
+        format!(
+            "known to {} px in {} % of the picture; measurements outside of that part are refused",
+            fixed(supported.error_px, 2),
+            fixed(share * 100.0, 0)
+        )
+    }));
+    says
 }
 
 fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {

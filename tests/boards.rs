@@ -120,12 +120,17 @@ pub fn synthetic_lens<A: Side>(cell: &BoardCell) -> Lens {
 
 /// The lens from these corners.
 pub fn lens_of(camera: &PinholeCamera, corners: &[detect::Corners]) -> Lens {
+    let found = calibrated_lens(camera, corners);
+    Lens { camera: found.camera, covariance: Some(found.covariance) }
+}
+
+/// The same with its evidence.
+pub fn calibrated_lens(camera: &PinholeCamera, corners: &[detect::Corners]) -> intrinsics::Calibrated {
     let view =
         |(index, corners): (usize, &detect::Corners)| View { name: index.to_string(), corners: corners.clone() };
     let views: Vec<View> = corners.iter().enumerate().map(view).collect();
     let size = (camera.width_px, camera.height_px);
-    let found = intrinsics::calibrate(size, &views, false).expect("a camera");
-    Lens { camera: found.camera, covariance: Some(found.covariance) }
+    intrinsics::calibrate(size, &views, intrinsics::Options::default()).expect("a camera")
 }
 
 /// How far a calibration is from the truth.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 17] = [
+const FOR_MACHINES: [(&str, &str); 22] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cli/render.rs", "verify_limit_mm = {:?}"),
@@ -21,6 +21,11 @@ const FOR_MACHINES: [(&str, &str); 17] = [
     ("cli/tune.rs", "hsv_max = {"),
     ("store/journal.rs", "{before} {sequence}"),
     ("daemon/abrasion.rs", "{:?}"),
+    ("cell/lens_extent.rs", "supported_error_px = {"),
+    ("cell/robot_correction.rs", "numbers = {"),
+    ("cell/robot_correction.rs", "{key} = {place:?}"),
+    ("cell/robot_correction.rs", "left_out_before_mm = {"),
+    ("cell/robot_correction.rs", "left_out_after_mm = {"),
     // What `Debug` itself prints.
     ("daemon/desk.rs", "{request:?}"),
     ("devices/zivid/wire.rs", "{found:02x?}"),

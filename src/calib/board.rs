@@ -1,8 +1,11 @@
-//! The board that is looked at: chessboard or ChArUco, its inner corners as points of frame `Board`.
+//! The board that is looked at: chessboard, ChArUco or a grid of circles, its corners (of circles, their centres) as points of
+//! frame `Board`.
 //!
 //! Corner (column, row) lies at (column · square, row · square, 0) mm; x runs along a row, y down, z away from the
 //! viewer. A chessboard is named by its inner corners, ChArUco by its squares, as OpenCV does. A chessboard with one odd
 //! and one even side has a unique first corner, the one whose outer square is black; others look the same upside down.
+//! Circles stand in COLUMNS×ROWS; in an asymmetric grid each second row is shifted by the distance of rows, and circles of a
+//! row are twice that distance apart, as OpenCV counts them.
 
 use super::error::CalibError;
 use crate::geometry::{Board as BoardFrame, Point};
@@ -18,29 +21,61 @@ pub struct Charuco {
     pub legacy: bool,
 }
 
+/// What a board shows.
+#[derive(Debug, Clone, PartialEq)]
+enum Pattern {
+    Chessboard,
+    Charuco(Charuco),
+    /// Circles in rows, each second row shifted or not.
+    Circles {
+        asymmetric: bool,
+    },
+}
+
 /// A flat calibration board.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Board {
     columns: usize,
     rows: usize,
     square_mm: f64,
-    charuco: Option<Charuco>,
+    pattern: Pattern,
 }
 
 const INNER: std::ops::RangeInclusive<usize> = 3..=60;
 
 impl Board {
-    /// The board that `--board` and `--square-mm` name: `9x6`, or `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`.
+    /// The board that `--board` and `--square-mm` name: `9x6`, `charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy]`, or
+    /// `circles:COLUMNSxROWS:MM` and `acircles:COLUMNSxROWS:MM`, which need no `--square-mm`.
     ///
     /// # Errors
     /// Where the text names no board, a number is out of range, or a marker is as large as its square.
-    pub fn parse(text: &str, square_mm: f64) -> Result<Self, CalibError> {
+    pub fn parse(text: &str, square_mm: impl Into<Option<f64>>) -> Result<Self, CalibError> {
         let wrong = |message: String| CalibError::Board { text: text.to_owned(), message };
+        let parts: Vec<&str> = text.split(':').collect();
+        let named_mm: Option<f64> = square_mm.into();
+        let square_mm = match (parts.as_slice(), named_mm) {
+            (["circles" | "acircles", _, distance], named_mm) => {
+                let circles_mm = distance
+                    .parse::<f64>()
+                    .map_err(|_| wrong(format!("the distance of circles '{distance}' is no number")))?;
+                if named_mm.is_some_and(|named_mm| named_mm != circles_mm) {
+                    return Err(wrong(format!(
+                        "circles {circles_mm} mm apart, and --square-mm says otherwise; leave --square-mm out"
+                    )));
+                }
+                circles_mm
+            }
+            (_, Some(square_mm)) => square_mm,
+            (_, None) => return Err(wrong("--square-mm is missing: the side of a square, mm".to_owned())),
+        };
         if !(0.5..=500.0).contains(&square_mm) {
             return Err(wrong(format!("squares of {square_mm} mm; allowed is 0.5 to 500")));
         }
-        let parts: Vec<&str> = text.split(':').collect();
         match parts.as_slice() {
+            [kind @ ("circles" | "acircles"), size, _] => {
+                let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
+                Self::of(columns, rows, square_mm, Pattern::Circles { asymmetric: *kind == "acircles" })
+            }
             ["charuco", size, marker, dictionary] => {
                 Self::charuco(sides(size).ok_or_else(|| wrong(shape()))?, square_mm, marker, dictionary, false)
             }
@@ -49,7 +84,7 @@ impl Board {
             }
             [size] => {
                 let (columns, rows) = sides(size).ok_or_else(|| wrong(shape()))?;
-                Self::of(columns, rows, square_mm, None)
+                Self::of(columns, rows, square_mm, Pattern::Chessboard)
             }
             _ => Err(shape()),
         }
@@ -68,14 +103,14 @@ impl Board {
             return Err(format!("markers of {marker_mm} mm in squares of {square_mm} mm; allowed is 20 to 95 %"));
         }
         let charuco = Charuco { marker_mm, dictionary: dictionary.to_uppercase(), legacy };
-        Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Some(charuco))
+        Self::of(columns.saturating_sub(1), rows.saturating_sub(1), square_mm, Pattern::Charuco(charuco))
     }
 
-    fn of(columns: usize, rows: usize, square_mm: f64, charuco: Option<Charuco>) -> Result<Self, String> {
+    fn of(columns: usize, rows: usize, square_mm: f64, pattern: Pattern) -> Result<Self, String> {
         if !INNER.contains(&columns) || !INNER.contains(&rows) {
             return Err(format!("{columns}×{rows} inner corners; allowed is 3 to 60 each way"));
         }
-        Ok(Board { columns, rows, square_mm, charuco })
+        Ok(Board { columns, rows, square_mm, pattern })
     }
 
     /// Inner corners in a row.
@@ -88,14 +123,25 @@ impl Board {
         self.rows
     }
 
-    /// Side of a square, mm.
+    /// Side of a square, or the distance of rows of circles, mm.
     pub fn square_mm(&self) -> f64 {
         self.square_mm
     }
 
-    /// Its markers; `None` for a chessboard.
+    /// Its markers; `None` for a board without.
     pub fn markers(&self) -> Option<&Charuco> {
-        self.charuco.as_ref()
+        match &self.pattern {
+            Pattern::Charuco(charuco) => Some(charuco),
+            _ => None,
+        }
+    }
+
+    /// Does it show circles, and if so, is each second row shifted?
+    pub fn circles(&self) -> Option<bool> {
+        match self.pattern {
+            Pattern::Circles { asymmetric } => Some(asymmetric),
+            _ => None,
+        }
     }
 
     /// Number of inner corners.
@@ -105,13 +151,21 @@ impl Board {
 
     /// Does it look different upside down?
     pub fn is_unique(&self) -> bool {
-        self.charuco.is_some() || self.columns % 2 != self.rows % 2
+        match self.pattern {
+            Pattern::Chessboard => self.columns % 2 != self.rows % 2,
+            Pattern::Charuco(_) => true,
+            Pattern::Circles { asymmetric } => asymmetric && self.rows % 2 == 1,
+        }
     }
 
     /// The inner corner in this column and row, from 0; `None` where the board has none.
     pub fn corner(&self, column: usize, row: usize) -> Option<Point<BoardFrame>> {
+        let across = match self.pattern {
+            Pattern::Circles { asymmetric: true } => 2 * column + row % 2,
+            _ => column,
+        };
         (column < self.columns && row < self.rows)
-            .then(|| Point::at(column as f64 * self.square_mm, row as f64 * self.square_mm, 0.0))
+            .then(|| Point::at(across as f64 * self.square_mm, row as f64 * self.square_mm, 0.0))
     }
 
     /// All inner corners, row by row.
@@ -124,7 +178,8 @@ impl Board {
     /// The middle of its inner corners.
     pub fn middle(&self) -> Point<BoardFrame> {
         let half = |count: usize| (count - 1) as f64 * self.square_mm / 2.0;
-        Point::at(half(self.columns), half(self.rows), 0.0)
+        let across = if self.circles() == Some(true) { 2 * self.columns } else { self.columns };
+        Point::at(half(across), half(self.rows), 0.0)
     }
 
     /// The corners to touch in three-point calibration: the origin, the end of the first row, the far end of the last,
@@ -137,7 +192,7 @@ impl Board {
     /// The square (column, row) of the board, from the top left, that holds each marker, in the order of the markers'
     /// numbers.
     pub fn marker_squares(&self) -> Vec<(usize, usize)> {
-        let Some(charuco) = &self.charuco else { return Vec::new() };
+        let Some(charuco) = self.markers() else { return Vec::new() };
         let (columns, rows) = (self.columns + 1, self.rows + 1);
         // The legacy pattern counts rows from the bottom.
         let black = |column: usize, row: usize| {
@@ -155,8 +210,8 @@ fn sides(text: &str) -> Option<(usize, usize)> {
 }
 
 fn shape() -> String {
-    "allowed is a chessboard by its inner corners, 9x6, or charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy] by its \
-     squares, charuco:8x6:15:4X4_50"
+    "allowed is a chessboard by its inner corners, 9x6, charuco:COLUMNSxROWS:MARKER_MM:DICTIONARY[:legacy] by its squares, \
+     charuco:8x6:15:4X4_50, or circles in COLUMNSxROWS that far apart, circles:7x11:40, acircles:4x11:20"
         .to_owned()
 }
 
@@ -182,6 +237,23 @@ mod tests {
         assert_eq!(squares("charuco:4x4:15:4x4_50:legacy")[..3], [(0, 0), (2, 0), (1, 1)]);
         let odd = ["charuco:4x5:15:4X4_50", "charuco:4x5:15:4X4_50:legacy"].map(squares);
         assert_eq!(odd[0], odd[1], "an odd number of rows has one pattern");
+    }
+
+    /// By hand: the second row of an asymmetric grid begins one distance to the right, and circles of a row are two apart.
+    #[test]
+    fn circles_state_their_distance() {
+        let board = Board::parse("circles:7x11:40", None).expect("a board");
+        assert_eq!((board.corner(6, 10), board.is_unique()), (Some(Point::at(240.0, 400.0, 0.0)), false));
+        let board = Board::parse("acircles:4x11:20", 20.0).expect("a board");
+        assert_eq!(
+            (board.corner(3, 1), board.corner(0, 2)),
+            (Some(Point::at(140.0, 20.0, 0.0)), board.corner(0, 2))
+        );
+        assert_eq!((board.middle(), board.is_unique()), (Point::at(70.0, 100.0, 0.0), true));
+        let error = Board::parse("circles:7x11:40", 25.0).expect_err("two distances").to_string();
+        assert!(error.contains("leave --square-mm out"), "{error}");
+        let error = Board::parse("9x6", None).expect_err("no side").to_string();
+        assert!(error.contains("--square-mm is missing"), "{error}");
     }
 
     #[test]

@@ -5,10 +5,13 @@
 //! is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
+use super::chessboard;
 use super::error::CalibError;
 use super::foreign;
 use super::placing::{Detected, modelled};
 use crate::geometry::{GrayPicture, Pixel};
+use crate::imaging::ImagingError;
+use std::collections::BTreeMap;
 
 /// Fewer corners than this place no board well.
 const MIN_CORNERS: usize = 8;
@@ -28,10 +31,10 @@ pub(super) fn detect(
     };
     let dictionary = foreign::dictionary_number(&charuco.dictionary).ok_or_else(unknown)?;
     let squares = board.marker_squares();
-    let markers = foreign::markers(picture, dictionary)?;
+    let markers = markers(picture, dictionary, squares.len())?;
     let seen = |column: usize, row: usize| {
         let number = squares.iter().position(|square| *square == (column, row))?;
-        markers.iter().find(|(found, _)| *found == number).map(|(_, corners)| ((column, row), *corners))
+        markers.get(&number).map(|corners| ((column, row), *corners))
     };
     let mut corners = Vec::new();
     for row in 0..board.rows() {
@@ -52,6 +55,31 @@ pub(super) fn detect(
     let corners = corners.iter().map(|(q, _)| *q).zip(refined).collect();
     let found = Detected { corners, half_window_px: chosen_px, modelled: 0 };
     Ok(if half_window_px.is_none() { modelled(picture, board, found) } else { found })
+}
+
+/// The markers with their numbers, from looks at growing sizes: a large board is found whole in a small picture, and the
+/// last look is bounded like that for a chessboard. The corners are those of the largest look that saw the marker.
+fn markers(
+    picture: &GrayPicture,
+    dictionary: i32,
+    count: usize,
+) -> Result<BTreeMap<usize, [Pixel; 4]>, ImagingError> {
+    let mut all = BTreeMap::new();
+    for times in chessboard::reductions(picture) {
+        let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+        let small = small.as_ref().unwrap_or(picture);
+        let across = picture.width as f64 / small.width as f64;
+        let down = picture.height as f64 / small.height as f64;
+        let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
+        let found = foreign::markers(small, dictionary)?;
+        all.extend(
+            found.into_iter().filter(|(number, _)| *number < count).map(|(n, corners)| (n, corners.map(whole))),
+        );
+        if all.len() == count {
+            break;
+        }
+    }
+    Ok(all)
 }
 
 type Near = ((usize, usize), [Pixel; 4]);

@@ -65,7 +65,7 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
 }
 
 /// By how much the picture is made smaller for each look, the smallest picture first.
-fn reductions(picture: &GrayPicture) -> Vec<usize> {
+pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
     let long = picture.width.max(picture.height);
     let times = (0..16).map(|power| 1usize << power);
     let mut all: Vec<usize> = times

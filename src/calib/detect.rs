@@ -1,11 +1,12 @@
 //! Where a picture shows the board's corners, to sub-pixel.
 //!
-//! `chessboard` and `charuco` find them to about a pixel, `placing` makes that a hundredth.
+//! `chessboard` and `charuco` find them to about a pixel, `placing` makes that a hundredth; `circles` does both.
 
 use super::board::Board;
 use super::chain::Seen;
 use super::charuco;
 use super::chessboard::{self, Search};
+use super::circles;
 use super::error::CalibError;
 use super::placing;
 pub use super::placing::{Corners, Detected};
@@ -23,6 +24,9 @@ pub fn detect(
 ) -> Result<Detected, CalibError> {
     if let Some(markers) = board.markers() {
         return charuco::detect(name, picture, board, markers, half_window_px);
+    }
+    if let Some(asymmetric) = board.circles() {
+        return circles::detect(name, picture, board, asymmetric, &chessboard::reductions(picture));
     }
     let (picture_name, columns, rows) = (name.to_owned(), board.columns(), board.rows());
     let rough = match chessboard::find(picture, board)? {

@@ -30,6 +30,19 @@ pub enum CalibError {
         /// Rows of inner corners.
         rows: usize,
     },
+    /// A picture shows no such circles.
+    #[error(
+        "{picture} shows no grid of {columns} circles in each of {rows} rows; is --board right, and are all circles in the \
+         picture, sharp, and apart from each other?"
+    )]
+    NoCircles {
+        /// The picture.
+        picture: String,
+        /// Circles in a row.
+        columns: usize,
+        /// Rows.
+        rows: usize,
+    },
     /// A picture shows another board.
     #[error(
         "{picture}: found a {}x{} board, asked for {columns}x{rows} (inner corners along its sides); correct --board, or take \

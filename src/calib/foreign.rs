@@ -8,7 +8,7 @@ use opencv::core::{
     Mat, MatTraitConst, MatTraitConstManual, Point2d, Point2f, Point3d, Point3f, Size, TermCriteria,
     TermCriteria_COUNT, TermCriteria_EPS, Vector,
 };
-use opencv::prelude::DictionaryTraitConst;
+use opencv::prelude::{DetectorParametersTrait, DictionaryTraitConst};
 use opencv::{aruco, calib3d, imgproc};
 
 fn matrix_of(camera: &PinholeCamera) -> opencv::Result<Mat> {
@@ -138,6 +138,26 @@ pub(super) fn chessboard(
     Ok(is_whole.then(|| CornerGrid { columns, rows, pixels: pixels_of(&found) }))
 }
 
+/// Candidates ordered as a grid of circles, row by row; `None` where they are none.
+pub(super) fn circles(
+    candidates: &[Pixel],
+    (columns, rows): (usize, usize),
+    asymmetric: bool,
+) -> Result<Option<Vec<Pixel>>, ImagingError> {
+    const OPERATION: &str = "a grid of circles";
+    let points: Vector<Point2f> = candidates.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
+    let grid = if asymmetric { calib3d::CALIB_CB_ASYMMETRIC_GRID } else { calib3d::CALIB_CB_SYMMETRIC_GRID };
+    for flags in [grid, grid | calib3d::CALIB_CB_CLUSTERING] {
+        let mut centres: Vector<Point2f> = Vector::new();
+        let size = Size::new(columns as i32, rows as i32);
+        let found = named(OPERATION, calib3d::find_circles_grid(&points, size, &mut centres, flags, None))?;
+        if found && centres.len() == columns * rows {
+            return Ok(Some(pixels_of(&centres)));
+        }
+    }
+    Ok(None)
+}
+
 /// The picture so many times smaller; each pixel is the mean of those that it stands for.
 pub(super) fn reduced(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "a smaller picture";
@@ -175,13 +195,25 @@ pub(super) fn dictionary_number(name: &str) -> Option<i32> {
     Some(first + SIZES.iter().position(|word| *word == size)? as i32)
 }
 
+/// Smaller markers are not read, px.
+const LEAST_MARKER_PX: f64 = 14.0;
+
 /// The markers of a dictionary in a picture, with their numbers and corners, clockwise from the top left.
 pub(super) fn markers(picture: &GrayPicture, dictionary: i32) -> Result<Vec<(usize, [Pixel; 4])>, ImagingError> {
     const OPERATION: &str = "markers";
     let source = picture_of(picture)?;
     let dictionary = named(OPERATION, aruco::get_predefined_dictionary_i32(dictionary))?;
     let (mut corners, mut numbers): (Vector<Vector<Point2f>>, Vector<i32>) = (Vector::new(), Vector::new());
-    named(OPERATION, aruco::detect_markers_def(&source, &dictionary, &mut corners, &mut numbers))?;
+    let mut parameters = named(OPERATION, aruco::DetectorParameters::create())?;
+    // Two windows and no marker below 14 px: candidates are compared each with each, and fine texture holds thousands.
+    parameters.set_adaptive_thresh_win_size_min(5);
+    parameters.set_adaptive_thresh_win_size_max(21);
+    parameters.set_adaptive_thresh_win_size_step(16);
+    parameters
+        .set_min_marker_perimeter_rate(LEAST_MARKER_PX * 4.0 / picture.width.max(picture.height).max(1) as f64);
+    let mut rejected: Vector<Vector<Point2f>> = Vector::new();
+    let found = aruco::detect_markers(&source, &dictionary, &mut corners, &mut numbers, &parameters, &mut rejected);
+    named(OPERATION, found)?;
     let found = corners.iter().zip(numbers.iter()).filter_map(|(corners, number)| {
         let corners: [Pixel; 4] = pixels_of(&corners).try_into().ok()?;
         Some((usize::try_from(number).ok()?, corners))
@@ -210,11 +242,10 @@ pub(super) fn homography(places: &[[f64; 2]], pixels: &[Pixel]) -> Option<Matrix
 /// What `calibrateCamera` finds.
 pub(super) struct CameraFound {
     pub camera: PinholeCamera,
-    pub rms_px: f64,
     pub camera_from_board: Vec<Isometry3<f64>>,
 }
 
-/// `calibrateCamera` with five coefficients and its own defaults.
+/// `calibrateCamera` with k1 alone: a start.
 pub(super) fn calibrate_camera(
     (width_px, height_px): (usize, usize),
     views: &[&[(Point<Board>, Pixel)]],
@@ -231,7 +262,7 @@ pub(super) fn calibrate_camera(
     let (mut matrix, mut distortion) = (Mat::default(), Vector::<f64>::new());
     let (mut turns, mut shifts): (Vector<Mat>, Vector<Mat>) = (Vector::new(), Vector::new());
     let until = TermCriteria::new(TermCriteria_COUNT + TermCriteria_EPS, 30, f64::EPSILON);
-    let rms_px = calib3d::calibrate_camera(
+    let solved = calib3d::calibrate_camera(
         &objects,
         &pixels,
         Size::new(width_px as i32, height_px as i32),
@@ -239,10 +270,10 @@ pub(super) fn calibrate_camera(
         &mut distortion,
         &mut turns,
         &mut shifts,
-        0,
+        calib3d::CALIB_FIX_K2 | calib3d::CALIB_FIX_K3 | calib3d::CALIB_ZERO_TANGENT_DIST,
         named(OPERATION, until)?,
     );
-    let rms_px = named(OPERATION, rms_px)?;
+    named(OPERATION, solved)?;
     let unusual = || ImagingError { operation: OPERATION, words: "a result of another size".to_owned() };
     let m = named(OPERATION, matrix.data_typed::<f64>())?;
     let [k1, k2, p1, p2, k3]: [f64; 5] =
@@ -268,5 +299,5 @@ pub(super) fn calibrate_camera(
         p2,
         k3,
     };
-    Ok(CameraFound { camera, rms_px, camera_from_board })
+    Ok(CameraFound { camera, camera_from_board })
 }

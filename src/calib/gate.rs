@@ -3,6 +3,8 @@
 use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;
 use super::intrinsics::Calibrated;
+use super::lens_support::SUPPORT_PX;
+use super::robot::RobotFound;
 use super::three_points::ThreePoints;
 use super::tool::{ToolAxis, ToolPoint};
 use crate::geometry::{Point, Rigid};
@@ -27,10 +29,17 @@ const INTRINSICS_RMS_PX: Bounds = (0.7, 2.0);
 const COVERAGE: f64 = 0.6;
 const LEAST_TILT_DEG: f64 = 20.0;
 const FEW_VIEWS: usize = 8;
+/// Share of the picture in which a lens must be known: below the first a person must look, below the second it is rejected.
+const SUPPORT: Bounds = (0.95, 0.1);
 /// Standard deviation of the focal length, as a share of it: 0.1 % is 0.8 mm at 800 mm.
 const FOCAL_SHARE: f64 = 0.001;
 /// Standard deviation of the principal point, as a share of the focal length: 0.2 mm aside at 1 m.
 const CENTRE_SHARE: f64 = 0.000_2;
+
+/// What is left of the error with a correction: beyond the first a person must look, beyond the second it is none.
+const HELPS: Bounds = (0.6, 0.9);
+const LEFT_OUT_MM: Bounds = (0.5, 2.0);
+const FEW_ARM_VIEWS: usize = 24;
 
 #[derive(Default)]
 struct Reasons {
@@ -96,6 +105,21 @@ pub fn intrinsics(found: &Calibrated) -> Judgement {
             "corners cover {covered} % of the picture, {needed} % are wanted; bring the board into the corners too"
         )
     });
+    let (share, error_px) = (found.support.share, found.support.error_px);
+    let supported = |needed: f64| {
+        let [share, needed] = percent_apart(share, needed, 0);
+        let [error, wanted] = apart(error_px, SUPPORT_PX, 2);
+        let message = format!(
+            "the lens is known to {error} px in {share} % of the picture, {needed} % and {wanted} px are wanted; outside \
+             of that part measurements are refused: bring the board there"
+        );
+        Reason::new("support", message)
+    };
+    if share.is_nan() || share < SUPPORT.1 {
+        reasons.reject.push(supported(SUPPORT.1));
+    } else if share < SUPPORT.0 || error_px > SUPPORT_PX {
+        reasons.review.push(supported(SUPPORT.0));
+    }
     let [low, high] = found.tilt_deg;
     reasons.doubt("tilt", high < LEAST_TILT_DEG, || {
         let [high, needed] = apart(high, LEAST_TILT_DEG, 0);
@@ -195,6 +219,42 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
         }),
     }
     reasons.rough::<A>(rough, &found.to_from_camera, "were the corners touched that the picture numbers?");
+    reasons.judgement()
+}
+
+/// An arm whose left-out pictures are off by less needs no correction, mm.
+pub const GOOD_ARM_MM: f64 = 0.08;
+
+/// Is the arm's correction worth using? `views` is the number of pictures.
+pub fn robot(found: &RobotFound, views: usize) -> Judgement {
+    let mut reasons = Reasons::default();
+    let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
+    if before < GOOD_ARM_MM {
+        return reasons.judgement();
+    }
+    let share = after / before;
+    if share.is_nan() || share > HELPS.1 {
+        let message = format!(
+            "pictures that were left out are {before:.3} mm rms off without a correction and {after:.3} mm with it: these data hold \
+             no correction of the arm; give axis angles with the poses, and more poses that differ in every axis"
+        );
+        reasons.reject.push(Reason::new("no_correction", message));
+    }
+    reasons.doubt("little_help", share > HELPS.0, || {
+        let [share, wanted] = percent_apart(1.0 - share, 1.0 - HELPS.0, 0);
+        format!(
+            "left-out pictures are {share} % less off with the correction, {wanted} % are wanted; take more poses"
+        )
+    });
+    reasons.bound(
+        "left_out_mm",
+        after,
+        LEFT_OUT_MM,
+        "left-out pictures are off by so many mm rms with the correction",
+    );
+    reasons.doubt("few_pictures", views < FEW_ARM_VIEWS, || {
+        format!("{views} pictures were used; take {FEW_ARM_VIEWS} or more, over the whole working volume")
+    });
     reasons.judgement()
 }
 

@@ -1,8 +1,8 @@
 //! Is a calibration still true? What a look at a known target found, and whether a cycle may start on it.
 
 use super::board::Board;
-use crate::cell::Limits;
-use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
+use crate::cell::{LensExtent, Limits};
+use crate::geometry::{Base, Board as BoardFrame, Pixel, Point, Rigid};
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed, percent_apart};
 
@@ -97,6 +97,19 @@ pub fn no_such_board(look: &Look, board: &Board) -> Option<Reason> {
             fixed(measured_mm, 2)
         ))
     })
+}
+
+/// Why a measurement at these pixels is refused: the pictures that the lens was calibrated from do not support it there;
+/// `None` where they do.
+pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pixel>) -> Option<Reason> {
+    let error_px = extent.supported.as_ref()?.error_px;
+    let pixel = pixels.into_iter().find(|pixel| !extent.holds(*pixel))?;
+    let (u, v) = (fixed(pixel.u, 0), fixed(pixel.v, 0));
+    let message = format!(
+        "pixel ({u}, {v}) lies outside of the part of the picture in which the lens is known to {error_px:.2} px (supported_px in \
+         its file): look from a pose that shows it nearer to the middle, or calibrate the lens with pictures of the board there"
+    );
+    Some(Reason::new("outside_of_lens", message))
 }
 
 /// Why a look says nothing of the calibration: it is of another board, of one that stands elsewhere, or from another pose

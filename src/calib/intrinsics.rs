@@ -1,14 +1,22 @@
 //! Intrinsics from pictures of a board (thesis 3.6), and how far they can be trusted.
 //!
-//! `calibrateCamera` minimises the reprojection error of all corners over the camera and every board's pose. A picture
-//! whose corners fit far worse than the others' (blurred, bent board, wrong corners) is set aside with the reason and
-//! the rest is calibrated again. Coverage of the picture and tilts of the board say what the pictures can determine:
+//! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses that can
+//! be inverted all over the picture. A picture whose corners fit far worse than the others' (blurred, bent board, wrong
+//! corners) is set aside with the reason and the rest is calibrated again. `lens_choice` says how many distortion
+//! coefficients the pictures support. Coverage of the picture and tilts of the board say what the pictures can determine:
 //! without tilt, focal length and distance cannot be told apart; without corners near the rim, distortion is guessed.
 
+use super::board::Board as BoardPattern;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
-use super::lens_covariance::lens_covariance;
+pub use super::lens_choice::Trial;
+use super::lens_fit::{self, LensFit};
+use super::lens_gram::LensGram;
+pub use super::lens_model::LensModel;
+pub use super::lens_next::NextPicture;
+pub use super::lens_support::Support;
+use super::{lens_choice, lens_covariance, lens_next, lens_support};
 use crate::cell::LensCovariance;
 use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid};
 use crate::words::apart;
@@ -48,22 +56,50 @@ pub struct CornerResidual {
 /// A calibrated camera with its evidence.
 #[derive(Debug, Clone)]
 pub struct Calibrated {
-    /// The camera.
+    /// The camera; coefficients that its model leaves out are 0.
     pub camera: PinholeCamera,
+    /// Which coefficients it has.
+    pub model: LensModel,
+    /// What each model made of pictures that were left out, the simplest first.
+    pub trials: Vec<Trial>,
     /// Root mean square distance of all used corners, px.
     pub rms_px: f64,
+    /// Of the corners in pictures that were left out: root mean square distance, px.
+    pub left_out_rms_px: f64,
+    /// 95 % of them lie within, px.
+    pub left_out_95_px: f64,
     /// Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3.
     pub deviations: [f64; 9],
     /// Their covariance.
     pub covariance: LensCovariance,
+    /// The part of the picture in which the lens is known.
+    pub support: Support,
     /// The pictures, in the order given.
     pub views: Vec<ViewResult>,
     /// Share of the picture's 8 × 6 fields that hold a corner.
     pub coverage: f64,
-    /// Smallest and largest tilt of the board from facing the camera, degrees.
+    /// Smallest and largest tilt of the board from the picture's plane, degrees.
     pub tilt_deg: [f64; 2],
     /// The residual of every used corner.
     pub residuals: Vec<CornerResidual>,
+    /// What corners and prior say of the lens.
+    information: LensCovariance,
+}
+
+impl Calibrated {
+    /// The picture of this board that would help most; `None` where none helps much.
+    pub fn next_picture(&self, board: &BoardPattern) -> Option<NextPicture> {
+        lens_next::next_picture(&self.camera, board, &self.information)
+    }
+}
+
+/// How to calibrate.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Options {
+    /// No picture is set aside.
+    pub keep_all: bool,
+    /// The lens model; without it, the data choose.
+    pub model: Option<LensModel>,
 }
 
 /// Fewer pictures than this determine no camera.
@@ -76,11 +112,11 @@ const GOOD_PX: f64 = 0.15;
 const MAX_ASIDE: f64 = 0.34;
 const FIELDS: (usize, usize) = (8, 6);
 
-/// Calibrates. With `keep_all` no picture is set aside.
+/// Calibrates.
 ///
 /// # Errors
-/// Where there are too few pictures, or OpenCV finds no camera.
-pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result<Calibrated, CalibError> {
+/// Where there are too few pictures, or their corners determine no camera.
+pub fn calibrate(size: (usize, usize), views: &[View], options: Options) -> Result<Calibrated, CalibError> {
     let mut aside: Vec<Option<(f64, String)>> = vec![None; views.len()];
     loop {
         let used: Vec<&View> =
@@ -89,52 +125,107 @@ pub fn calibrate(size: (usize, usize), views: &[View], keep_all: bool) -> Result
             let (found, given) = (used.len(), views.len());
             return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason: None });
         }
-        let corners: Vec<&[(Point<Board>, Pixel)]> = used.iter().map(|view| view.corners.as_slice()).collect();
-        let found = foreign::calibrate_camera(size, &corners)?;
-        let poses: Vec<Rigid<Camera, Board>> =
-            found.camera_from_board.iter().map(|pose| Rigid::claim(*pose)).collect();
-        let residuals: Vec<Vec<CornerResidual>> =
-            used.iter().zip(&poses).map(|(view, pose)| residuals_of(&found.camera, pose, view)).collect();
-        let rms: Vec<f64> = residuals.iter().map(|view| rms_px(view)).collect();
+        let first = fitted(size, &used, options.model.unwrap_or(LensModel::Tangential))?;
+        let rms = rms_of_each(&first, &used);
         let set_aside = aside.iter().flatten().count() + 1;
-        let allowed = !keep_all && set_aside as f64 <= MAX_ASIDE * views.len() as f64;
-        if let Some((worst, limit_px)) = outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) {
-            let name = &used[worst].name;
-            let [off, limit] = apart(rms[worst], limit_px, 2);
-            let reason = format!(
-                "its corners are {off} px off, the limit from the other pictures is {limit} px; blurred, or the board was bent \
-                 or moved"
-            );
-            if let Some(index) = views.iter().position(|view| view.name == *name) {
-                aside[index] = Some((rms[worst], reason));
-            }
-            continue;
+        let allowed = !options.keep_all && set_aside as f64 <= MAX_ASIDE * views.len() as f64;
+        let Some((worst, limit_px)) = outlier(&rms).filter(|_| allowed && used.len() > MIN_VIEWS) else {
+            return judged(first, &used, options.model, (views, &aside));
+        };
+        let name = &used[worst].name;
+        let [off, limit] = apart(rms[worst], limit_px, 2);
+        let reason = format!(
+            "its corners are {off} px off, the limit from the other pictures is {limit} px; blurred, or the board was bent \
+             or moved"
+        );
+        if let Some(index) = views.iter().position(|view| view.name == *name) {
+            aside[index] = Some((rms[worst], reason));
         }
-        let mut each = rms.iter();
-        let views = views.iter().zip(&aside).map(|(view, aside)| match aside {
-            Some((rms_px, reason)) => {
-                ViewResult { name: view.name.clone(), rms_px: *rms_px, set_aside: Some(reason.clone()) }
-            }
-            None => ViewResult {
-                name: view.name.clone(),
-                rms_px: each.next().copied().unwrap_or(f64::NAN),
-                set_aside: None,
-            },
-        });
-        let seen: Vec<_> = used.iter().map(|view| &view.corners).zip(poses.iter().copied()).collect();
-        let covariance =
-            lens_covariance(&found.camera, &seen).ok_or(CalibError::NotSettled { what: "the lens" })?;
-        return Ok(Calibrated {
-            camera: found.camera,
-            covariance,
-            rms_px: found.rms_px,
-            deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
-            views: views.collect(),
-            coverage: coverage(size, &used),
-            tilt_deg: tilts(&poses),
-            residuals: residuals.concat(),
-        });
     }
+}
+
+fn corners_of<'a>(used: &[&'a View]) -> Vec<&'a Corners> {
+    used.iter().map(|view| &view.corners).collect()
+}
+
+/// The lens of one model, from OpenCV's start.
+fn fitted(size: (usize, usize), used: &[&View], model: LensModel) -> Result<LensFit, CalibError> {
+    let corners: Vec<&[(Point<Board>, Pixel)]> = used.iter().map(|view| view.corners.as_slice()).collect();
+    let start = foreign::calibrate_camera(size, &corners)?;
+    let poses = start.camera_from_board.iter().map(|pose| Rigid::claim(*pose)).collect();
+    let start = LensFit { camera: start.camera, poses, square: 0.0, rows: 0.0 };
+    lens_fit::fit(model, start, &corners_of(used)).ok_or(CalibError::NotSettled { what: "the lens" })
+}
+
+fn rms_of_each(fit: &LensFit, used: &[&View]) -> Vec<f64> {
+    let rms = |(view, pose): (&&View, &Rigid<Camera, Board>)| rms_px(&residuals_of(&fit.camera, pose, view));
+    used.iter().zip(&fit.poses).map(rms).collect()
+}
+
+/// Chooses the model and gathers its evidence.
+fn judged(
+    first: LensFit,
+    used: &[&View],
+    model: Option<LensModel>,
+    (views, aside): (&[View], &[Option<(f64, String)>]),
+) -> Result<Calibrated, CalibError> {
+    let unsettled = CalibError::NotSettled { what: "the lens" };
+    let corners = corners_of(used);
+    let models = model.map_or_else(|| LensModel::ALL.to_vec(), |model| vec![model]);
+    let mut start = first;
+    let mut fits = Vec::new();
+    for model in models {
+        let fit = lens_fit::fit(model, start.clone(), &corners);
+        start = fit.clone().unwrap_or(start);
+        fits.push((model, fit));
+    }
+    let choice = lens_choice::choose(&fits, &corners).ok_or_else(|| unsettled.clone())?;
+    let chosen = fits.into_iter().find(|(model, _)| *model == choice.model).and_then(|(_, fit)| fit);
+    let found = chosen.ok_or_else(|| unsettled.clone())?;
+    let grams: Vec<LensGram> = corners
+        .iter()
+        .zip(&found.poses)
+        .map(|(corners, pose)| LensGram::of(&found.camera, corners, pose))
+        .collect::<Option<_>>()
+        .ok_or_else(|| unsettled.clone())?;
+    let poses = 6.0 * corners.len() as f64;
+    let redundancy = found.rows - choice.model.count() as f64 - poses;
+    let mut left_out: Vec<f64> = choice.left_out.concat();
+    left_out.sort_by(f64::total_cmp);
+    let left_out_square: f64 = left_out.iter().map(|px| px * px).sum();
+    if redundancy <= 0.0 || left_out.is_empty() {
+        return Err(unsettled);
+    }
+    let variance_px2 = (found.square / redundancy).max(left_out_square / (found.rows - poses));
+    let information = lens_covariance::information(&found.camera, &grams, variance_px2);
+    let information = information.ok_or_else(|| unsettled.clone())?;
+    let covariance = lens_covariance::lens_covariance(&information, variance_px2).ok_or(unsettled)?;
+    let residuals: Vec<Vec<CornerResidual>> =
+        used.iter().zip(&found.poses).map(|(view, pose)| residuals_of(&found.camera, pose, view)).collect();
+    let mut each = residuals.iter().map(|view| rms_px(view));
+    let views = views.iter().zip(aside).map(|(view, aside)| match aside {
+        Some((rms_px, reason)) => {
+            ViewResult { name: view.name.clone(), rms_px: *rms_px, set_aside: Some(reason.clone()) }
+        }
+        None => ViewResult { name: view.name.clone(), rms_px: each.next().unwrap_or(f64::NAN), set_aside: None },
+    });
+    let size = (found.camera.width_px, found.camera.height_px);
+    Ok(Calibrated {
+        camera: found.camera,
+        model: choice.model,
+        trials: choice.trials,
+        rms_px: (2.0 * found.square / found.rows).sqrt(),
+        left_out_rms_px: (left_out_square / left_out.len() as f64).sqrt(),
+        left_out_95_px: left_out[((left_out.len() as f64 * 0.95).ceil() as usize).clamp(1, left_out.len()) - 1],
+        deviations: std::array::from_fn(|index| covariance[(index, index)].sqrt()),
+        support: lens_support::support(&found.camera, &covariance, &corners),
+        covariance,
+        views: views.collect(),
+        coverage: coverage(size, used),
+        tilt_deg: tilts(&found.poses),
+        residuals: residuals.concat(),
+        information,
+    })
 }
 
 fn residuals_of(camera: &PinholeCamera, pose: &Rigid<Camera, Board>, view: &View) -> Vec<CornerResidual> {
@@ -169,10 +260,8 @@ fn coverage((width, height): (usize, usize), views: &[&View]) -> f64 {
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
 }
 
+/// Of the boards from the picture's plane: a board that is parallel to it says nothing of the focal length, wherever it is.
 fn tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
-    let tilt = |pose: &Rigid<Camera, Board>| {
-        let normal = pose.rotation() * Vector3::z();
-        normal.angle(&pose.origin().mm.coords.normalize()).to_degrees()
-    };
+    let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])
 }

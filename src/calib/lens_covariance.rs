@@ -1,42 +1,49 @@
 //! How well pictures determine a lens: the covariance of its nine numbers, boards' poses eliminated.
 //!
 //! With J the slopes of all corners in the lens and Jᵢ in the pose of picture i,
-//!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J)⁻¹,   σ² = Σ v² / (rows − 9 − 6 pictures).                       (1)
-//! A mount needs C whole, since principal point, tangential distortion and focal length are far from independent. OpenCV
-//! states the roots of its diagonal only, and those √2 too large or a little more: its σ² divides by corners where each
-//! has two rows.
+//!     C = σ² (Σ Jᵀ J − Σ Jᵀ Jᵢ (Jᵢᵀ Jᵢ)⁻¹ Jᵢᵀ J + σ² D)⁻¹.                                                      (1)
+//! A mount needs C whole, since principal point, tangential distortion and focal length are far from independent. D holds
+//! what is known of any lens: no coefficient moves the picture's rim by more than a stated share of its radius, the principal
+//! point lies near the picture's middle, the focal lengths are nearly one. It counts
+//! where the pictures say nothing, and all five coefficients stand in (1) whatever the model, since one that was left out
+//! is not known to be zero. σ² is that of the pictures that were left out, where it is the larger. OpenCV states the roots of
+//! C's diagonal only, and those √2 too large or a little more: its σ² divides by corners where each has two rows.
 
 use super::adjust::scaled_inverse;
-use super::detect::Corners;
+use super::lens_fit::usual;
+use super::lens_gram::LensGram;
 use crate::cell::LensCovariance;
-use crate::geometry::{Board, Camera, PinholeCamera, Rigid};
-use nalgebra::{Matrix6, SMatrix};
+use crate::geometry::PinholeCamera;
 
-/// `None` where the pictures do not determine the lens.
-pub(super) fn lens_covariance(
-    camera: &PinholeCamera,
-    views: &[(&Corners, Rigid<Camera, Board>)],
-) -> Option<LensCovariance> {
-    let (mut normal, mut square, mut rows) = (LensCovariance::zeros(), 0.0, 0.0);
-    for (corners, camera_from_board) in views {
-        let turn = camera_from_board.rotation().into_inner();
-        let (mut lens, mut cross, mut pose) =
-            (LensCovariance::zeros(), SMatrix::<f64, 9, 6>::zeros(), Matrix6::zeros());
-        for (q, found) in corners.iter() {
-            let point = *camera_from_board * *q;
-            let (pixel, slope) = camera.project_with_slope(point)?;
-            let by_lens = camera.lens_slope(point)?;
-            let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
-            by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * turn * q.mm.coords.cross_matrix()));
-            by_pose.fixed_columns_mut::<3>(3).copy_from(&(slope * turn));
-            lens += by_lens.transpose() * by_lens;
-            cross += by_lens.transpose() * by_pose;
-            pose += by_pose.transpose() * by_pose;
-            square += pixel.distance_px(*found).powi(2);
-            rows += 2.0;
-        }
-        normal += lens - cross * scaled_inverse(&pose)? * cross.transpose();
+/// Radial terms move the rim by at most so much of its radius, as a standard deviation.
+const RADIAL_SHARE: f64 = 0.2;
+/// The same of tangential terms: lenses of one maker differ by a thousandth.
+const TANGENTIAL_SHARE: f64 = 0.01;
+
+/// Information of corners and prior together, in units of `variance_px2`; `None` where a picture determines no pose.
+pub(super) fn information(camera: &PinholeCamera, grams: &[LensGram], variance_px2: f64) -> Option<LensCovariance> {
+    let mut normal = LensCovariance::zeros();
+    for gram in grams {
+        normal += gram.information()?;
     }
-    let redundancy = rows - 9.0 - 6.0 * views.len() as f64;
-    (redundancy > 0.0).then_some(scaled_inverse(&normal)? * (square / redundancy))
+    let radius = camera.radius_without_fold(0.0)?;
+    for (place, power, share) in [
+        (4, 2, RADIAL_SHARE),
+        (5, 4, RADIAL_SHARE),
+        (6, 1, TANGENTIAL_SHARE),
+        (7, 1, TANGENTIAL_SHARE),
+        (8, 6, RADIAL_SHARE),
+    ] {
+        let deviation = share / radius.powi(power);
+        normal[(place, place)] += variance_px2 / deviation.powi(2);
+    }
+    for (_, by_lens) in usual(camera) {
+        normal += by_lens * by_lens.transpose() * variance_px2;
+    }
+    Some(normal)
+}
+
+/// C of (1).
+pub(super) fn lens_covariance(information: &LensCovariance, variance_px2: f64) -> Option<LensCovariance> {
+    Some(scaled_inverse(information)? * variance_px2)
 }

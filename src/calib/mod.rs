@@ -3,21 +3,26 @@
 //! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`, `chessboard`, `charuco`, `placing`, `saddle`: what is looked at, and where its corners are in a
-//!   picture
-//! - `intrinsics`, `lens_covariance`: the lens (thesis 3.6) · `pose`: where one picture puts the board
+//! - `board`, `detect`, `chessboard`, `charuco`, `circles`, `blobs`, `placing`, `saddle`: what is looked at, and where its
+//!   corners are in a picture
+//! - `intrinsics`: the lens (thesis 3.6), with `lens_gram`, `lens_fit`; how many coefficients it has: `lens_model`,
+//!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`
+//! - `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
-//! - `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `robot`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
 //! - `gate`: turns evidence into a verdict
 
 mod adjust;
+pub mod arm_errors;
 mod arrangement;
+mod blobs;
 mod board;
 pub mod budget;
 mod chain;
 mod charuco;
 mod chessboard;
+mod circles;
 mod consensus;
 pub mod detect;
 mod error;
@@ -27,10 +32,19 @@ pub mod hand_eye;
 pub mod health;
 mod influence;
 pub mod intrinsics;
+mod lens_choice;
 mod lens_covariance;
+mod lens_fit;
+mod lens_gram;
+mod lens_model;
+mod lens_next;
+mod lens_support;
 mod placing;
 mod pose;
 mod quantile;
+pub mod robot;
+mod robot_axes;
+mod robot_correction;
 mod saddle;
 mod suggest;
 mod suspects;

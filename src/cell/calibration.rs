@@ -5,6 +5,7 @@
 
 use super::board_size::BoardSize;
 use super::date::Date;
+use super::lens_extent::LensExtent;
 use crate::config::{self, Problems, Section, Setting};
 use crate::geometry::{
     self, Base, Flange, FlangeCamera, Frame, KukaPose, PinholeCamera, Pixel, Rigid, Tool, Vector,
@@ -27,14 +28,14 @@ pub struct Provenance {
 }
 
 impl Provenance {
-    fn take(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
+    pub(super) fn take(section: &Section<'_, '_>, residuals: &'static str) -> Option<Self> {
         let program = section.take("program", (), Some(None));
         let pictures = section.take("pictures", (), Some(Texts::default()));
         let residuals = section.take(residuals, (), Some(Numbers::default()));
         Some(Provenance { program: program?, pictures: pictures?.0, residuals: residuals?.0 })
     }
 
-    fn write(&self, text: &mut String, residuals: &str) {
+    pub(super) fn write(&self, text: &mut String, residuals: &str) {
         line(text, "program", self.program.as_ref().map(|program| toml::Value::from(program.as_str())));
         if !self.pictures.is_empty() {
             line(text, "pictures", Some(toml::Value::from(self.pictures.clone())));
@@ -47,7 +48,7 @@ impl Provenance {
 
 /// A list of texts.
 #[derive(Default)]
-struct Texts(Vec<String>);
+pub(super) struct Texts(pub(super) Vec<String>);
 
 impl Setting for Texts {
     type Limits = ();
@@ -116,6 +117,8 @@ pub struct Intrinsics {
     pub date: Option<Date>,
     /// Root mean square of the reprojection residuals, px.
     pub rms_px: Option<f64>,
+    /// Which coefficients the lens model has, why it has no others, and where in the picture it is known.
+    pub extent: LensExtent,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
 }
@@ -135,6 +138,7 @@ impl Intrinsics {
             serial: None,
             date: None,
             rms_px: None,
+            extent: LensExtent::default(),
             provenance: Provenance::default(),
         }
     }
@@ -162,6 +166,7 @@ impl Intrinsics {
         let serial = section.take("serial", (), Some(None));
         let date = section.take("date", (), Some(None));
         let rms_px = section.take("rms_px", RESIDUAL, Some(None));
+        let extent = LensExtent::take(section);
         let provenance = Provenance::take(section, "residuals_px");
         section.done();
         let camera = PinholeCamera {
@@ -184,8 +189,8 @@ impl Intrinsics {
             return None;
         }
         let covariance = covariance?.map(|covariance| covariance.0);
-        let (serial, date, rms_px, provenance) = (serial?, date?, rms_px?, provenance?);
-        Some(Intrinsics { camera, covariance, serial, date, rms_px, provenance })
+        let (serial, date, rms_px, extent, provenance) = (serial?, date?, rms_px?, extent?, provenance?);
+        Some(Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance })
     }
 
     /// The file that [`Intrinsics::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -206,6 +211,7 @@ impl Intrinsics {
         line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
         line(&mut text, "date", self.date.as_ref());
         line(&mut text, "rms_px", self.rms_px.map(|number| format!("{number:?}")));
+        text += &self.extent.to_toml();
         self.provenance.write(&mut text, "residuals_px");
         text
     }

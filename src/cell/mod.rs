@@ -11,8 +11,10 @@ mod date;
 mod devices;
 mod gige;
 mod keep;
+mod lens_extent;
 mod limits;
 mod names;
+mod robot_correction;
 mod rough;
 mod zivid;
 
@@ -29,8 +31,10 @@ pub use date::Date;
 pub use devices::{Camera, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
 pub use keep::{Keep, KeepFor};
+pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
+pub use robot_correction::RobotCorrection;
 pub use rough::RoughMounts;
 pub use zivid::ZividCamera;
 

@@ -1,7 +1,7 @@
 //! Cells and calibrations as a user writes them, and what is said to the wrong ones.
 
 use super::*;
-use crate::geometry::{KukaPose, PinholeCamera, Point};
+use crate::geometry::{KukaPose, PinholeCamera, Pixel, Point};
 use proptest::prelude::*;
 
 /// The problems of a cell's text, without the file's name.
@@ -359,7 +359,13 @@ proptest! {
             residuals: rms_px.into_iter().collect(),
         };
         let covariance = rms_px.map(|_| LensCovariance::from_fn(|i, j| 0.1 / (1.0 + i.abs_diff(j) as f64)));
-        let lens = Intrinsics { camera, covariance, serial, date, rms_px, provenance };
+        let outline_px = vec![Pixel::at(1.5, 2.0), Pixel::at(9.0, 2.0), Pixel::at(9.0, 8.25)];
+        let extent = LensExtent {
+            model: Some("k1k2".to_owned()),
+            left_out: vec!["k3: as good without".to_owned()],
+            supported: rms_px.map(|error_px| Supported { error_px, outline_px }),
+        };
+        let lens = Intrinsics { camera, covariance, serial, date, rms_px, extent, provenance };
         prop_assert_eq!(Intrinsics::check("f", &lens.to_toml()), Ok(lens.clone()), "{}", lens.to_toml());
     }
 

@@ -7,7 +7,8 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::part;
 use super::zivid;
-use crate::calib::budget;
+use crate::calib::{CalibError, budget, health};
+use crate::cell::LensExtent;
 use crate::cycle::Request;
 use crate::daemon::{Calibrations, Job, Order, PartNames, Task};
 use crate::recipe::Recipe;
@@ -18,6 +19,8 @@ use std::path::Path;
 pub struct Calibrated {
     /// The values.
     pub values: Calibrations,
+    /// Where in its picture the flange camera's lens is known.
+    flange_camera_extent: LensExtent,
     texts: Vec<(&'static str, String)>,
 }
 
@@ -30,6 +33,7 @@ impl Calibrated {
         let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
         let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
         let tool = files.flange_from_tool()?;
+        let flange_camera_extent = flange_camera.extent()?;
         let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
         let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
         let values = Calibrations {
@@ -50,7 +54,7 @@ impl Calibrated {
             ("flange_from_tool", tool.text),
         ];
         texts.extend(zivid::settings(&files.cell)?);
-        Ok(Calibrated { values, texts })
+        Ok(Calibrated { values, flange_camera_extent, texts })
     }
 }
 
@@ -98,6 +102,7 @@ impl Assignment {
     /// # Errors
     /// Where no corner was taught.
     pub fn order(self, calibrated: &Calibrated) -> Result<Order, Fault> {
+        self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
         let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let task = Task::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
@@ -109,8 +114,18 @@ impl Assignment {
     /// # Errors
     /// Where the cell does not name what a cycle needs, or no corner was taught.
     pub fn job<'a>(&'a self, files: &'a CellFiles, calibrated: &Calibrated) -> Result<Job<'a>, Fault> {
+        self.seen_where_the_lens_is_known(calibrated)?;
         let taught = (&self.taught.panel, self.taught.corners.as_slice());
         Job::new(&files.cell, &self.recipe, taught, calibrated.values).map_err(Fault::stage)
+    }
+
+    /// A taught corner must lie where the lens of the flange camera is known: it is looked at there again.
+    fn seen_where_the_lens_is_known(&self, calibrated: &Calibrated) -> Result<(), Fault> {
+        let pixels = self.taught.corners.iter().map(|corner| corner.teaching.reference_px);
+        match health::outside_of_lens(&calibrated.flange_camera_extent, pixels) {
+            Some(reason) => Err(Fault::stage(CalibError::Points(format!("a taught corner: {}", reason.message)))),
+            None => Ok(()),
+        }
     }
 
     /// What the record of its cycle begins with.

@@ -4,7 +4,7 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use crate::calib::health::Verification;
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, ScannerMount, ToolMount};
 use crate::cycle::{At, Cause};
 use crate::files;
 use crate::geometry::{
@@ -52,6 +52,16 @@ pub struct Calibrated<T> {
 pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
     let Some(file) = intrinsics else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
+}
+
+impl Calibrated<PinholeCamera> {
+    /// Where in the picture this lens is known.
+    ///
+    /// # Errors
+    /// None for a text that was read before.
+    pub fn extent(&self) -> Result<LensExtent, Fault> {
+        Ok(Intrinsics::check("intrinsics", &self.text)?.extent)
+    }
 }
 
 impl CellFiles {

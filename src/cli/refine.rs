@@ -5,7 +5,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, CornerShot, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::calib::budget;
+use crate::calib::{budget, health};
 use crate::geometry::{Base, ColorPicture, Flange, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner;
 use crate::locate::refine::{self, CornerView, Refined};
@@ -51,12 +51,15 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let located = load::located(Some(&args.located))?;
-    let camera = files.flange_camera()?.value;
+    let lens = files.flange_camera()?;
+    let (camera, extent) = (lens.value, lens.extent()?);
     let flange_from_camera = files.flange_from_camera()?.value;
     let shots = load::corner_shots(&args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let located = (located, claims_mm(args, &files)?);
-    let place = stage(&taught, located, shots, &camera, flange_from_camera, &recipe)?;
+    let mut place = stage(&taught, located, shots, &camera, flange_from_camera, &recipe)?;
+    let outside = health::outside_of_lens(&extent, place.sightings.iter().map(|sighting| sighting.found_px));
+    place.judgement = place.judgement.and(Judgement::of(outside.into_iter().collect(), vec![]));
     if let Some(folder) = &args.pictures {
         for (index, (before, after)) in place.drawn()?.iter().enumerate() {
             pictures::save(folder, &format!("corner{}_before", index + 1), before)?;

@@ -57,7 +57,7 @@ impl Rendered {
 }
 
 fn target_board() -> BoardArgs {
-    BoardArgs { board: TARGET.0.to_owned(), square_mm: TARGET.1, subpix: None }
+    BoardArgs { board: TARGET.0.to_owned(), square_mm: Some(TARGET.1), subpix: None }
 }
 
 /// Writes the boards that the cameras are verified on: pictures, where each is known to stand, a touch.

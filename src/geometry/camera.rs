@@ -98,6 +98,38 @@ impl PinholeCamera {
         None
     }
 
+    /// The largest undistorted radius within the circle around the principal point that holds the whole picture; `None`
+    /// where the distortion has no inverse there: where, on the way from the middle outwards, the distorted radius grows
+    /// by less than `least_slope` times the undistorted one.
+    pub fn radius_without_fold(&self, least_slope: f64) -> Option<f64> {
+        const DIRECTIONS: usize = 24;
+        const STEPS: usize = 40;
+        const MOST_STEPS: usize = 25 * STEPS;
+        let (right, low) = (self.width_px as f64 - 0.5, self.height_px as f64 - 0.5);
+        let away = |(u, v): (f64, f64)| ((u - self.cx_px) / self.fx_px).hypot((v - self.cy_px) / self.fy_px);
+        let rim =
+            [(-0.5, -0.5), (right, -0.5), (right, low), (-0.5, low)].map(away).into_iter().fold(0.0, f64::max);
+        let step = rim / STEPS as f64;
+        if !step.is_finite() {
+            return None;
+        }
+        let mut largest: f64 = 0.0;
+        for direction in 0..DIRECTIONS {
+            let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
+            let along = Vector2::new(turn.cos(), turn.sin());
+            let reached = (1..=MOST_STEPS).find_map(|index| {
+                let at = along * (step * index as f64);
+                let slope = self.distortion_jacobian(at);
+                if !(along.dot(&(slope * along)) >= least_slope && slope.determinant() > 0.0) {
+                    return Some(None);
+                }
+                (self.distort(at).norm() >= rim).then_some(Some(at.norm()))
+            });
+            largest = largest.max(reached.flatten()?);
+        }
+        Some(largest)
+    }
+
     /// How pixel (u, v) moves when the point moves by 1 mm along camera x and y, at this depth in mm: the diagonal
     /// of the image Jacobian, without distortion.
     pub fn px_per_mm_at(&self, depth_mm: f64) -> (f64, f64) {
@@ -197,6 +229,17 @@ mod tests {
         };
         let pixel = camera.project(Point::<Camera>::at(200.0, 100.0, 1000.0)).expect("in front");
         assert!((pixel.u - 699.4).abs() < 1e-9 && (pixel.v - 500.2).abs() < 1e-9, "{pixel:?}");
+    }
+
+    /// By hand: with k1 = −1 the distorted radius r − r³ stops growing at r = 0.577 and never exceeds 0.385; the corner of
+    /// this picture lies at 0.64. With k1 = −0.1 it is reached where r − 0.1 r³ = 0.64, at 0.669.
+    #[test]
+    fn a_lens_that_folds_inside_the_picture_is_known() {
+        let plain = PinholeCamera { k1: -0.1, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0, ..LENS };
+        let radius = plain.radius_without_fold(0.05).expect("no fold");
+        assert!((radius - 0.669).abs() < 0.02, "{radius}");
+        assert_eq!(PinholeCamera { k1: -1.0, ..plain }.radius_without_fold(0.05), None);
+        assert_eq!(PinholeCamera { k1: f64::NAN, ..plain }.radius_without_fold(0.05), None);
     }
 
     #[test]

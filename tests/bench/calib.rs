@@ -28,6 +28,7 @@ fn main() -> ExitCode {
     missed +=
         region::<FlangeCameraMount>(seeds, own, GOOD_ROBOT, (boards::synthetic_lens::<FlangeCameraMount>, 0.2));
     missed += faults::<ScannerMount>(seeds) + faults::<FlangeCameraMount>(seeds);
+    missed += lenses::<ScannerMount>(few) + lenses::<FlangeCameraMount>(few);
     missed += rendered::<ScannerMount>(few) + rendered::<FlangeCameraMount>(few);
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
@@ -83,6 +84,43 @@ fn rendered<A: Side>(seeds: u64) -> usize {
          whose stated region holds the truth in {held}; corners, lens and mount in {slowest:.1} s (20); {missed} false alarms"
     );
     row(&format!("{}, 15 rendered poses", A::NAME), good, &numbers)
+}
+
+/// Lenses of 15 pictures, judged by ten others: their corners lie within what left-out pictures foretell.
+fn lenses<A: Side>(seeds: u64) -> usize {
+    let judged: Vec<(usize, usize, &str)> = (1..=seeds)
+        .into_par_iter()
+        .map(|seed| {
+            let cell = boards::cell(seed, GOOD_ROBOT);
+            let camera = A::camera(&cell);
+            let shots = cell.lens_shots::<A::From>(&camera, POSES + 10);
+            let all = boards::synthetic::<A>(&cell, &shots);
+            let (own, others) = all.split_at(POSES);
+            let found = boards::calibrated_lens(&camera, own);
+            let within = |corners: &panelprep::calib::detect::Corners| {
+                let seen = panelprep::calib::Seen::<A::From>::Pixels(corners.clone());
+                let pose = panelprep::calib::board_pose(&found.camera, &seen).expect("a pose").camera_from_board;
+                let off = |&(q, at): &(_, panelprep::geometry::Pixel)| {
+                    found.camera.project(pose * q).map(|p| p.distance_px(at))
+                };
+                corners.iter().filter_map(off).filter(|px| *px <= found.left_out_95_px).count()
+            };
+            let count = others.iter().map(Vec::len).sum();
+            (others.iter().map(within).sum(), count, found.model.name())
+        })
+        .collect();
+    let (within, all) = judged.iter().fold((0, 0), |(within, all), (w, a, _)| (within + w, all + a));
+    let share = within as f64 / all as f64;
+    let mut models: Vec<&str> = judged.iter().map(|(.., model)| *model).collect();
+    models.sort_unstable();
+    let counts: Vec<String> =
+        models.chunk_by(|a, b| a == b).map(|same| format!("{} {}", same.len(), same[0])).collect();
+    let numbers = format!(
+        "{:.1} % of the corners of new pictures within what is stated (90 to 99); models: {}",
+        share * 100.0,
+        counts.join(", ")
+    );
+    row(&format!("{}, lenses of {seeds} seeds", A::NAME), (0.90..=0.99).contains(&share), &numbers)
 }
 
 /// A flipped board, two swapped pictures, a mistyped number: each found and named.

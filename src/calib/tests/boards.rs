@@ -1,6 +1,6 @@
 //! Rendered boards at full size: corners against the truth, lens and distortion.
 
-use crate::calib::intrinsics::{View, calibrate};
+use crate::calib::intrinsics::{Options, View, calibrate};
 use crate::calib::{Board, detect, gate, marker_cells};
 use crate::geometry::{Frame, GrayPicture, PinholeCamera};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, Marker, RobotNoise};
@@ -127,7 +127,7 @@ fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {
     for (index, (_, pixel)) in views[4].corners.iter_mut().enumerate() {
         pixel.u += if index % 2 == 0 { 1.5 } else { -1.5 };
     }
-    let found = calibrate((truth.width_px, truth.height_px), &views, false).expect("a camera");
+    let found = calibrate((truth.width_px, truth.height_px), &views, Options::default()).expect("a camera");
     let aside: Vec<_> =
         found.views.iter().filter(|view| view.set_aside.is_some()).map(|view| &*view.name).collect();
     assert_eq!(aside, ["4.png"]);
@@ -135,9 +135,10 @@ fn a_lens_comes_back_and_a_bad_picture_is_set_aside() {
     assert!((found.camera.cx_px - truth.cx_px).abs() < 5.0 && found.rms_px < 0.09, "{:?}", found.camera);
     let off = (found.camera.fx_px - truth.fx_px).abs() / found.deviations[0];
     assert!(off < 4.0, "{off} standard deviations");
-    let kept = calibrate((truth.width_px, truth.height_px), &views, true).expect("a camera");
+    let kept = calibrate((truth.width_px, truth.height_px), &views, Options { keep_all: true, model: None })
+        .expect("a camera");
     assert!(kept.views.iter().all(|view| view.set_aside.is_none()) && kept.rms_px > 0.3, "{}", kept.rms_px);
-    let few = calibrate((truth.width_px, truth.height_px), &views[..3], false).expect_err("three");
+    let few = calibrate((truth.width_px, truth.height_px), &views[..3], Options::default()).expect_err("three");
     assert!(few.to_string().contains("4 are needed"));
 }
 
@@ -154,9 +155,89 @@ fn pictures_without_tilt_are_for_a_person_to_judge() {
         View { name: index.to_string(), corners: cell.corners(&camera, &shot, 0.05) }
     };
     let views: Vec<View> = (0..10).map(flat).collect();
-    let found = calibrate((camera.width_px, camera.height_px), &views, false).expect("some camera");
+    let found = calibrate((camera.width_px, camera.height_px), &views, Options::default()).expect("some camera");
     let judged = gate::intrinsics(&found);
     assert_eq!(judged.verdict, Verdict::Review);
     assert!(judged.reasons.iter().any(|reason| reason.code == "tilt"), "{judged:?}");
     assert!(judged.reasons.iter().any(|reason| reason.code == "coverage"), "{judged:?}");
+}
+
+/// Circles as a tilted board shows them, each pixel by five rays a side; on a light ground or a dark one.
+fn circles(camera: &PinholeCamera, board: &Board, pose: &nalgebra::Isometry3<f64>, inks: [f64; 2]) -> GrayPicture {
+    let mut picture = GrayPicture::filled(camera.width_px, camera.height_px, 0);
+    let radius_mm = 0.28 * board.square_mm();
+    let (origin, normal) = (pose.translation.vector, pose.rotation * nalgebra::Vector3::z());
+    let corners = board.corners();
+    for (index, gray) in picture.gray.iter_mut().enumerate() {
+        let ray = |ray: usize| {
+            let part = |index: usize| (index as f64 + 0.5) / 5.0 - 0.5;
+            let (u, v) = (
+                (index % camera.width_px) as f64 + part(ray % 5),
+                (index / camera.width_px) as f64 + part(ray / 5),
+            );
+            let along: crate::geometry::Vector<crate::geometry::Camera> =
+                camera.unproject(crate::geometry::Pixel::at(u, v)).expect("in the picture");
+            let on_board =
+                pose.inverse() * nalgebra::Point3::from(along.mm * (origin.dot(&normal) / along.mm.dot(&normal)));
+            let inside = corners.iter().any(|q| (q.mm.x - on_board.x).hypot(q.mm.y - on_board.y) < radius_mm);
+            if inside { inks[0] } else { inks[1] }
+        };
+        *gray = ((0..25).map(ray).sum::<f64>() / 25.0).round() as u8;
+    }
+    picture
+}
+
+/// Both kinds of grids, light and dark, tilted by 35°: every centre to a few hundredths of a pixel, in the board's order.
+#[test]
+fn circles_are_found_and_placed() {
+    let camera = PinholeCamera {
+        width_px: 480,
+        height_px: 360,
+        fx_px: 520.0,
+        fy_px: 520.0,
+        cx_px: 240.0,
+        cy_px: 180.0,
+        k1: 0.0,
+        k2: 0.0,
+        p1: 0.0,
+        p2: 0.0,
+        k3: 0.0,
+    };
+    for (text, inks) in
+        [("circles:7x5:40", [30.0, 210.0]), ("circles:5x6:45", [190.0, 60.0]), ("acircles:4x7:24", [30.0, 210.0])]
+    {
+        let board = Board::parse(text, None).expect("a board");
+        let turn = nalgebra::UnitQuaternion::from_scaled_axis(nalgebra::Vector3::new(0.45, -0.4, 0.1));
+        let place = nalgebra::Vector3::new(0.0, 0.0, 520.0) - turn * board.middle().mm.coords;
+        let pose = nalgebra::Isometry3::from_parts(place.into(), turn);
+        let found = detect::detect(text, &circles(&camera, &board, &pose, inks), &board, None).expect(text);
+        assert_eq!(found.corners.len(), board.count());
+        let off = |(q, pixel): &(crate::geometry::Point<_>, crate::geometry::Pixel)| {
+            let point = crate::geometry::Point::<crate::geometry::Camera>::new(pose * q.mm);
+            camera.project(point).expect("in front").distance_px(*pixel)
+        };
+        let worst = found.corners.iter().map(off).fold(0.0, f64::max);
+        assert!(worst < 0.05, "{text}: {worst} px");
+        let fewer = Board::parse("circles:9x9:40", None).expect("a board");
+        assert!(detect::detect(text, &circles(&camera, &board, &pose, inks), &fewer, None).is_err());
+    }
+}
+
+/// The left half of a ChArUco board: its corners alone, each the right one.
+#[test]
+fn a_charuco_board_that_is_cut_off_is_read() {
+    let board = Board::parse("charuco:8x6:18:4X4_50", 25.0).expect("a board");
+    let cell = BoardCell::new(2, print_of(&board), STILL);
+    let (camera, shot) = (cell.flange_camera(), cell.flange_shots(1)[0]);
+    let mut picture = cell.picture(&camera, &shot);
+    let middle = camera.project(shot.camera_from_board * board.middle()).expect("in front").u as usize;
+    for row in picture.gray.chunks_mut(camera.width_px) {
+        row[middle..].fill(90);
+    }
+    let found = detect::detect("cut.png", &picture, &board, None).expect("a part of the board");
+    assert!((10..=20).contains(&found.corners.len()), "{}", found.corners.len());
+    for (q, pixel) in &found.corners {
+        let off_px = camera.project(shot.camera_from_board * *q).expect("in front").distance_px(*pixel);
+        assert!(off_px < 0.06, "{q:?}: {off_px} px");
+    }
 }

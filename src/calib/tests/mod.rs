@@ -2,4 +2,6 @@
 
 mod boards;
 mod hand_eye;
+mod lenses;
+mod robot;
 mod three_points;

@@ -32,6 +32,15 @@ pub enum What {
         --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
+    /// The arm's own errors, from pictures of boards and from touches; without axis angles, a smooth correction.
+    #[command(
+        after_help = "The pictures lie in the folder of their poses file: [[poses]] with image, and base_from_flange, \
+        axes_deg = [A1, …, A6], or both. Touches: [[touches]] with spot = 0, 1, … and such a pose.\n\
+        Example, after `panelprep render --boards --out target/cell`; that arm is good as it is:\n  \
+        panelprep calibrate robot --board 9x6 --square-mm 25 --eye-in-hand target/cell/boards/flange/poses.toml \
+        --flange-camera-lens target/cell/flange_camera.toml --out target/cell/found/robot.toml"
+    )]
+    Robot(Robot),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml")]
@@ -67,12 +76,14 @@ pub enum What {
 /// The board.
 #[derive(Debug, Clone, Args)]
 pub struct BoardArgs {
-    /// Inner corners of a chessboard, 9x6; or squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy].
+    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
+    /// circles:7x11:40 (7 in each of 11 rows, 40 mm apart both ways), acircles:4x11:20 (4 in each of 11 rows, rows 20 mm
+    /// apart, circles of a row 40 mm, each second row shifted by 20 mm).
     #[arg(long)]
     pub board: String,
-    /// Side of a square, mm; measure it over many squares.
+    /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM")]
-    pub square_mm: f64,
+    pub square_mm: Option<f64>,
     /// Half the side of the window that refines a corner, px; without it, from the distance of corners.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100))]
     pub subpix: Option<u32>,
@@ -81,10 +92,11 @@ pub struct BoardArgs {
 /// The board, where a file says it as well.
 #[derive(Debug, Clone, Default, Args)]
 pub struct NamedBoard {
-    /// Inner corners of a chessboard, 9x6; or squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy].
-    #[arg(long, requires = "square_mm")]
+    /// Inner corners of a chessboard, 9x6; squares of a ChArUco board, charuco:8x6:15:4X4_50[:legacy]; circles,
+    /// circles:7x11:40 or acircles:4x11:20.
+    #[arg(long)]
     pub board: Option<String>,
-    /// Side of a square, mm; measure it over many squares.
+    /// Side of a square, mm; measure it over many squares. Not needed for circles.
     #[arg(long, value_name = "MM", requires = "board")]
     pub square_mm: Option<f64>,
     /// Half the side of the window that refines a corner, px; without it, from the distance of corners.
@@ -95,15 +107,31 @@ pub struct NamedBoard {
 impl NamedBoard {
     /// The board that the command names; `None` where it names none.
     pub fn named(&self) -> Option<BoardArgs> {
-        let (board, square_mm) = (self.board.clone()?, self.square_mm?);
-        Some(BoardArgs { board, square_mm, subpix: self.subpix })
+        Some(BoardArgs { board: self.board.clone()?, square_mm: self.square_mm, subpix: self.subpix })
     }
 }
 
 impl From<BoardArgs> for NamedBoard {
     fn from(BoardArgs { board, square_mm, subpix }: BoardArgs) -> Self {
-        NamedBoard { board: Some(board), square_mm: Some(square_mm), subpix }
+        NamedBoard { board: Some(board), square_mm, subpix }
     }
+}
+
+/// The distortion coefficients of a lens.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ModelName {
+    /// The simplest one that foretells left-out pictures as well as any other.
+    Auto,
+    /// None.
+    Pinhole,
+    /// k1.
+    K1,
+    /// k1, k2.
+    K1k2,
+    /// k1, k2, p1, p2.
+    K1k2p1p2,
+    /// k1, k2, p1, p2, k3, as OpenCV has by default.
+    K1k2p1p2k3,
 }
 
 /// Options of `calibrate intrinsics`.
@@ -112,6 +140,10 @@ pub struct Intrinsics {
     /// The board.
     #[command(flatten)]
     pub board: BoardArgs,
+    /// The lens model; by default auto, and k1k2p1p2k3 where --keep-all and --subpix ask for what OpenCV does. Whatever it
+    /// is, the lens has one ray for each pixel.
+    #[arg(long, value_enum)]
+    pub model: Option<ModelName>,
     /// Set no picture aside for its residuals.
     #[arg(long)]
     pub keep_all: bool,
@@ -159,6 +191,9 @@ pub struct HandEye {
     /// Many poses: the flange's pose at each picture.
     #[arg(long, value_name = "FILE", requires = "images")]
     pub poses: Option<PathBuf>,
+    /// Many poses: the arm's own errors, as `calibrate robot` found them; the poses are corrected by them.
+    #[arg(long, value_name = "FILE", requires = "poses")]
+    pub robot: Option<PathBuf>,
     /// Many poses: the folder of the pictures.
     #[arg(long, value_name = "DIR", requires = "poses")]
     pub images: Option<PathBuf>,
@@ -180,6 +215,33 @@ fn place(text: &str) -> Result<[f64; 3], String> {
     let numbers: Result<Vec<f64>, _> = text.split(',').map(|number| number.trim().parse()).collect();
     let allowed = || "allowed are three numbers in mm, 560,0,360".to_owned();
     <[f64; 3]>::try_from(numbers.map_err(|_| allowed())?).map_err(|_| allowed())
+}
+
+/// Options of `calibrate robot`.
+#[derive(Debug, Clone, Args)]
+#[command(group(clap::ArgGroup::new("pictures of boards").required(true).multiple(true).args(["eye_to_hand", "eye_in_hand"])))]
+pub struct Robot {
+    /// The board.
+    #[command(flatten)]
+    pub board: BoardArgs,
+    /// Poses of the pictures of the fixed camera, the board on the flange.
+    #[arg(long, value_name = "POSES", requires = "scanner_lens")]
+    pub eye_to_hand: Option<PathBuf>,
+    /// Intrinsics of the fixed camera.
+    #[arg(long, value_name = "FILE", requires = "eye_to_hand")]
+    pub scanner_lens: Option<PathBuf>,
+    /// Poses of the pictures of the camera on the flange, the board standing still.
+    #[arg(long, value_name = "POSES", requires = "flange_camera_lens")]
+    pub eye_in_hand: Option<PathBuf>,
+    /// Intrinsics of the camera on the flange.
+    #[arg(long, value_name = "FILE", requires = "eye_in_hand")]
+    pub flange_camera_lens: Option<PathBuf>,
+    /// Poses in which the tip touched spots.
+    #[arg(long, value_name = "FILE")]
+    pub touches: Option<PathBuf>,
+    /// The file to write.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
 }
 
 /// Options of `calibrate tcp`.

@@ -3,10 +3,11 @@
 use crate::calib::three_points::Touched;
 use crate::calib::tool::AxisTouch;
 use crate::config::{self, Problems, Section};
-use crate::geometry::{Base, Flange, KukaPose, Point, Rigid};
+use crate::geometry::{Base, Flange, Joints, KukaPose, Point, Rigid};
 
 const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
+const AXIS_DEG: std::ops::RangeInclusive<f64> = -720.0..=720.0;
 const CORNER: std::ops::RangeInclusive<usize> = 0..=60;
 
 fn pose(section: &Section<'_, '_>) -> Option<KukaPose> {
@@ -85,6 +86,12 @@ pub struct PicturePose {
     pub image: String,
     /// Where the robot says that the flange was.
     pub base_from_flange: Rigid<Base, Flange>,
+    /// Where it says that the axes were, where the file does.
+    pub joints: Option<Joints>,
+}
+
+fn joints([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Joints {
+    Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
 }
 
 /// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
@@ -102,8 +109,9 @@ pub fn picture_poses(
         for section in top.sections("poses") {
             let image = section.take::<String>("image", (), None);
             let base_from_flange = pose(&section.section("base_from_flange"));
+            let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
             section.done();
-            let (Some(image), Some(base_from_flange)) = (image, base_from_flange) else {
+            let (Some(image), Some(base_from_flange), Some(axes_deg)) = (image, base_from_flange, axes_deg) else {
                 whole = false;
                 continue;
             };
@@ -114,7 +122,8 @@ pub fn picture_poses(
                 whole = false;
                 continue;
             }
-            poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid() });
+            let joints = axes_deg.map(joints);
+            poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid(), joints });
         }
         top.done();
         if whole && poses.is_empty() {
@@ -122,6 +131,73 @@ pub fn picture_poses(
             return None;
         }
         whole.then_some(poses)
+    })
+}
+
+/// A pose by the flange, by the axes, or by both.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedPose {
+    /// The picture's name in its folder; empty for a touch.
+    pub image: String,
+    /// Where the controller says that the flange was.
+    pub base_from_flange: Option<Rigid<Base, Flange>>,
+    /// Where it says that the axes were.
+    pub joints: Option<Joints>,
+}
+
+fn named_pose(section: &Section<'_, '_>, image: String) -> Option<NamedPose> {
+    let flange = section.section("base_from_flange");
+    let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
+    let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
+    section.done();
+    if base_from_flange.is_none() && axes_deg.is_none() {
+        section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
+        return None;
+    }
+    Some(NamedPose { image, base_from_flange, joints: axes_deg.map(joints) })
+}
+
+/// Checks the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.
+///
+/// # Errors
+/// Every problem with its line and key; also a picture that is missing or named twice.
+pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Result<Vec<NamedPose>, Problems> {
+    config::check(file, text, |top| {
+        let read = |section: Section<'_, '_>| {
+            let image = section.take::<String>("image", (), None)?;
+            if !is_there(&image) {
+                section.problem("image", format!("{image} is not in the folder of this file"));
+                return None;
+            }
+            named_pose(&section, image)
+        };
+        // Every table is read, so that every problem is told.
+        let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
+        top.done();
+        let poses: Vec<NamedPose> = all.into_iter().collect::<Option<_>>()?;
+        let twice =
+            poses.iter().enumerate().find(|(index, pose)| poses[..*index].iter().any(|p| p.image == pose.image));
+        if let Some((_, pose)) = twice {
+            top.problem("poses", format!("{} is named twice", pose.image));
+            return None;
+        }
+        Some(poses)
+    })
+}
+
+/// Checks the text of a touches file: `[[touches]]` with `spot`, a whole number that touches of one spot share, and a pose.
+///
+/// # Errors
+/// Every problem with its line and key.
+pub fn arm_touches(file: &str, text: &str) -> Result<Vec<(usize, NamedPose)>, Problems> {
+    config::check(file, text, |top| {
+        let read = |section: Section<'_, '_>| {
+            let spot = section.take::<usize>("spot", 0..=99, None)?;
+            Some((spot, named_pose(&section, String::new())?))
+        };
+        let all: Vec<_> = top.sections("touches").into_iter().map(read).collect();
+        top.done();
+        all.into_iter().collect()
     })
 }
 

@@ -9,8 +9,9 @@ use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
+use crate::calib::robot::{ArmPose, Correction};
 use crate::calib::{Arrangement, Board, CalibError, HandEye, Seen, Station, gate, next_pose};
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, RobotCorrection, ScannerMount};
 use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use rayon::prelude::*;
 use serde_json::json;
@@ -93,7 +94,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let lens = intrinsics(&args.intrinsics)?;
     let camera = lens.camera;
     let cell = cell(common)?;
-    let (looks, aside) = looks(args, &board, &camera, progress)?;
+    let correction = correction(args, cell.as_ref())?;
+    let (looks, aside) = looks(args, (&board, correction.as_ref()), &camera, progress)?;
     let stations: Vec<Station<A::From>> =
         looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
     progress("mount");
@@ -155,6 +157,17 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     Ok(outcome)
 }
 
+/// The arm's correction that `--robot` names.
+fn correction(args: &Args, cell: Option<&Cell>) -> Result<Option<Correction>, Fault> {
+    let Some(file) = &args.robot else { return Ok(None) };
+    let read = RobotCorrection::check(&file.display().to_string(), &disk::read_text(file)?)?;
+    let geometry = match cell {
+        Some(cell) => *cell.arm().geometry(),
+        None => *Cell::check("", "")?.arm().geometry(),
+    };
+    Ok(Correction::of_file(&read, geometry))
+}
+
 /// The corners as the 3D camera measured them, where it measured most of them.
 fn points_of<A: Mounted>(look: &Look, camera: &PinholeCamera) -> Option<Seen<A::From>> {
     let seen = look.sight.measured(camera, &look.detected)?;
@@ -176,7 +189,7 @@ fn station<C: Frame>(look: &Look, seen: Seen<C>) -> Station<C> {
 /// The pictures that show the board, and why the others do not count.
 fn looks(
     args: &Args,
-    board: &Board,
+    (board, correction): (&Board, Option<&Correction>),
     camera: &PinholeCamera,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<(Vec<Look>, Vec<(String, String)>), Fault> {
@@ -191,7 +204,14 @@ fn looks(
         let found = sight.detect(board, window);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress(&format!("corners: {done} of {}", poses.len()));
-        let base_from_flange = pose.base_from_flange;
+        let arm_pose = ArmPose { joints: pose.joints, base_from_flange: pose.base_from_flange };
+        let base_from_flange = match correction {
+            None => pose.base_from_flange,
+            Some(correction) => correction.base_from_flange(&arm_pose).ok_or_else(|| {
+                let message = format!("{} has no axes_deg, which the arm's correction needs", pose.image);
+                Fault::file(file, CalibError::Points(message))
+            })?,
+        };
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
             sight,
             detected,

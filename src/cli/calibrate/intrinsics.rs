@@ -4,16 +4,16 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::super::pictures;
-use super::args::Intrinsics as Args;
+use super::args::{Intrinsics as Args, ModelName};
 use super::{date, keep, provenance};
 use crate::calib::detect::{self, Detected};
-use crate::calib::intrinsics::{Calibrated, MIN_VIEWS, View, calibrate};
-use crate::calib::{CalibError, gate};
-use crate::cell::Intrinsics;
+use crate::calib::intrinsics::{Calibrated, LensModel, MIN_VIEWS, Options, View, ViewResult, calibrate};
+use crate::calib::{Board, CalibError, gate};
+use crate::cell::{Intrinsics, LensExtent, Supported};
 use crate::files;
 use crate::geometry::GrayPicture;
 use crate::report;
-use crate::verdict::Judgement;
+use crate::verdict::{Judgement, Reason};
 use rayon::prelude::*;
 use serde_json::{Value, json};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -24,10 +24,10 @@ struct Picture {
     gray: GrayPicture,
 }
 
-/// Calibrates and writes the file.
+/// Calibrates and writes the file. Whatever the pictures show, the outcome is a verdict.
 ///
 /// # Errors
-/// Where a picture cannot be read, sizes differ, or too few pictures show the board.
+/// Where a picture cannot be read, or sizes differ.
 pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     let board = super::board(&args.board)?;
     let window = super::window(&args.board);
@@ -46,16 +46,12 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         found
     };
     let detected: Vec<Result<Detected, CalibError>> = all.par_iter().map(look).collect();
-    let views = views(&all, &detected)?;
     progress("camera");
-    let found = calibrate(size, &views, args.keep_all).map_err(Fault::stage)?;
-    let judgement = gate::intrinsics(&found);
-    let mut outcome = told(&judgement, &found, &all, &detected);
-    if let Some(folder) = &args.pictures {
-        let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
-        let file = pictures::save(folder, "residuals", &picture)?;
-        outcome.say(format!("{}: residuals, drawn larger", file.display()));
-    }
+    let options = Options { keep_all: args.keep_all, model: model(args) };
+    let found = match views(&all, &detected).and_then(|views| calibrate(size, &views, options)) {
+        Ok(found) => found,
+        Err(error) => return Ok(no_lens(&error, &all, &detected, args)),
+    };
     let used = found.views.iter().filter(|view| view.set_aside.is_none());
     let hash = |name: &str| all.iter().find(|picture| picture.name == name).map(|picture| picture.hash.clone());
     let (hashes, residuals) = used.filter_map(|view| Some((hash(&view.name)?, view.rms_px))).unzip();
@@ -65,13 +61,132 @@ pub fn run(args: &Args, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fau
         serial: args.serial.clone(),
         date: date::today(),
         rms_px: Some(found.rms_px),
+        extent: extent(&found),
         provenance: provenance(hashes, residuals),
     };
     let text = intrinsics.to_toml();
+    let mut judgement = gate::intrinsics(&found);
     // A lens that the file's own check refuses is never written.
-    Intrinsics::check(&args.out.display().to_string(), &text)?;
+    if let Err(problems) = Intrinsics::check(&args.out.display().to_string(), &text) {
+        let mut reasons = vec![Reason::new("not_a_lens", format!("these numbers are no lens: {problems}"))];
+        reasons.append(&mut judgement.reasons);
+        judgement = Judgement::of(reasons, vec![]);
+    }
+    let mut outcome = told(&judgement, &found, &all, &detected);
+    tell_model(&mut outcome, &found, &board);
+    if let Some(folder) = &args.pictures {
+        let picture = report::residual_field(size, &found).map_err(Fault::stage)?;
+        let file = pictures::save(folder, "residuals", &picture)?;
+        outcome.say(format!("{}: residuals, drawn larger", file.display()));
+    }
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
+}
+
+fn model(args: &Args) -> Option<LensModel> {
+    let like_opencv = args.keep_all && args.board.subpix.is_some();
+    let default = if like_opencv { ModelName::K1k2p1p2k3 } else { ModelName::Auto };
+    match args.model.unwrap_or(default) {
+        ModelName::Auto => None,
+        ModelName::Pinhole => Some(LensModel::Pinhole),
+        ModelName::K1 => Some(LensModel::Radial1),
+        ModelName::K1k2 => Some(LensModel::Radial2),
+        ModelName::K1k2p1p2 => Some(LensModel::Tangential),
+        ModelName::K1k2p1p2k3 => Some(LensModel::Full),
+    }
+}
+
+/// Why each coefficient beyond the model was left out.
+fn left_out(found: &Calibrated) -> Vec<String> {
+    if found.trials.len() == 1 {
+        return found
+            .model
+            .left_out()
+            .iter()
+            .map(|name| format!("{name}: --model names a lens without it"))
+            .collect();
+    }
+    let own = found.trials.iter().find(|trial| trial.model == found.model).and_then(|trial| trial.left_out_rms_px);
+    let reason = |model: &LensModel| {
+        let trial = found.trials.iter().find(|trial| trial.model == *model)?;
+        let new: Vec<&str> = model.added();
+        Some(match (trial.left_out_rms_px, own) {
+            (Some(with), Some(without)) => format!(
+                "{}: pictures that were left out are foretold to {with:.4} px rms with it and to {without:.4} px without it",
+                new.join(", ")
+            ),
+            _ => format!("{}: no lens with it could be fitted without some of the pictures", new.join(", ")),
+        })
+    };
+    LensModel::ALL.iter().filter(|model| **model > found.model).filter_map(reason).collect()
+}
+
+fn extent(found: &Calibrated) -> LensExtent {
+    let supported = found
+        .support
+        .outline_px
+        .as_ref()
+        .map(|outline_px| Supported { error_px: found.support.error_px, outline_px: outline_px.clone() });
+    LensExtent { model: Some(found.model.name().to_owned()), left_out: left_out(found), supported }
+}
+
+fn tell_model(outcome: &mut Outcome, found: &Calibrated, board: &Board) {
+    outcome.put("model", json!(found.model.name()));
+    let trials = found
+        .trials
+        .iter()
+        .map(|trial| json!({"model": trial.model.name(), "left_out_rms_px": trial.left_out_rms_px}));
+    outcome.put("trials", trials.collect());
+    let left_out = left_out(found);
+    outcome.put("left_out", json!(left_out));
+    outcome
+        .put("left_out_pictures", json!({"rms_px": found.left_out_rms_px, "within_95_px": found.left_out_95_px}));
+    let support = &found.support;
+    let outline = support.outline_px.as_ref().map(|all| all.iter().map(|p| [p.u, p.v]).collect::<Vec<_>>());
+    outcome.put("support", json!({"share": support.share, "error_px": support.error_px, "outline_px": outline}));
+    outcome.say(format!(
+        "model {}; in pictures that were left out corners are {:.3} px rms off, 95 % within {:.3} px",
+        found.model.name(),
+        found.left_out_rms_px,
+        found.left_out_95_px
+    ));
+    left_out.iter().for_each(|reason| outcome.say(format!("left out: {reason}")));
+    outcome.say(format!(
+        "the lens is known to {:.2} px in {:.0} % of the picture",
+        support.error_px,
+        support.share * 100.0
+    ));
+    let next = found.next_picture(board);
+    outcome.put("next_picture", json!(next.as_ref().map(|next| &next.words)));
+    match next {
+        Some(next) => outcome.say(format!(
+            "one more picture would help most with {}: the lens's error falls to {:.0} %",
+            next.words,
+            next.error_share * 100.0
+        )),
+        None => {
+            outcome.say("no single further picture would lower the lens's error by 2 % or more: these are enough")
+        }
+    }
+}
+
+/// Pictures that determine no lens: a verdict, and what to do.
+fn no_lens(error: &CalibError, all: &[Picture], detected: &[Result<Detected, CalibError>], args: &Args) -> Outcome {
+    let code = if matches!(error, CalibError::TooFewPictures { .. }) { "too_few_pictures" } else { "no_lens" };
+    let mut outcome = Outcome::of(&Judgement::of(vec![Reason::new(code, error.to_string())], vec![]));
+    let keys = ["rms_px", "fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3", "model"];
+    keys.iter().for_each(|key| outcome.put(key, Value::Null));
+    if let Some(first) = all.first() {
+        outcome.put("width_px", json!(first.gray.width));
+        outcome.put("height_px", json!(first.gray.height));
+    }
+    tell_images(&mut outcome, all, detected, &[]);
+    let next = "the board sharp and whole, over most of the picture, facing the camera; then four more, each tilted by 30° \
+                to another side";
+    outcome.put("next_picture", json!(next));
+    outcome.say(format!("next: {next}"));
+    outcome.say(format!("{}: not written", args.out.display()));
+    outcome
 }
 
 fn one_size(all: &[Picture]) -> Result<(usize, usize), Fault> {
@@ -92,7 +207,7 @@ fn one_size(all: &[Picture]) -> Result<(usize, usize), Fault> {
     }
 }
 
-fn views(all: &[Picture], detected: &[Result<Detected, CalibError>]) -> Result<Vec<View>, Fault> {
+fn views(all: &[Picture], detected: &[Result<Detected, CalibError>]) -> Result<Vec<View>, CalibError> {
     let view = |(picture, found): (&Picture, &Result<Detected, CalibError>)| {
         let corners = found.as_ref().ok()?.corners.clone();
         Some(View { name: picture.name.clone(), corners })
@@ -101,7 +216,7 @@ fn views(all: &[Picture], detected: &[Result<Detected, CalibError>]) -> Result<V
     if views.len() < MIN_VIEWS {
         let first_reason = detected.iter().find_map(|found| found.as_ref().err()).map(ToString::to_string);
         let (found, given) = (views.len(), all.len());
-        return Err(Fault::stage(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason }));
+        return Err(CalibError::TooFewPictures { found, given, needed: MIN_VIEWS, first_reason });
     }
     Ok(views)
 }
@@ -158,11 +273,23 @@ fn told(
         found.tilt_deg[0],
         found.tilt_deg[1],
     ));
+    tell_images(&mut outcome, all, detected, &found.views);
+    outcome
+}
+
+/// Each picture: whether it was used, and why not.
+fn tell_images(
+    outcome: &mut Outcome,
+    all: &[Picture],
+    detected: &[Result<Detected, CalibError>],
+    views: &[ViewResult],
+) {
     let image = |(picture, detected): (&Picture, &Result<Detected, CalibError>)| {
-        let view = found.views.iter().find(|view| view.name == picture.name);
+        let view = views.iter().find(|view| view.name == picture.name);
         let reason = match (detected, view) {
             (Err(error), _) => Some(error.to_string()),
-            (Ok(_), view) => view.and_then(|view| view.set_aside.clone()),
+            (Ok(_), None) => Some("there is no lens to hold it against".to_owned()),
+            (Ok(_), Some(view)) => view.set_aside.clone(),
         };
         let rms_px = view.map(|view| view.rms_px);
         json!({"file": picture.name, "used": reason.is_none(), "rms_px": rms_px, "reason": reason})
@@ -176,5 +303,4 @@ fn told(
         }
     }
     outcome.put("images", Value::Array(images));
-    outcome
 }

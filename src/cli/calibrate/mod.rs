@@ -8,6 +8,7 @@ mod files;
 mod hand_eye;
 mod history;
 mod intrinsics;
+mod robot;
 mod sight;
 mod target;
 mod taught_corner;
@@ -36,6 +37,7 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::Intrinsics(args) => intrinsics::run(args, progress),
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),
+        What::Robot(args) => robot::run(args, common, progress),
         What::Tcp(args) => tcp::run(args),
         What::Verify(args) => verify::run(args, common, progress),
         What::Touch(args) => verify::touch(args, common),

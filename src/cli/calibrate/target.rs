@@ -31,7 +31,8 @@ impl Target {
         };
         let board = Board::parse(&size.board, size.square_mm).map_err(|error| Fault::file(file, error))?;
         if let Some(named) = named.filter(|named| super::board(named).as_ref().ok() != Some(&board)) {
-            let said = BoardSize { board: named.board.clone(), square_mm: named.square_mm };
+            let square_mm = super::board(named).map_or(f64::NAN, |board| board.square_mm());
+            let said = BoardSize { board: named.board.clone(), square_mm };
             let message = format!(
                 "this target is the board {size}, the command says {said}; correct the command or leave both out, or learn the \
                  target anew with --learn"

@@ -8,11 +8,12 @@ use super::super::load::{self, CellFiles};
 use super::super::outcome::Outcome;
 use super::args::{CameraName, Verify};
 use super::verify;
-use crate::calib::CalibError;
+use crate::calib::{CalibError, health};
 use crate::geometry::{Base, Flange, Rigid};
 use crate::locate::corner::find_taught;
 use crate::panel::panel_from_base_at_teaching;
 use crate::store::calibration_hash;
+use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
 
@@ -45,6 +46,9 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     };
     let found = find_taught(&shot.picture.to_gray(), (recipe.corner(), 0), &camera.value, in_camera);
     let found = found.map_err(Fault::stage)?.corner_px;
+    if let Some(reason) = health::outside_of_lens(&camera.extent()?, [found]) {
+        return Ok(Outcome::of(&Judgement::of(vec![reason], vec![])));
+    }
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);
     let hash = calibration_hash(&[&camera.text, &mount.text]);

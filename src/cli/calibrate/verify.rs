@@ -24,6 +24,8 @@ use std::path::Path;
 /// What a picture of the board says, through the calibrations in use.
 struct Looked {
     look: Look,
+    /// Why nothing may be measured where it shows the board.
+    outside: Option<Reason>,
     picture_hash: String,
     calibration_hash: String,
 }
@@ -53,6 +55,7 @@ fn look(
     let detected = sight.detect_telling(board, window, progress).map_err(Fault::stage)?;
     let measured_square_mm = sight.measured(&camera.value, &detected).and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
+    let outside = health::outside_of_lens(&camera.extent()?, seen.iter().map(|(_, pixel)| *pixel));
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
             let pose = board_pose::<Camera>(&camera.value, &Seen::Pixels(seen)).map_err(Fault::stage)?;
@@ -65,7 +68,7 @@ fn look(
     };
     let calibration_hash = calibration_hash(&[&camera.text, &mount_text]);
     let look = Look { base_from_board, pnp_rms_px, measured_square_mm };
-    Ok(Looked { look, picture_hash: sight.hash, calibration_hash })
+    Ok(Looked { look, outside, picture_hash: sight.hash, calibration_hash })
 }
 
 /// Looks at the target, a board or a taught corner, and compares; with `--learn`, writes where the board is.
@@ -95,6 +98,7 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
     let error_mm =
         health::distance_mm(&target.base_from_board, &seen.look.base_from_board, &target.board.corners());
     let implausible = health::no_look_at(&target.base_from_board, &seen.look, &target.board);
+    let implausible = seen.outside.clone().or(implausible);
     let mut outcome = match implausible {
         Some(reason) => refused(reason, error_mm, files.cell.limits().verify_limit_mm()),
         None => {
@@ -135,12 +139,13 @@ pub fn verification(files: &CellFiles, subject: &str, error_mm: f64, calibration
 }
 
 fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Result<Outcome, Fault> {
-    if let Some(reason) = health::no_such_board(&seen.look, board) {
+    let refused = seen.outside.clone().or_else(|| health::no_such_board(&seen.look, board));
+    if let Some(reason) = refused {
         return Ok(Outcome::of(&Judgement::of(vec![reason], vec![])));
     }
     let pose = KukaPose::from_rigid(&seen.look.base_from_board);
     let mut mounted = MountedPose::<TargetMount>::of(pose);
-    mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: named.square_mm });
+    mounted.board = Some(BoardSize { board: named.board.clone(), square_mm: board.square_mm() });
     mounted.date = date::today();
     mounted.provenance = provenance(vec![seen.picture_hash.clone()], vec![]);
     disk::write_through(target, mounted.to_toml())?;

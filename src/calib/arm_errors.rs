@@ -1,0 +1,126 @@
+//! An arm whose links are a little other than its drawing says.
+//!
+//! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur 2014),
+//! and after each of the first five axes a small motion Eᵢ of six numbers: the zero of the axis, its two twists, three
+//! lengths. Whatever six axes can be off by is in these, up to what the frames at both ends take over (what stands before
+//! axis 1 belongs to the base, what comes with axis 6 to the tool). Under its weight the arm sinks about axes 2 and 3 by an
+//! angle that grows with the lever of what they carry.
+
+use super::arrangement::{Twist, exp};
+use crate::cell::ArmGeometry;
+use crate::geometry::{Base, Flange, Joints, Rigid};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// Numbers of an arm's errors: six after each of the first five axes, and the sag of axes 2 and 3.
+pub const ARM_NUMBERS: usize = 32;
+
+/// How large each number may be, as a standard deviation: turns in rad, lengths in mm, sag in rad for each mm of lever.
+pub fn usual() -> [f64; ARM_NUMBERS] {
+    std::array::from_fn(|index| match index {
+        30 | 31 => SAG,
+        index if index % 6 < 3 => TURN_RAD,
+        _ => LENGTH_MM,
+    })
+}
+
+/// 0.05°.
+const TURN_RAD: f64 = 8.7e-4;
+const LENGTH_MM: f64 = 0.4;
+/// 0.3 mm at the end of a lever of 600 mm.
+const SAG: f64 = 8e-7;
+
+/// The name of a number, with the unit in which it is told, and how many of those one unit of the number is.
+pub fn name(index: usize) -> (String, f64) {
+    const ALONG: [char; 3] = ['x', 'y', 'z'];
+    // The first axis turns about z, axes 2, 3 and 5 about y, axis 4 about z.
+    const AXIS: [usize; 5] = [2, 1, 1, 2, 1];
+    if index >= 30 {
+        return (format!("sag of axis {}, µrad for each mm", index - 28), 1e6);
+    }
+    let (axis, part) = (index / 6, index % 6);
+    match part {
+        part if part == AXIS[axis] => (format!("zero of axis {}, °", axis + 1), 1f64.to_degrees()),
+        part if part < 3 => (format!("twist about {} after axis {}, °", ALONG[part], axis + 1), 1f64.to_degrees()),
+        part => (format!("length along {} after axis {}, mm", ALONG[part - 3], axis + 1), 1.0),
+    }
+}
+
+/// The angles of the model, rad.
+fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
+    let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = *joints;
+    let all = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg];
+    std::array::from_fn(|axis| {
+        (all[axis] * f64::from(geometry.signs[axis]) - geometry.offsets_deg[axis]).to_radians()
+    })
+}
+
+/// Where the flange of such an arm is.
+pub fn base_from_flange(
+    geometry: &ArmGeometry,
+    joints: &Joints,
+    errors: &[f64; ARM_NUMBERS],
+) -> Rigid<Base, Flange> {
+    let g = geometry;
+    let mut q = turns(g, joints);
+    let lean = q[1] + q[2];
+    let from_elbow = g.a2_mm * lean.cos() + g.c3_mm * lean.sin();
+    q[1] += errors[30] * (from_elbow + g.c2_mm * q[1].sin());
+    q[2] += errors[31] * from_elbow;
+    let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
+    let off = |axis: usize| -> Isometry3<f64> { exp(&Twist::from_column_slice(&errors[6 * axis..6 * axis + 6])) };
+    let (y, z) = (Vector3::y(), Vector3::z());
+    let pose: Isometry3<f64> = about(z, q[0])
+        * off(0)
+        * Translation3::new(g.a1_mm, g.b_mm, g.c1_mm)
+        * about(y, q[1])
+        * off(1)
+        * Translation3::new(0.0, 0.0, g.c2_mm)
+        * about(y, q[2])
+        * off(2)
+        * Translation3::new(g.a2_mm, 0.0, g.c3_mm)
+        * about(z, q[3])
+        * off(3)
+        * about(y, q[4])
+        * off(4)
+        * about(z, q[5])
+        * Translation3::new(0.0, 0.0, g.c4_mm);
+    Rigid::claim(pose)
+}
+
+/// What is wrong with the axes of a file: two exchanged, or one of the other sign.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AxisFault {
+    /// Two axes, from 1, exchanged.
+    Exchanged(usize, usize),
+    /// An axis, from 1, with the other sign.
+    Sign(usize),
+}
+
+impl std::fmt::Display for AxisFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            AxisFault::Exchanged(one, two) => write!(f, "axes {one} and {two} are exchanged"),
+            AxisFault::Sign(axis) => write!(f, "axis {axis} has the wrong sign"),
+        }
+    }
+}
+
+impl AxisFault {
+    /// All of them.
+    pub fn all() -> Vec<AxisFault> {
+        let exchanged = (1..=6).flat_map(|one| (one + 1..=6).map(move |two| AxisFault::Exchanged(one, two)));
+        exchanged.chain((1..=6).map(AxisFault::Sign)).collect()
+    }
+
+    /// The axes as they are where the file has this fault.
+    pub fn mended(self, joints: &Joints) -> Joints {
+        let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = *joints;
+        let mut all = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg];
+        match self {
+            AxisFault::Exchanged(one, two) => all.swap(one - 1, two - 1),
+            AxisFault::Sign(axis) => all[axis - 1] = -all[axis - 1],
+        }
+        let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = all;
+        Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+    }
+}

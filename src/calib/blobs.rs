@@ -1,0 +1,151 @@
+//! Filled ellipses in a picture: what may be a circle of a board, darker or lighter than what is around it.
+//!
+//! A pixel counts that differs from the mean of its surroundings. Pixels that touch are a piece; a piece of area A with the
+//! covariance C of its pixels is an ellipse where A = 4π √det C, which neither letters nor wood grain are. The work grows with
+//! the number of pixels alone.
+
+use crate::geometry::{GrayPicture, Pixel};
+use nalgebra::Matrix2;
+
+/// A piece that looks like an ellipse.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Blob {
+    pub middle: Pixel,
+    pub area_px: f64,
+}
+
+/// Smaller pieces have no shape, px.
+const LEAST_PX: f64 = 12.0;
+/// Larger ones are no circle among many, as a share of the picture.
+const MOST_SHARE: f64 = 0.03;
+/// How far A / (4π √det C) may be from 1.
+const ROUND: f64 = 0.12;
+/// The longest axis by the shortest: a circle seen at 70° is 2.9.
+const LONGEST: f64 = 3.5;
+/// A pixel must differ from its surroundings by so many grey levels.
+const LEAST_CONTRAST: f64 = 6.0;
+
+/// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them.
+pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Vec<Blob> {
+    let (width, height) = (picture.width, picture.height);
+    let sums = Sums::of(picture);
+    let marked: Vec<bool> = (0..width * height)
+        .map(|index| {
+            let mean = sums.mean(index % width, index / width, reach_px);
+            let away = f64::from(picture.gray[index]) - mean;
+            if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
+        })
+        .collect();
+    let mut seen = vec![false; marked.len()];
+    let (mut found, mut open) = (Vec::new(), Vec::new());
+    for first in 0..marked.len() {
+        if !marked[first] || seen[first] {
+            continue;
+        }
+        let mut piece = Piece::default();
+        seen[first] = true;
+        open.push(first);
+        while let Some(index) = open.pop() {
+            let (column, row) = (index % width, index / width);
+            piece.add(column as f64, row as f64);
+            piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
+            let beside = [
+                (column > 0).then(|| index - 1),
+                (column + 1 < width).then_some(index + 1),
+                (row > 0).then(|| index - width),
+                (row + 1 < height).then_some(index + width),
+            ];
+            for next in beside.into_iter().flatten().filter(|next| marked[*next]) {
+                if !std::mem::replace(&mut seen[next], true) {
+                    open.push(next);
+                }
+            }
+        }
+        found.extend(piece.blob((width * height) as f64));
+    }
+    found
+}
+
+/// Sums of grey levels above and left of each pixel.
+struct Sums {
+    sums: Vec<u64>,
+    width: usize,
+    height: usize,
+}
+
+impl Sums {
+    fn of(picture: &GrayPicture) -> Self {
+        let (width, height) = (picture.width, picture.height);
+        let mut sums = vec![0u64; (width + 1) * (height + 1)];
+        for row in 0..height {
+            let mut line = 0u64;
+            for column in 0..width {
+                line += u64::from(picture.gray[row * width + column]);
+                sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + line;
+            }
+        }
+        Sums { sums, width, height }
+    }
+
+    fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
+        let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
+        let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
+        let at = |row: usize, column: usize| self.sums[row * (self.width + 1) + column];
+        let sum = at(low, right) + at(top, left) - at(top, right) - at(low, left);
+        sum as f64 / ((right - left) * (low - top)) as f64
+    }
+}
+
+#[derive(Default)]
+struct Piece {
+    count: f64,
+    sum: [f64; 2],
+    square: [f64; 3],
+    at_rim: bool,
+}
+
+impl Piece {
+    fn add(&mut self, u: f64, v: f64) {
+        self.count += 1.0;
+        self.sum = [self.sum[0] + u, self.sum[1] + v];
+        self.square = [self.square[0] + u * u, self.square[1] + u * v, self.square[2] + v * v];
+    }
+
+    fn blob(&self, picture_px: f64) -> Option<Blob> {
+        if self.at_rim || self.count < LEAST_PX || self.count > MOST_SHARE * picture_px {
+            return None;
+        }
+        let [u, v] = self.sum.map(|sum| sum / self.count);
+        let [uu, uv, vv] = self.square.map(|square| square / self.count);
+        // A pixel is a square: 1/12 of variance each way.
+        let covariance = Matrix2::new(uu - u * u + 1.0 / 12.0, uv - u * v, uv - u * v, vv - v * v + 1.0 / 12.0);
+        let axes = covariance.symmetric_eigenvalues();
+        let (long, short) = (axes.max().sqrt(), axes.min().max(0.0).sqrt());
+        let round = self.count / (4.0 * std::f64::consts::PI * long * short);
+        let is_ellipse = (round - 1.0).abs() < ROUND && long < LONGEST * short;
+        is_ellipse.then_some(Blob { middle: Pixel::at(u, v), area_px: self.count })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A disc, a ring and a bar: the disc alone is one.
+    #[test]
+    fn a_disc_is_found_and_a_bar_is_not() {
+        let mut picture = GrayPicture::filled(120, 80, 200);
+        for (index, gray) in picture.gray.iter_mut().enumerate() {
+            let (u, v) = ((index % 120) as f64, (index / 120) as f64);
+            let ring = (u - 70.0).hypot(v - 30.0);
+            let disc = (u - 30.25).hypot(v - 30.0) < 9.0;
+            if disc || (6.0..9.0).contains(&ring) || (v - 60.0).abs() < 2.0 && (u - 60.0).abs() < 30.0 {
+                *gray = 40;
+            }
+        }
+        let found = blobs(&picture, 20, false);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].middle.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
+        assert!(blobs(&picture, 20, true).iter().all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0));
+    }
+}

@@ -1,0 +1,112 @@
+//! Which lens model the data support: each is fitted without some of the pictures, and judged by those.
+//!
+//! A coefficient that the data do not hold follows noise, and foretells left-out pictures no better. The simplest model
+//! is chosen whose left-out pictures are not worse than the best model's by more than the scatter of that comparison from
+//! picture to picture (the one-standard-error rule, Breiman et al. 1984).
+
+use super::detect::Corners;
+use super::lens_fit::{self, LensFit};
+use super::lens_model::LensModel;
+use rayon::prelude::*;
+
+/// How one model foretold the left-out pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Trial {
+    /// The model.
+    pub model: LensModel,
+    /// Root mean square distance of corners in left-out pictures, px; `None` where no such lens could be fitted.
+    pub left_out_rms_px: Option<f64>,
+    /// By what share its mean square is larger than the best model's, the mean over the pictures.
+    pub worse: f64,
+    /// The standard error of that share.
+    pub worse_error: f64,
+}
+
+/// A picture that was left out: its corners' distances under the lens of the others, px.
+type LeftOut = Vec<f64>;
+
+/// The judged models.
+pub(super) struct Choice {
+    pub model: LensModel,
+    pub trials: Vec<Trial>,
+    /// Of the chosen model, each picture.
+    pub left_out: Vec<LeftOut>,
+}
+
+/// Pictures are left out in so many groups.
+const GROUPS: usize = 5;
+
+/// Chooses among fits of all pictures, one for each model.
+pub(super) fn choose(fits: &[(LensModel, Option<LensFit>)], views: &[&Corners]) -> Option<Choice> {
+    let groups = GROUPS.min(views.len());
+    let tasks: Vec<(usize, usize)> = (0..fits.len()).flat_map(|fit| (0..groups).map(move |g| (fit, g))).collect();
+    let parts: Vec<Option<Vec<(usize, LeftOut)>>> = tasks
+        .par_iter()
+        .map(|&(fit, group)| {
+            let (model, found) = &fits[fit];
+            without(*model, found.as_ref()?, views, (group, groups))
+        })
+        .collect();
+    let all: Vec<Option<Vec<LeftOut>>> = parts
+        .chunks(groups)
+        .map(|parts| {
+            let parts: Vec<_> = parts.iter().cloned().collect::<Option<_>>()?;
+            let mut pictures: Vec<(usize, LeftOut)> = parts.concat();
+            pictures.sort_by_key(|(index, _)| *index);
+            Some(pictures.into_iter().map(|(_, left_out)| left_out).collect())
+        })
+        .collect();
+    let best = all.iter().flatten().min_by(|a, b| square(a).total_cmp(&square(b)))?.clone();
+    let trials: Vec<Trial> =
+        fits.iter().zip(&all).map(|((model, _), all)| trial(*model, all.as_ref(), &best)).collect();
+    let chosen =
+        trials.iter().position(|trial| trial.left_out_rms_px.is_some() && trial.worse <= trial.worse_error)?;
+    Some(Choice { model: trials[chosen].model, left_out: all[chosen].clone()?, trials })
+}
+
+fn square(pictures: &[LeftOut]) -> f64 {
+    pictures.iter().flatten().map(|px| px * px).sum()
+}
+
+fn mean_square(picture: &LeftOut) -> f64 {
+    picture.iter().map(|px| px * px).sum::<f64>() / picture.len().max(1) as f64
+}
+
+fn trial(model: LensModel, pictures: Option<&Vec<LeftOut>>, best: &[LeftOut]) -> Trial {
+    let Some(pictures) = pictures else {
+        return Trial { model, left_out_rms_px: None, worse: f64::INFINITY, worse_error: 0.0 };
+    };
+    let count = pictures.len() as f64;
+    let shares: Vec<f64> = pictures
+        .iter()
+        .zip(best)
+        .map(|(own, best)| mean_square(own) / mean_square(best).max(1e-12) - 1.0)
+        .collect();
+    let worse = shares.iter().sum::<f64>() / count;
+    let spread = shares.iter().map(|share| (share - worse).powi(2)).sum::<f64>() / (count - 1.0).max(1.0);
+    let corners: usize = pictures.iter().map(Vec::len).sum();
+    let left_out_rms_px = Some((square(pictures) / corners.max(1) as f64).sqrt());
+    Trial { model, left_out_rms_px, worse, worse_error: (spread / count).sqrt() }
+}
+
+/// The pictures of one group under the lens of all others.
+fn without(
+    model: LensModel,
+    found: &LensFit,
+    views: &[&Corners],
+    (group, groups): (usize, usize),
+) -> Option<Vec<(usize, LeftOut)>> {
+    let is_left_out = |index: usize| index % groups == group;
+    let kept: Vec<usize> = (0..views.len()).filter(|index| !is_left_out(*index)).collect();
+    let poses = kept.iter().map(|index| found.poses[*index]).collect();
+    let start = LensFit { camera: found.camera, poses, square: 0.0, rows: 0.0 };
+    let corners: Vec<&Corners> = kept.iter().map(|index| views[*index]).collect();
+    let fitted = lens_fit::fit(model, start, &corners)?;
+    let left_out = |index: usize| {
+        let (pose, _) = lens_fit::place(&fitted.camera, views[index], found.poses[index])?;
+        let distance =
+            |&(q, seen): &(_, crate::geometry::Pixel)| Some(fitted.camera.project(pose * q)?.distance_px(seen));
+        Some((index, views[index].iter().map(distance).collect::<Option<LeftOut>>()?))
+    };
+    (0..views.len()).filter(|index| is_left_out(*index)).map(left_out).collect()
+}

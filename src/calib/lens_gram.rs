@@ -1,0 +1,62 @@
+//! The normal equations of one picture of a board: how its corners pull on the lens's nine numbers and on the board's pose.
+
+use super::adjust::scaled_inverse;
+use super::detect::Corners;
+use crate::cell::LensCovariance;
+use crate::geometry::{Board, Camera, PinholeCamera, Rigid};
+use nalgebra::{Matrix6, SMatrix, SVector, Vector6};
+
+/// Slopes of a picture's corners, multiplied out. The pose moves on its right, turned by rad and shifted by mm.
+pub(super) struct LensGram {
+    /// Lens by lens.
+    pub lens: LensCovariance,
+    /// Lens by pose.
+    pub cross: SMatrix<f64, 9, 6>,
+    /// Pose by pose.
+    pub pose: Matrix6<f64>,
+    /// Residuals by lens.
+    pub lens_pull: SVector<f64, 9>,
+    /// Residuals by pose.
+    pub pose_pull: Vector6<f64>,
+    /// Sum of squared residuals, px².
+    pub square: f64,
+    /// Two for each corner.
+    pub rows: f64,
+}
+
+impl LensGram {
+    /// Of a picture; `None` where a corner lies behind the camera.
+    pub fn of(camera: &PinholeCamera, corners: &Corners, camera_from_board: &Rigid<Camera, Board>) -> Option<Self> {
+        let turn = camera_from_board.rotation().into_inner();
+        let mut gram = LensGram {
+            lens: LensCovariance::zeros(),
+            cross: SMatrix::zeros(),
+            pose: Matrix6::zeros(),
+            lens_pull: SVector::zeros(),
+            pose_pull: Vector6::zeros(),
+            square: 0.0,
+            rows: 2.0 * corners.len() as f64,
+        };
+        for (q, found) in corners {
+            let point = *camera_from_board * *q;
+            let (pixel, slope) = camera.project_with_slope(point)?;
+            let by_lens = camera.lens_slope(point)?;
+            let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+            by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * turn * q.mm.coords.cross_matrix()));
+            by_pose.fixed_columns_mut::<3>(3).copy_from(&(slope * turn));
+            let residual = nalgebra::Vector2::new(found.u - pixel.u, found.v - pixel.v);
+            gram.lens += by_lens.transpose() * by_lens;
+            gram.cross += by_lens.transpose() * by_pose;
+            gram.pose += by_pose.transpose() * by_pose;
+            gram.lens_pull += by_lens.transpose() * residual;
+            gram.pose_pull += by_pose.transpose() * residual;
+            gram.square += residual.norm_squared();
+        }
+        Some(gram)
+    }
+
+    /// What the picture says of the lens, its pose eliminated.
+    pub fn information(&self) -> Option<LensCovariance> {
+        Some(self.lens - self.cross * scaled_inverse(&self.pose)? * self.cross.transpose())
+    }
+}

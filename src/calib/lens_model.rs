@@ -1,0 +1,74 @@
+//! Which distortion coefficients a lens model has, from none to all five.
+
+/// A lens model; each holds the coefficients of those before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum LensModel {
+    /// No distortion.
+    Pinhole,
+    /// k1.
+    Radial1,
+    /// k1, k2.
+    Radial2,
+    /// k1, k2, p1, p2.
+    Tangential,
+    /// k1, k2, p1, p2, k3.
+    Full,
+}
+
+/// The place of each coefficient among fx, fy, cx, cy, k1, k2, p1, p2, k3.
+const COEFFICIENTS: [(&str, usize, LensModel); 5] = [
+    ("k1", 4, LensModel::Radial1),
+    ("k2", 5, LensModel::Radial2),
+    ("p1", 6, LensModel::Tangential),
+    ("p2", 7, LensModel::Tangential),
+    ("k3", 8, LensModel::Full),
+];
+
+impl LensModel {
+    /// All of them, the simplest first.
+    pub const ALL: [LensModel; 5] =
+        [LensModel::Pinhole, LensModel::Radial1, LensModel::Radial2, LensModel::Tangential, LensModel::Full];
+
+    /// Its name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            LensModel::Pinhole => "pinhole",
+            LensModel::Radial1 => "k1",
+            LensModel::Radial2 => "k1k2",
+            LensModel::Tangential => "k1k2p1p2",
+            LensModel::Full => "k1k2p1p2k3",
+        }
+    }
+
+    /// Is the number at this place, among fx, fy, cx, cy, k1, k2, p1, p2, k3, one of its own?
+    pub fn has(self, place: usize) -> bool {
+        COEFFICIENTS.iter().find(|(_, at, _)| *at == place).is_none_or(|(_, _, model)| *model <= self)
+    }
+
+    /// How many numbers it has, with focal lengths and principal point.
+    pub fn count(self) -> usize {
+        (0..9).filter(|place| self.has(*place)).count()
+    }
+
+    /// The coefficients that it has and the model before it has not.
+    pub fn added(self) -> Vec<&'static str> {
+        COEFFICIENTS.iter().filter(|(_, _, model)| *model == self).map(|(name, ..)| *name).collect()
+    }
+
+    /// The coefficients that it leaves out.
+    pub fn left_out(self) -> Vec<&'static str> {
+        COEFFICIENTS.iter().filter(|(_, _, model)| *model > self).map(|(name, ..)| *name).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_model_adds_to_the_one_before() {
+        assert_eq!(LensModel::ALL.map(LensModel::count), [4, 5, 6, 8, 9]);
+        assert_eq!(LensModel::Radial2.left_out(), ["p1", "p2", "k3"]);
+        assert!(LensModel::Full.left_out().is_empty());
+    }
+}

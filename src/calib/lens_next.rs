@@ -1,0 +1,125 @@
+//! Which picture of the board would help a lens most.
+//!
+//! The board is put into nine parts of the picture, flat and tilted four ways. Of the places where the picture holds it
+//! whole, the best is the one after which the lens's error, summed over the picture, is least.
+
+use super::adjust::scaled_inverse;
+use super::board::Board;
+use super::detect::Corners;
+use super::lens_gram::LensGram;
+use crate::cell::LensCovariance;
+use crate::geometry::{Camera, Degrees, PinholeCamera, Pixel, Point, Rigid};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// A picture worth taking.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NextPicture {
+    /// Where and how the board stands in it, in words.
+    pub words: String,
+    /// The middle of the board, px.
+    pub middle: Pixel,
+    /// The lens's error after it, as a share of that before it.
+    pub error_share: f64,
+}
+
+const PARTS: [(f64, &str); 3] = [(0.25, "left"), (0.5, ""), (0.75, "right")];
+const ROWS: [(f64, &str); 3] = [(0.27, "upper"), (0.5, ""), (0.73, "lower")];
+const TILT_DEG: f64 = 35.0;
+/// A picture that leaves more of the error is not worth taking.
+const WORTH: f64 = 0.98;
+/// The shares of the picture's width that the board takes, the largest first.
+const WIDTHS: [f64; 4] = [0.8, 0.6, 0.45, 0.3];
+
+/// The best next picture; `information` is what corners and prior say of the lens together.
+pub(super) fn next_picture(
+    camera: &PinholeCamera,
+    board: &Board,
+    information: &LensCovariance,
+) -> Option<NextPicture> {
+    let before = error(camera, &scaled_inverse(information)?)?;
+    let mut best: Option<NextPicture> = None;
+    for (across, column) in PARTS {
+        for (down, row) in ROWS {
+            for (turn, tilt) in tilts() {
+                let Some((width, gram)) = WIDTHS.iter().find_map(|&width| {
+                    let pose = standing(camera, board, (across, down), turn, width)?;
+                    Some((width, sighted(camera, board, &pose)?))
+                }) else {
+                    continue;
+                };
+                let Some(gain) = gram.information() else { continue };
+                let Some(after) = scaled_inverse(&(information + gain)).and_then(|after| error(camera, &after))
+                else {
+                    continue;
+                };
+                let error_share = (after / before).sqrt();
+                if best.as_ref().is_none_or(|best| error_share < best.error_share) {
+                    let middle = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
+                    best = Some(NextPicture { words: told(column, row, tilt, width), middle, error_share });
+                }
+            }
+        }
+    }
+    best.filter(|best| best.error_share < WORTH)
+}
+
+fn told(column: &str, row: &str, tilt: &str, width: f64) -> String {
+    let place = match (row, column) {
+        ("", "") => "middle".to_owned(),
+        (row, "") => format!("{row} part"),
+        ("", column) => format!("{column} part"),
+        (row, column) => format!("{row} {column} part"),
+    };
+    format!("the board in the {place} of the picture, {tilt}, as wide as {:.0} % of the picture", width * 100.0)
+}
+
+fn tilts() -> [(UnitQuaternion<f64>, &'static str); 5] {
+    let turn = |axis: Vector3<f64>| UnitQuaternion::from_scaled_axis(axis * Degrees(TILT_DEG).rad());
+    [
+        (UnitQuaternion::identity(), "facing the camera"),
+        (turn(Vector3::x()), "its upper edge tilted away by 35°"),
+        (turn(-Vector3::x()), "its lower edge tilted away by 35°"),
+        (turn(Vector3::y()), "its right edge tilted away by 35°"),
+        (turn(-Vector3::y()), "its left edge tilted away by 35°"),
+    ]
+}
+
+/// The board with its middle on the ray of a part of the picture.
+fn standing(
+    camera: &PinholeCamera,
+    board: &Board,
+    (across, down): (f64, f64),
+    turn: UnitQuaternion<f64>,
+    width: f64,
+) -> Option<Rigid<Camera, crate::geometry::Board>> {
+    let pixel = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
+    let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
+    let middle = board.middle().mm.coords;
+    let depth_mm = 2.0 * middle.x * camera.fx_px / (width * camera.width_px as f64);
+    let shift = Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-middle);
+    let pose: Isometry3<f64> = shift;
+    Some(Rigid::claim(pose))
+}
+
+fn sighted(
+    camera: &PinholeCamera,
+    board: &Board,
+    pose: &Rigid<Camera, crate::geometry::Board>,
+) -> Option<LensGram> {
+    let corners: Corners =
+        board.corners().into_iter().map(|q| Some((q, camera.project_inside(*pose * q)?))).collect::<Option<_>>()?;
+    LensGram::of(camera, &corners, pose)
+}
+
+/// Sum of the variances of pixels all over the picture.
+fn error(camera: &PinholeCamera, covariance: &LensCovariance) -> Option<f64> {
+    let mut sum = 0.0;
+    for index in 0..48 {
+        let at = |index: usize, count: usize, size: usize| (index as f64 + 0.5) / count as f64 * size as f64;
+        let pixel = Pixel::at(at(index % 8, 8, camera.width_px), at(index / 8, 6, camera.height_px));
+        let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
+        let slope = camera.lens_slope(Point::<Camera>::new(ray.mm.into()))?;
+        sum += (slope * covariance * slope.transpose()).trace();
+    }
+    Some(sum)
+}

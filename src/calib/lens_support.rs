@@ -1,0 +1,115 @@
+//! Which part of the picture the data support: where the lens is known to a stated error.
+//!
+//! With C the lens's covariance, J how a pixel moves with the lens and Jp how it moves with the pose of a board, a lens
+//! that is off by δ shows a board elsewhere, and a pose follows that as far as it can: P δ, by least squares over the
+//! corners that were seen. What remains, (J − Jp P) δ, is what nobody can mend afterwards; its 95 % circle is the error of
+//! the lens at that pixel. From the middle of the corners outwards it grows; the outline is where it passes the limit.
+
+use super::adjust::scaled_inverse;
+use super::detect::Corners;
+use crate::cell::LensCovariance;
+use crate::geometry::{Camera, PinholeCamera, Pixel, Point, polygon};
+use nalgebra::{Matrix2, Matrix6, SMatrix};
+
+/// Where a lens is known.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Support {
+    /// The error that is meant, 95 %, px.
+    pub error_px: f64,
+    /// The outline of the part in which the lens is known so well; `None` for the whole picture.
+    pub outline_px: Option<Vec<Pixel>>,
+    /// Its share of the picture.
+    pub share: f64,
+}
+
+/// The lens's error that is allowed, 95 %, px.
+pub const SUPPORT_PX: f64 = 0.3;
+/// … and what is stated where the pictures allow no such error anywhere: so many times that of the middle, at most so much, px.
+const HARDLY_WORSE: f64 = 1.5;
+const MOST_PX: f64 = 3.0;
+/// χ² of two numbers, 95 %.
+const CIRCLE_95: f64 = 5.991;
+const DIRECTIONS: usize = 48;
+const STEPS: usize = 60;
+/// The pose follows at most so many corners.
+const CORNERS: usize = 2000;
+
+/// The part in which a lens of this covariance is known.
+pub(super) fn support(camera: &PinholeCamera, covariance: &LensCovariance, views: &[&Corners]) -> Support {
+    let nowhere = Support { error_px: SUPPORT_PX, outline_px: Some(Vec::new()), share: 0.0 };
+    let pixels: Vec<Pixel> = views.iter().flat_map(|corners| corners.iter().map(|(_, pixel)| *pixel)).collect();
+    let Some(follow) = follow(camera, &pixels) else { return nowhere };
+    let error_at = |pixel: Pixel| error_px(camera, covariance, &follow, pixel).unwrap_or(f64::INFINITY);
+    let count = pixels.len().max(1) as f64;
+    let middle = Pixel::at(
+        pixels.iter().map(|pixel| pixel.u).sum::<f64>() / count,
+        pixels.iter().map(|pixel| pixel.v).sum::<f64>() / count,
+    );
+    // Where even the middle is not known so well, the part is stated in which the lens is hardly worse than there.
+    let allowed_px = SUPPORT_PX.max(HARDLY_WORSE * error_at(middle));
+    if allowed_px.is_nan() || allowed_px > MOST_PX {
+        return nowhere;
+    }
+    let is_known = |pixel: Pixel| error_at(pixel) <= allowed_px;
+    let (right, low) = (camera.width_px as f64 - 1.0, camera.height_px as f64 - 1.0);
+    let mut is_whole = true;
+    let outline = (0..DIRECTIONS).map(|direction| {
+        let turn = std::f64::consts::TAU * direction as f64 / DIRECTIONS as f64;
+        let at = |length: f64| Pixel::at(middle.u + turn.cos() * length, middle.v + turn.sin() * length);
+        let length = to_the_rim(middle, turn, (right, low));
+        let unknown = (1..=STEPS).find(|index| !is_known(at(length * *index as f64 / STEPS as f64)));
+        is_whole &= unknown.is_none();
+        at(length * (unknown.unwrap_or(STEPS + 1) - 1) as f64 / STEPS as f64)
+    });
+    let outline: Vec<Pixel> = outline.collect();
+    let corners = [(0.0, 0.0), (right, 0.0), (right, low), (0.0, low)].map(|(u, v)| Pixel::at(u, v));
+    if is_whole && corners.into_iter().all(is_known) {
+        return Support { error_px: allowed_px, outline_px: None, share: 1.0 };
+    }
+    let share = polygon::signed_area_px2(&outline).abs() / (right * low);
+    Support { error_px: allowed_px, outline_px: Some(outline), share }
+}
+
+/// How far it is from a pixel to the picture's rim in a direction, px.
+fn to_the_rim(from: Pixel, turn: f64, (right, low): (f64, f64)) -> f64 {
+    let reach = |at: f64, along: f64, end: f64| match along {
+        along if along > 1e-9 => (end - at) / along,
+        along if along < -1e-9 => -at / along,
+        _ => f64::INFINITY,
+    };
+    reach(from.u, turn.cos(), right).min(reach(from.v, turn.sin(), low)).max(0.0)
+}
+
+/// P: how a board's pose follows the lens.
+fn follow(camera: &PinholeCamera, pixels: &[Pixel]) -> Option<SMatrix<f64, 6, 9>> {
+    let (mut pose, mut cross) = (Matrix6::zeros(), SMatrix::<f64, 6, 9>::zeros());
+    for pixel in pixels.iter().step_by(pixels.len().div_ceil(CORNERS).max(1)) {
+        let (by_lens, by_pose) = slopes(camera, *pixel)?;
+        pose += by_pose.transpose() * by_pose;
+        cross += by_pose.transpose() * by_lens;
+    }
+    Some(scaled_inverse(&pose)? * cross)
+}
+
+/// How the pixel moves with the lens and with the pose of what it shows at unit distance.
+fn slopes(camera: &PinholeCamera, pixel: Pixel) -> Option<(SMatrix<f64, 2, 9>, SMatrix<f64, 2, 6>)> {
+    let ray: crate::geometry::Vector<Camera> = camera.unproject(pixel)?;
+    let point = Point::<Camera>::new(ray.mm.into());
+    let (_, slope) = camera.project_with_slope(point)?;
+    let mut by_pose = SMatrix::<f64, 2, 6>::zeros();
+    by_pose.fixed_columns_mut::<3>(0).copy_from(&(-slope * ray.mm.cross_matrix()));
+    by_pose.fixed_columns_mut::<3>(3).copy_from(&slope);
+    Some((camera.lens_slope(point)?, by_pose))
+}
+
+fn error_px(
+    camera: &PinholeCamera,
+    covariance: &LensCovariance,
+    follow: &SMatrix<f64, 6, 9>,
+    pixel: Pixel,
+) -> Option<f64> {
+    let (by_lens, by_pose) = slopes(camera, pixel)?;
+    let left = by_lens - by_pose * follow;
+    let spread: Matrix2<f64> = left * covariance * left.transpose();
+    Some((CIRCLE_95 * spread.symmetric_eigenvalues().max()).sqrt())
+}

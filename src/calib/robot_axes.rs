@@ -1,0 +1,95 @@
+//! Axis angles that are not what they are said to be: two exchanged, a wrong sign, another arm's.
+
+use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
+use super::robot::{ArmView, RigKind, RobotData};
+use crate::geometry::{Base, Flange, Joints, Rigid};
+use crate::words::apart;
+use nalgebra::Isometry3;
+
+/// Axis angles and controller differ by no more, mm and degrees, where both are of one robot.
+const SAME_MM: f64 = 5.0;
+const SAME_DEG: f64 = 1.0;
+/// The board turns between two pictures as the flange does, to so many degrees, rms.
+const SAME_TURN_DEG: f64 = 0.7;
+/// … and shifts along the axis of that turn as the flange does, to so many mm, rms.
+const SAME_SHIFT_MM: f64 = 5.0;
+/// Turns whose axis says something.
+const AXIS_DEG: (f64, f64) = (5.0, 170.0);
+
+/// Do the axis angles belong to the controller's poses and to the pictures? If not, which fault explains it.
+pub(super) fn wrong_axes(data: &RobotData) -> Option<String> {
+    if data.views.iter().all(|view| view.pose.joints.is_none()) {
+        return None;
+    }
+    let drawn = |joints: &Joints| arm_errors::base_from_flange(&data.geometry, joints, &[0.0; ARM_NUMBERS]);
+    let poses = || data.views.iter().filter_map(|view| Some((&view.pose, view.pose.joints.as_ref()?)));
+    let misfit = |mend: &dyn Fn(&Joints) -> Joints| -> (f64, f64) {
+        poses().fold((0.0, 0.0), |(mm, deg), (pose, joints)| {
+            let off = pose.base_from_flange.inverse() * drawn(&mend(joints));
+            (f64::max(mm, off.origin().mm.coords.norm()), f64::max(deg, off.turn().0))
+        })
+    };
+    let screws = |mend: &dyn Fn(&Joints) -> Joints| screw_misfit(data, &|joints| drawn(&mend(joints)));
+    let fits = |(deg, mm): (f64, f64)| deg <= SAME_TURN_DEG && mm <= SAME_SHIFT_MM;
+    let agrees = |mend: &dyn Fn(&Joints) -> Joints| {
+        let (mm, deg) = misfit(mend);
+        mm <= SAME_MM && deg <= SAME_DEG
+    };
+    let is_stated = poses().any(|(pose, joints)| {
+        let off = pose.base_from_flange.inverse() * drawn(joints);
+        off.origin().mm.coords.norm() > 1e-6 || off.turn().0 > 1e-6
+    });
+    let same = |joints: &Joints| *joints;
+    let ((mm, deg), (turn_deg, shift_mm)) = (misfit(&same), screws(&same));
+    if agrees(&same) && fits((turn_deg, shift_mm)) {
+        return None;
+    }
+    let fault = AxisFault::all().into_iter().find(|fault| {
+        let mend = |joints: &Joints| fault.mended(joints);
+        fits(screws(&mend)) && (!is_stated || agrees(&mend))
+    });
+    let why = match fault {
+        Some(fault) => format!("{fault} in the file: with that mended all agree"),
+        None => "no exchange of two axes and no wrong sign explains it: are the arm's lengths in [arm] this arm's, are the \
+                 pictures those of these poses, and is the pose that of the flange, without a tool or a base?"
+            .to_owned(),
+    };
+    let ([mm, most_mm], [deg, most_deg]) = (apart(mm, SAME_MM, 1), apart(deg, SAME_DEG, 1));
+    let [turn, most_turn] = apart(turn_deg, SAME_TURN_DEG, 1);
+    let [shift, most_shift] = apart(shift_mm, SAME_SHIFT_MM, 1);
+    Some(format!(
+        "axis angles and base_from_flange are up to {mm} mm and {deg}° apart, allowed are {most_mm} mm and {most_deg}°; between \
+         pictures the board turns {turn}° and shifts {shift} mm rms other than the flange by the axes, allowed are {most_turn}° \
+         and {most_shift} mm; {why}"
+    ))
+}
+
+/// By how much a board moves other than the flange from picture to picture, rms: the angle of the turn, degrees, and the shift
+/// along its axis, mm. A screw has both wherever it is seen from, so that this needs neither mount nor board.
+fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange>) -> (f64, f64) {
+    let (mut turns, mut shifts, mut count) = (0.0, 0.0, 0.0_f64);
+    for (rig, kind) in data.rigs.iter().map(|rig| rig.kind).enumerate() {
+        let views: Vec<&ArmView> = data.views.iter().filter(|view| view.rig == rig).collect();
+        for (one, two) in views.iter().zip(views.iter().skip(1)) {
+            let (Some(from), Some(to)) = (&one.pose.joints, &two.pose.joints) else { continue };
+            let moved = *(flange(from).inverse() * flange(to)).isometry();
+            let (from, to) = (one.camera_from_board, two.camera_from_board);
+            let seen = match kind {
+                RigKind::EyeToHand => from.inverse() * to,
+                RigKind::EyeInHand => from * to.inverse(),
+            };
+            let screw = |motion: &Isometry3<f64>| {
+                let along = motion.rotation.axis().map_or(0.0, |axis| motion.translation.vector.dot(&axis));
+                (motion.rotation.angle().to_degrees(), along)
+            };
+            let ((moved_deg, moved_mm), (seen_deg, seen_mm)) = (screw(&moved), screw(&seen));
+            turns += (moved_deg - seen_deg).powi(2);
+            // The axis of a small turn is not known, and that of half a turn has no sign.
+            let has_axis = |deg: &f64| (AXIS_DEG.0..AXIS_DEG.1).contains(deg);
+            let is_screw = has_axis(&moved_deg) && has_axis(&seen_deg);
+            shifts += if is_screw { (moved_mm - seen_mm).powi(2) } else { 0.0 };
+            count += 1.0;
+        }
+    }
+    ((turns / count.max(1.0)).sqrt(), (shifts / count.max(1.0)).sqrt())
+}

@@ -1,0 +1,90 @@
+//! What a lens's file says besides its numbers: its model, what was left out of it, and where in the picture it is known.
+
+use super::calibration::Texts;
+use crate::config::{Section, Setting};
+use crate::geometry::{Pixel, polygon};
+use std::fmt::Write;
+use toml::de::DeValue;
+
+/// The part of the picture in which a lens is known to a stated error.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Supported {
+    /// The error, 95 %, px.
+    pub error_px: f64,
+    /// The outline; without corners, nowhere.
+    pub outline_px: Vec<Pixel>,
+}
+
+impl Supported {
+    /// Is the lens known at this pixel?
+    pub fn holds(&self, pixel: Pixel) -> bool {
+        polygon::contains(&self.outline_px, pixel)
+    }
+}
+
+/// Model and support of a lens; all may be absent, as in files of other programs.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct LensExtent {
+    /// The coefficients of the model, `k1k2`.
+    pub model: Option<String>,
+    /// Each coefficient that was left out, with the reason.
+    pub left_out: Vec<String>,
+    /// Where it is known; `None` for the whole picture.
+    pub supported: Option<Supported>,
+}
+
+impl LensExtent {
+    /// Is the lens known at this pixel?
+    pub fn holds(&self, pixel: Pixel) -> bool {
+        self.supported.as_ref().is_none_or(|supported| supported.holds(pixel))
+    }
+
+    pub(super) fn take(section: &Section<'_, '_>) -> Option<Self> {
+        let model = section.take::<Option<String>>("model", (), Some(None));
+        let left_out = section.take("left_out", (), Some(Texts::default()));
+        let error_px = section.take::<Option<f64>>("supported_error_px", ERROR_PX, Some(None));
+        let outline = section.take::<Option<Outline>>("supported_px", (), Some(None));
+        let supported = match (error_px?, outline?) {
+            (Some(error_px), Some(Outline(outline_px))) => Some(Supported { error_px, outline_px }),
+            (None, None) => None,
+            _ => {
+                section.problem("supported_px", "supported_px and supported_error_px belong together");
+                return None;
+            }
+        };
+        Some(LensExtent { model: model?, left_out: left_out?.0, supported })
+    }
+
+    pub(super) fn to_toml(&self) -> String {
+        let mut text = String::new();
+        // Writing to a `String` cannot fail.
+        if let Some(model) = &self.model {
+            let _ = writeln!(text, "model = {}", toml::Value::from(model.as_str()));
+        }
+        if !self.left_out.is_empty() {
+            let _ = writeln!(text, "left_out = {}", toml::Value::from(self.left_out.clone()));
+        }
+        if let Some(Supported { error_px, outline_px }) = &self.supported {
+            let corners: Vec<[f64; 2]> = outline_px.iter().map(|pixel| [pixel.u, pixel.v]).collect();
+            let _ = writeln!(text, "supported_error_px = {error_px:?}\nsupported_px = {corners:?}");
+        }
+        text
+    }
+}
+
+const ERROR_PX: std::ops::RangeInclusive<f64> = 0.0..=100.0;
+const CORNER_PX: std::ops::RangeInclusive<f64> = -20_000.0..=40_000.0;
+
+struct Outline(Vec<Pixel>);
+
+impl Setting for Outline {
+    type Limits = ();
+
+    fn parse(value: &DeValue<'_>, (): &()) -> Result<Self, String> {
+        let list = value.as_array().ok_or_else(|| "allowed is a list of [u, v]".to_owned())?;
+        let corner = |item: &toml::Spanned<DeValue<'_>>| {
+            <[f64; 2]>::parse(item.get_ref(), &CORNER_PX).map(|[u, v]| Pixel::at(u, v))
+        };
+        list.iter().map(corner).collect::<Result<_, _>>().map(Outline)
+    }
+}

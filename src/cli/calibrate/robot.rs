@@ -1,0 +1,205 @@
+//! `panelprep calibrate robot`: the arm's own errors, from pictures of boards and from touches.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::args::Robot as Args;
+use super::sight::Sight;
+use super::{date, files, hand_eye, keep, provenance};
+use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
+use crate::calib::robot::{self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound};
+use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, gate};
+use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
+use crate::geometry::{PinholeCamera, Rigid};
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::Path;
+
+/// A picture that shows the board.
+struct Look {
+    sight: Sight,
+    corners: crate::calib::detect::Corners,
+    pose: ArmPose,
+}
+
+/// Estimates the arm and writes its correction.
+///
+/// # Errors
+/// Where a file is not what it must be.
+pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
+    let cell = match hand_eye::cell(common)? {
+        Some(cell) => cell,
+        None => Cell::check("", "")?,
+    };
+    let geometry = *cell.arm().geometry();
+    let mut data = RobotData { geometry, rigs: vec![], views: vec![], touches: vec![] };
+    let mut aside = Vec::new();
+    let mut hashes = Vec::new();
+    let rigs = [
+        (RigKind::EyeToHand, &args.eye_to_hand, &args.scanner_lens),
+        (RigKind::EyeInHand, &args.eye_in_hand, &args.flange_camera_lens),
+    ];
+    for (kind, poses, lens) in rigs {
+        let (Some(poses), Some(lens)) = (poses, lens) else { continue };
+        let camera = hand_eye::intrinsics(lens)?.camera;
+        let looks = looks(args, (poses, &geometry), &camera, &mut aside, progress)?;
+        let rig = data.rigs.len();
+        let started = match kind {
+            RigKind::EyeToHand => start::<ScannerMount>(args, kind, &camera, &looks),
+            RigKind::EyeInHand => start::<FlangeCameraMount>(args, kind, &camera, &looks),
+        };
+        match started {
+            Ok(started) => data.rigs.push(started),
+            Err(Fault::Stage(error)) => return Ok(refused("no_mount", error.to_string(), args)),
+            Err(fault) => return Err(fault),
+        }
+        for look in looks {
+            hashes.push(look.sight.hash);
+            let view = ArmView::seen(look.sight.name, rig, look.pose, &camera, &look.corners);
+            data.views.push(view.map_err(Fault::stage)?);
+        }
+    }
+    if let Some(file) = &args.touches {
+        let touches = files::arm_touches(&file.display().to_string(), &disk::read_text(file)?)?;
+        data.touches =
+            touches.into_iter().map(|(spot, pose)| ArmTouch { spot, pose: arm_pose(&pose, &geometry) }).collect();
+    }
+    progress("arm");
+    let found = match robot::calibrate(&data) {
+        Ok(found) => found,
+        Err(error) => return Ok(refused("no_arm", error.to_string(), args)),
+    };
+    let judgement = gate::robot(&found, data.views.len());
+    let mut outcome = Outcome::of(&judgement);
+    tell(&mut outcome, &found, &aside);
+    if found.left_out_before_mm < gate::GOOD_ARM_MM {
+        outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
+        return Ok(outcome);
+    }
+    let (kind, middle_mm, half_mm, numbers) = match &found.correction {
+        Correction::Geometry { errors, .. } => ("geometry", None, None, errors.to_vec()),
+        Correction::Smooth { middle_mm, half_mm, numbers } => {
+            ("smooth", Some(*middle_mm), Some(*half_mm), numbers.to_vec())
+        }
+    };
+    let file = RobotCorrection {
+        kind: kind.to_owned(),
+        numbers,
+        middle_mm,
+        half_mm,
+        left_out_before_mm: found.left_out_before_mm,
+        left_out_after_mm: found.left_out_after_mm,
+        date: date::today(),
+        provenance: provenance(hashes, vec![]),
+    };
+    keep(&mut outcome, &judgement, &args.out, &file.to_toml())?;
+    Ok(outcome)
+}
+
+/// Data that hold no arm: a verdict.
+fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
+    let reason = crate::verdict::Reason::new(code, message);
+    let mut outcome = Outcome::of(&crate::verdict::Judgement::of(vec![reason], vec![]));
+    outcome.put("residual_left_out_mm", json!(null));
+    outcome.put("residual_left_out_before_mm", json!(null));
+    outcome.say(format!("{}: not written", args.out.display()));
+    outcome
+}
+
+fn arm_pose(pose: &files::NamedPose, geometry: &ArmGeometry) -> ArmPose {
+    let drawn = |joints| arm_errors::base_from_flange(geometry, joints, &[0.0; arm_errors::ARM_NUMBERS]);
+    let stated = pose.base_from_flange.or_else(|| pose.joints.as_ref().map(drawn));
+    // The file's check lets no pose through that states neither.
+    ArmPose {
+        joints: pose.joints,
+        base_from_flange: stated.unwrap_or_else(|| Rigid::claim(nalgebra::Isometry3::identity())),
+    }
+}
+
+fn looks(
+    args: &Args,
+    (file, geometry): (&Path, &ArmGeometry),
+    camera: &PinholeCamera,
+    aside: &mut Vec<(String, String)>,
+    progress: &(dyn Fn(&str) + Sync),
+) -> Result<Vec<Look>, Fault> {
+    let board = super::board(&args.board)?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let is_there = |image: &str| folder.join(image).is_file();
+    let poses = files::arm_poses(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
+    progress(&format!("{}: corners of {} pictures", file.display(), poses.len()));
+    let look = |pose: &files::NamedPose| {
+        let sight = Sight::read(&folder.join(&pose.image), camera)?;
+        let found = sight.detect(&board, super::window(&args.board));
+        Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
+            sight,
+            corners: detected.corners,
+            pose: arm_pose(pose, geometry),
+        }))
+    };
+    let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
+}
+
+/// Mount and board to begin with, by the controller's poses.
+fn start<A: Arrangement>(args: &Args, kind: RigKind, camera: &PinholeCamera, looks: &[Look]) -> Result<Rig, Fault> {
+    let board = super::board(&args.board)?;
+    let stations: Vec<Station<A::From>> = looks
+        .iter()
+        .map(|look| Station {
+            name: look.sight.name.clone(),
+            base_from_flange: look.pose.base_from_flange,
+            seen: Seen::Pixels(look.corners.clone()),
+        })
+        .collect();
+    if stations.len() < MIN_STATIONS {
+        let (found, given) = (stations.len(), stations.len());
+        let error = CalibError::TooFewPictures { found, given, needed: MIN_STATIONS, first_reason: None };
+        return Err(Fault::stage(error));
+    }
+    let found = mount_of::<A>(camera, &board, &stations, None).map_err(Fault::stage)?;
+    Ok(Rig {
+        kind,
+        mount: *found.adjusted.to_from_camera.isometry(),
+        board: *found.adjusted.holder_from_board.isometry(),
+    })
+}
+
+fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
+    outcome.put("residual_left_out_mm", json!(found.left_out_after_mm));
+    outcome.put("residual_left_out_before_mm", json!(found.left_out_before_mm));
+    let kind = match &found.correction {
+        Correction::Geometry { .. } => "geometry".to_owned(),
+        Correction::Smooth { middle_mm, half_mm, .. } => {
+            let [[x0, x1], [y0, y1], [z0, z1]] =
+                std::array::from_fn(|axis| [middle_mm[axis] - half_mm[axis], middle_mm[axis] + half_mm[axis]]);
+            outcome.say(format!(
+                "no axis angles: a smooth correction, good within x {x0:.0} to {x1:.0}, y {y0:.0} to {y1:.0}, z {z0:.0} to {z1:.0} mm"
+            ));
+            "smooth".to_owned()
+        }
+    };
+    outcome.put("kind", json!(kind));
+    outcome.say(format!(
+        "pictures that were left out: {:.3} mm rms off with mounts and boards alone, {:.3} mm with the correction",
+        found.left_out_before_mm, found.left_out_after_mm
+    ));
+    let numbers = found.numbers.iter().map(|number| {
+        json!({"name": number.name, "value": number.value, "uncertainty": number.uncertainty, "untold": number.untold})
+    });
+    outcome.put("parameters", numbers.collect());
+    let (told, untold): (Vec<_>, Vec<_>) = found.numbers.iter().partition(|number| number.untold < 0.7);
+    for number in &told {
+        outcome.say(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
+    }
+    let names: Vec<&str> = untold.iter().map(|number| number.name.as_str()).collect();
+    if !names.is_empty() {
+        outcome.say(format!("not told by these data, and kept near the drawing's: {}", names.join("; ")));
+    }
+    if let Some(tip) = found.tip_mm {
+        outcome.put("tip_mm", json!([tip.x, tip.y, tip.z]));
+    }
+    outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
+    aside.iter().for_each(|(file, reason)| outcome.say(format!("set aside: {file}: {reason}")));
+}
