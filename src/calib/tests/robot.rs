@@ -34,7 +34,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     let turn = |x: f64, y: f64, z: f64| UnitQuaternion::from_scaled_axis(Vector3::new(x, y, z));
     let iso = |x, y, z, r| Isometry3::from_parts(Translation3::new(x, y, z), r);
     // A fixed camera above the panel with a board on the flange; a camera on the flange with a board on the table.
-    let rigs = vec![
+    let rigs = [
         Rig {
             kind: RigKind::EyeToHand,
             mount: iso(560.0, 0.0, 1300.0, turn(std::f64::consts::PI, 0.0, 0.0)),
