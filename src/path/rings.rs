@@ -2,8 +2,8 @@
 //!
 //! A ring at depth d has the distance d, measured on the surface as for rows, from each of the patch's four borders
 //! beyond that border's inset. With h being half of what the insets leave of the patch's shorter side, depths are equal
-//! steps r' = h / (n + ½) ≤ r, so that the sides of the innermost ring, too, stand r' apart, and no line is travelled
-//! twice. Where h is nothing there is one line, or one point, in the middle.
+//! steps r' = h / (n + ½) ≤ r − e, so that the sides of the innermost ring, too, stand r' apart in the middle and at most
+//! r where the patch is longer by e; no line is travelled twice. Where h is nothing there is one line, or one point, in the middle.
 
 use super::raster::{Along, Insets, RasterError, across_from, between_insets_mm, mix};
 use crate::surface::{BSplineSurface, Parameter, Patch};
@@ -33,11 +33,11 @@ const SIDES: usize = 4;
 
 impl<'a> Rings<'a> {
     pub fn new(surface: &'a BSplineSurface, patch: &'a Patch, insets: Insets, step_over_mm: f64) -> Self {
-        let length = |along: Along| {
-            let place = |n: usize| surface.point(patch.at(along.place(n as f64 / 8.0, 0.5)));
+        let length = |along: Along, across: f64| {
+            let place = |n: usize| surface.point(patch.at(along.place(n as f64 / 8.0, across)));
             (0..8).map(|n| place(n).distance_mm(place(n + 1))).sum::<f64>()
         };
-        let (u_mm, v_mm) = (length(Along::U), length(Along::V));
+        let (u_mm, v_mm) = (length(Along::U, 0.5), length(Along::V, 0.5));
         // No room for both insets: the ring shrinks to a line or a point between them.
         let shrunk = |length_mm: f64, inset: [f64; 2]| {
             let low_mm = between_insets_mm(length_mm, inset);
@@ -47,9 +47,15 @@ impl<'a> Rings<'a> {
         let left = |length_mm: f64, [low, high]: [f64; 2]| (length_mm - low - high).max(0.0);
         let (left_u_mm, left_v_mm) = (left(u_mm, insets.u), left(v_mm, insets.v));
         let half_mm = left_u_mm.min(left_v_mm) / 2.0;
-        let steps = (half_mm / step_over_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
-        let step_mm = half_mm / (steps as f64 + 0.5);
         let shorter = if left_u_mm < left_v_mm { Along::U } else { Along::V };
+        let middle_mm = if shorter == Along::U { u_mm } else { v_mm };
+        let longest_mm = (0..=4).map(|n| length(shorter, n as f64 / 4.0)).fold(middle_mm, f64::max);
+        // So much farther apart than in the middle stand the sides of the innermost ring where the patch is longest. Where
+        // that is most of a step, more rings do not help, and the gate says how far apart they are.
+        let excess_mm = Some(longest_mm - middle_mm).filter(|excess_mm| *excess_mm < step_over_mm / 2.0);
+        let within_mm = step_over_mm - excess_mm.unwrap_or(0.0);
+        let steps = (half_mm / within_mm - 0.5 - 1e-9).ceil().max(0.0) as usize;
+        let step_mm = half_mm / (steps as f64 + 0.5);
         Rings { surface, patch, insets, step_mm, steps, shorter, is_line: half_mm < LEAST_HALF_MM }
     }
 

@@ -142,3 +142,20 @@ proptest! {
         }
     }
 }
+
+/// By hand: a patch 56 mm wide on one side and 64 on the other, insets of 3 mm. In the middle half of 54 mm is left: with 2
+/// steps of 10.8 mm the innermost ring would end 24.6 mm before the wide side, where the patch is 62.0 mm wide, its sides
+/// 62.0 − 6 − 43.2 = 12.8 mm apart. With 3 steps of 7.71 mm they are 61.9 − 6 − 46.3 = 9.6 mm apart there.
+#[test]
+fn the_innermost_ring_s_sides_keep_the_step_over_where_the_patch_is_widest() {
+    let surface = quad([[0.0, 0.0], [100.0, 0.0], [100.0, 64.0], [0.0, 56.0]]);
+    let insets = crate::path::raster::Insets::of_disc(&settings(""));
+    let rings = crate::path::rings::Rings::new(&surface, &WHOLE, insets, 12.0);
+    let [low, high] = rings.beside();
+    let closed = rings.closed().expect("rings");
+    assert_eq!(closed.len(), 4);
+    let innermost = closed.last().expect("one");
+    let sides = [points(&surface, &innermost[low]), points(&surface, &innermost[high])];
+    let widest_mm = step_overs_mm(&sides[0], &sides[1]).into_iter().fold(0.0, f64::max);
+    assert!((9.0..10.5).contains(&widest_mm), "{widest_mm}");
+}
