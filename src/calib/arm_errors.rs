@@ -47,8 +47,7 @@ pub fn name(index: usize) -> (String, f64) {
 
 /// The angles of the model, rad.
 fn turns(geometry: &ArmGeometry, joints: &Joints) -> [f64; 6] {
-    let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = *joints;
-    let all = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg];
+    let all = joints.degrees();
     std::array::from_fn(|axis| {
         (all[axis] * f64::from(geometry.signs[axis]) - geometry.offsets_deg[axis]).to_radians()
     })
@@ -114,13 +113,11 @@ impl AxisFault {
 
     /// The axes as they are where the file has this fault.
     pub fn mended(self, joints: &Joints) -> Joints {
-        let Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg } = *joints;
-        let mut all = [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg];
+        let mut all = joints.degrees();
         match self {
             AxisFault::Exchanged(one, two) => all.swap(one - 1, two - 1),
             AxisFault::Sign(axis) => all[axis - 1] = -all[axis - 1],
         }
-        let [a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg] = all;
-        Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+        all.into()
     }
 }

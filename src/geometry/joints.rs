@@ -26,3 +26,10 @@ impl Joints {
         [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
     }
 }
+
+impl From<[f64; 6]> for Joints {
+    /// From the angles of axes 1 to 6, degrees.
+    fn from([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Self {
+        Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+    }
+}

@@ -120,7 +120,7 @@ impl Kinematics {
             z_elbow - g.a2_mm * lean.sin() + g.c3_mm * lean.cos(),
         );
         let wrist = turned(x_wrist, z_wrist);
-        let flange = self.base_from_flange(&joints(*angles)).map_or(wrist, |pose| pose.origin());
+        let flange = self.base_from_flange(&Joints::from(*angles)).map_or(wrist, |pose| pose.origin());
         [turned(g.a1_mm, 0.0), turned(x_elbow, z_elbow), wrist, flange]
     }
 }
@@ -128,10 +128,6 @@ impl Kinematics {
 fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
     let turn = base_from_flange.isometry().rotation;
     base_from_flange.isometry().translation.vector - turn * Vector3::z() * geometry.c4_mm
-}
-
-pub(super) fn joints([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: Angles) -> Joints {
-    Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
 }
 
 #[cfg(test)]
@@ -155,7 +151,7 @@ mod tests {
             ([0.0, -90.0, 90.0, 0.0, 0.0, 0.0], [480.0, 0.0, 760.0], Vector3::x(), -Vector3::z()),
             ([90.0, 0.0, 90.0, 0.0, 0.0, 0.0], [0.0, -385.0, -55.0], -Vector3::z(), Vector3::y()),
         ] {
-            let pose = kr6.base_from_flange(&joints(angles)).expect("numbers");
+            let pose = kr6.base_from_flange(&Joints::from(angles)).expect("numbers");
             assert!((pose.origin().mm.coords - Vector3::from(origin_mm)).norm() < 1e-9, "{pose:?}");
             assert!((pose.rotation() * Vector3::z() - z).norm() < 1e-9);
             assert!((pose.rotation() * Vector3::x() - x).norm() < 1e-9, "{}", pose.rotation() * Vector3::x());
@@ -170,7 +166,7 @@ mod tests {
     /// 299.145 are missing.
     #[test]
     fn what_is_missing_beyond_the_reach() {
-        let level = kr6().base_from_flange(&joints([0.0; 6])).expect("numbers").rotation();
+        let level = kr6().base_from_flange(&Joints::from([0.0; 6])).expect("numbers").rotation();
         let far = Isometry3::from_parts(Translation3::new(1_115.0, 0.0, 400.0), level.into());
         let far: Rigid<Base, Flange> = Rigid::claim(far);
         assert!((kr6().beyond_reach_mm(&far) - 299.145).abs() < 1e-3);
@@ -182,7 +178,7 @@ mod tests {
         fn every_way_leads_back(angles in prop::array::uniform6(-115.0..115.0f64)) {
             let kr6 = kr6();
             prop_assume!(angles[4].abs() > 1.0 && kr6.elbow_deg(&angles) > 1.0);
-            let pose = kr6.base_from_flange(&joints(angles)).expect("numbers");
+            let pose = kr6.base_from_flange(&Joints::from(angles)).expect("numbers");
             prop_assume!(kr6.overhead_mm(&pose) > 5.0);
             let ways = kr6.ways(&pose);
             let apart = |way: &Angles, axis: usize| {
@@ -192,7 +188,7 @@ mod tests {
             let same = |way: &&Angles| (0..6).all(|axis| apart(way, axis) < 1e-4);
             prop_assert_eq!(ways.iter().filter(same).count(), 1, "{:?}", ways);
             for way in &ways {
-                let there = kr6.base_from_flange(&joints(*way)).expect("numbers");
+                let there = kr6.base_from_flange(&Joints::from(*way)).expect("numbers");
                 prop_assert!(there.origin().distance_mm(pose.origin()) < 1e-3);
                 prop_assert!((there.inverse() * pose).turn().0 < 1e-4);
                 prop_assert!((kr6.skeleton(way)[2].mm.coords - wrist(&pose, kr6.arm.geometry())).norm() < 1e-3);

@@ -90,10 +90,6 @@ pub struct PicturePose {
     pub joints: Option<Joints>,
 }
 
-fn joints([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Joints {
-    Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
-}
-
 /// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
 ///
 /// # Errors
@@ -122,7 +118,7 @@ pub fn picture_poses(
                 whole = false;
                 continue;
             }
-            let joints = axes_deg.map(joints);
+            let joints = axes_deg.map(Joints::from);
             poses.push(PicturePose { image, base_from_flange: base_from_flange.to_rigid(), joints });
         }
         top.done();
@@ -154,7 +150,7 @@ fn named_pose(section: &Section<'_, '_>, image: String) -> Option<NamedPose> {
         section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
         return None;
     }
-    Some(NamedPose { image, base_from_flange, joints: axes_deg.map(joints) })
+    Some(NamedPose { image, base_from_flange, joints: axes_deg.map(Joints::from) })
 }
 
 /// Checks the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.

@@ -18,7 +18,7 @@ pub use obstacle::{Obstacle, ReachFault, Singular};
 pub use swing::swing;
 pub use things::Things;
 
-use super::kinematics::{Angles, Kinematics, joints};
+use super::kinematics::{Angles, Kinematics};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
 use margins::{axis_limit, beyond, keeps_out, room, too_fast};
 use nalgebra::{Isometry3, Vector3};
@@ -201,7 +201,7 @@ fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usi
         keeps_out(arm, look.tip, &next).and_then(|()| things::keeps_off(arm, look.tip, &next)).map_err(fault)?;
         at = next;
         if look.is_end {
-            travel.joints.push(joints(at));
+            travel.joints.push(Joints::from(at));
         }
     }
     Ok(travel)

@@ -8,7 +8,7 @@ use super::margins::keeps_out;
 use super::obstacle::Obstacle;
 use super::things::keeps_off;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
-use crate::path::kinematics::{Angles, Kinematics, joints};
+use crate::path::kinematics::{Angles, Kinematics};
 
 /// Largest turn of an axis between two looks, degrees.
 const STEP_DEG: f64 = 2.0;
@@ -39,7 +39,7 @@ pub fn swing(
     for step in 1..=steps {
         let share = step as f64 / steps as f64;
         let at: Angles = std::array::from_fn(|axis| from[axis] + (to[axis] - from[axis]) * share);
-        let base_from_flange = arm.base_from_flange(&joints(at)).ok_or(Obstacle::NotFinite)?;
+        let base_from_flange = arm.base_from_flange(&Joints::from(at)).ok_or(Obstacle::NotFinite)?;
         let tip = (base_from_flange * flange_from_tool).origin();
         keeps_out(arm, tip, &at).and_then(|()| keeps_off(arm, tip, &at))?;
     }

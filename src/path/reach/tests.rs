@@ -36,7 +36,7 @@ fn every_obstacle_of_the_arm_has_its_name() {
     assert!((beyond_mm - (975.0 - 700.855)).abs() < 0.01, "{beyond_mm}");
     // By hand: at home the wrist is straight, axis 5 at 0; the tip 480 + 120 mm out at 760.
     let from = |arm: &Kinematics, angles: [f64; 6], to: Leg| {
-        follow(arm, gates.flange_from_tool, Some(&joints(angles)), &[to]).expect_err("refused").obstacle
+        follow(arm, gates.flange_from_tool, Some(&Joints::from(angles)), &[to]).expect_err("refused").obstacle
     };
     let straight = from(&gates.arm, [0.0, -90.0, 90.0, 0.0, 0.0, 0.0], leg(600.0, 0.0, 760.0));
     assert!(matches!(straight, Obstacle::Singular { which: Singular::Wrist, .. }), "{straight:?}");
@@ -58,7 +58,7 @@ fn every_obstacle_of_the_arm_has_its_name() {
     let found = follow(
         &gates.arm,
         gates.flange_from_tool,
-        Some(&joints([0.0, -100.0, 110.0, 0.0, -10.0, 0.0])),
+        Some(&Joints::from([0.0, -100.0, 110.0, 0.0, -10.0, 0.0])),
         &[leg(-500.0, 5.0, 500.0)],
     );
     assert!(found.is_err());
