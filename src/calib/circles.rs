@@ -10,7 +10,7 @@ use super::board::Board;
 use super::error::CalibError;
 use super::foreign;
 use super::placing::Detected;
-use crate::geometry::{GrayPicture, Pixel};
+use crate::geometry::{GrayPicture, Pixel, median};
 use crate::imaging::ImagingError;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -121,8 +121,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &[Pixel]) -> Option<Detec
         radii_mm.push((area_px / slope.determinant().abs() / std::f64::consts::PI).sqrt());
         pixels.push(pixel);
     }
-    radii_mm.sort_by(f64::total_cmp);
-    let radius_mm = radii_mm[radii_mm.len() / 2];
+    let radius_mm = median(&mut radii_mm)?;
     let board_to_picture = foreign::homography(&plane, &pixels)?;
     let corners = places.iter().zip(&plane).zip(&pixels).map(|((q, place), pixel)| {
         let (seen, middle) = (at(&board_to_picture, *place), ellipse_middle(&board_to_picture, *place, radius_mm)?);
@@ -182,7 +181,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
         }
         let ground = normal.cholesky()?.solve(&pull);
         let differs = |away: &Vector2<f64>, gray: f64| gray - ground[0] - ground[1] * away.x - ground[2] * away.y;
-        let (mut sum, mut moment, mut peak) = (0.0, Vector2::zeros(), 0.0_f64);
+        let (mut sum, mut moment) = (0.0, Vector2::zeros());
         for (away, gray) in &inside {
             let weight = differs(away, *gray);
             sum += weight;
@@ -194,8 +193,7 @@ fn centre(picture: &GrayPicture, start: Pixel, neighbour: &Matrix2<f64>) -> Opti
             .filter(|(away, _)| (inverse * away).norm() < 0.12)
             .map(|(away, gray)| differs(away, *gray))
             .collect();
-        near.sort_by(f64::total_cmp);
-        peak += near.get(near.len() / 2).copied().unwrap_or(0.0);
+        let peak = median(&mut near).unwrap_or(0.0);
         let step = moment / sum;
         if !(step.norm() < reach && peak.abs() > 6.0 && sum / peak > 4.0) {
             return None;

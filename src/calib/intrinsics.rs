@@ -18,7 +18,7 @@ pub use super::lens_next::NextPicture;
 pub use super::lens_support::Support;
 use super::{lens_choice, lens_covariance, lens_next, lens_support};
 use crate::cell::LensCovariance;
-use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid};
+use crate::geometry::{Board, Camera, PinholeCamera, Pixel, Point, Rigid, median};
 use crate::words::apart;
 use nalgebra::Vector3;
 
@@ -243,9 +243,7 @@ fn rms_px(residuals: &[CornerResidual]) -> f64 {
 
 /// The worst picture and the limit it exceeds.
 fn outlier(rms: &[f64]) -> Option<(usize, f64)> {
-    let mut sorted = rms.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let limit_px = (OUTLIER_FACTOR * sorted[sorted.len() / 2]).max(GOOD_PX);
+    let limit_px = (OUTLIER_FACTOR * median(&mut rms.to_vec())?).max(GOOD_PX);
     let (worst, largest) = rms.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1))?;
     (*largest > limit_px).then_some((worst, limit_px))
 }

@@ -16,6 +16,7 @@ mod scanned;
 #[path = "surface/speed.rs"]
 mod speed;
 
+use panelprep::geometry::median;
 use std::hint::black_box;
 use std::process::ExitCode;
 use std::time::Instant;
@@ -87,7 +88,7 @@ fn timed<T>(runs: usize, mut work: impl FnMut() -> T) -> Timed {
         walls.push(started.elapsed().as_secs_f64() * 1e3);
         shares.push((processors_ms() - before_ms) / threads);
     }
-    Timed { wall_ms: median(&mut walls), share_ms: median(&mut shares) }
+    Timed { wall_ms: median(&mut walls).unwrap_or(f64::NAN), share_ms: median(&mut shares).unwrap_or(f64::NAN) }
 }
 
 /// The same for work of one thread: here its share is its own.
@@ -97,10 +98,6 @@ fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
     Timed { wall_ms, share_ms: share_ms * threads }
 }
 
-fn median(values: &mut [f64]) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values[values.len() / 2]
-}
 
 /// What all threads have spent on processors, ms, by the kernel's own count.
 fn processors_ms() -> f64 {
