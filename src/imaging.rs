@@ -4,7 +4,9 @@
 //! read and written elsewhere. Its filters give the same bits for any number of threads.
 
 use crate::geometry::{GrayPicture, Mask, Pixel};
-use opencv::core::{BORDER_DEFAULT, CV_8UC1, Mat, MatTraitConst, MatTraitConstManual, Point2f, Point2i, Vector};
+use opencv::core::{
+    BORDER_DEFAULT, CV_8UC1, CV_32S, Mat, MatTraitConst, MatTraitConstManual, Point2f, Point2i, Vector,
+};
 use opencv::imgproc;
 
 /// OpenCV refused its input; which operation, and its own words.
@@ -64,6 +66,21 @@ pub fn outer_contours(mask: &Mask) -> Result<Vec<Vec<Pixel>>, ImagingError> {
     }
     contours.sort_by(|a, b| b.0.total_cmp(&a.0));
     Ok(contours.into_iter().map(|(_, pixels)| pixels).collect())
+}
+
+/// Which connected piece of a mask each pixel belongs to, from 1; 0 outside of the mask. Pixels that touch at a corner alone are
+/// of one piece where `by_corners` says so.
+///
+/// # Errors
+/// Where OpenCV refuses the mask, such as an empty one.
+pub fn pieces(mask: &Mask, by_corners: bool) -> Result<Vec<i32>, ImagingError> {
+    const OPERATION: &str = "connected pieces";
+    let bytes = mask.to_gray().gray;
+    let source = named(OPERATION, view(mask.height, mask.width, &bytes))?;
+    let mut labels = Mat::default();
+    let neighbours = if by_corners { 8 } else { 4 };
+    named(OPERATION, imgproc::connected_components(&source, &mut labels, neighbours, CV_32S))?;
+    Ok(named(OPERATION, labels.data_typed::<i32>())?.to_vec())
 }
 
 /// The corners of the smallest box around these pixels, turned as it needs to be (thesis Fig. 3.20).

@@ -4,7 +4,8 @@
 //! covariance C of its pixels is an ellipse where A = 4π √det C, which neither letters nor wood grain are. The work grows with
 //! the number of pixels alone.
 
-use crate::geometry::{GrayPicture, Pixel};
+use crate::geometry::{GrayPicture, Mask, Pixel};
+use crate::imaging::{self, ImagingError};
 use nalgebra::Matrix2;
 
 /// A piece that looks like an ellipse.
@@ -26,44 +27,26 @@ const LONGEST: f64 = 3.5;
 const LEAST_CONTRAST: f64 = 6.0;
 
 /// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them.
-pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Vec<Blob> {
+///
+/// # Errors
+/// Where OpenCV refuses the picture, such as an empty one.
+pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Result<Vec<Blob>, ImagingError> {
     let (width, height) = (picture.width, picture.height);
     let sums = Sums::of(picture);
-    let marked: Vec<bool> = (0..width * height)
-        .map(|index| {
-            let mean = sums.mean(index % width, index / width, reach_px);
-            let away = f64::from(picture.gray[index]) - mean;
-            if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
-        })
-        .collect();
-    let mut seen = vec![false; marked.len()];
-    let (mut found, mut open) = (Vec::new(), Vec::new());
-    for first in 0..marked.len() {
-        if !marked[first] || seen[first] {
-            continue;
-        }
-        let mut piece = Piece::default();
-        seen[first] = true;
-        open.push(first);
-        while let Some(index) = open.pop() {
-            let (column, row) = (index % width, index / width);
-            piece.add(column as f64, row as f64);
-            piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
-            let beside = [
-                (column > 0).then(|| index - 1),
-                (column + 1 < width).then_some(index + 1),
-                (row > 0).then(|| index - width),
-                (row + 1 < height).then_some(index + width),
-            ];
-            for next in beside.into_iter().flatten().filter(|next| marked[*next]) {
-                if !std::mem::replace(&mut seen[next], true) {
-                    open.push(next);
-                }
-            }
-        }
-        found.extend(piece.blob((width * height) as f64));
+    let is_marked = |index: usize| {
+        let away = f64::from(picture.gray[index]) - sums.mean(index % width, index / width, reach_px);
+        if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
+    };
+    let labels =
+        imaging::pieces(&Mask { width, height, inside: (0..width * height).map(is_marked).collect() }, false)?;
+    let mut pieces: Vec<Piece> = Vec::new();
+    for (index, &label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
+        pieces.resize_with(pieces.len().max(label as usize), Piece::default);
+        let (piece, (column, row)) = (&mut pieces[label as usize - 1], (index % width, index / width));
+        piece.add(column as f64, row as f64);
+        piece.at_rim |= column == 0 || row == 0 || column + 1 == width || row + 1 == height;
     }
-    found
+    Ok(pieces.iter().filter_map(|piece| piece.blob((width * height) as f64)).collect())
 }
 
 /// Sums of grey levels above and left of each pixel.
@@ -143,9 +126,14 @@ mod tests {
                 *gray = 40;
             }
         }
-        let found = blobs(&picture, 20, false);
+        let found = blobs(&picture, 20, false).expect("a picture");
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].middle.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
-        assert!(blobs(&picture, 20, true).iter().all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0));
+        assert!(
+            blobs(&picture, 20, true)
+                .expect("a picture")
+                .iter()
+                .all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0)
+        );
     }
 }

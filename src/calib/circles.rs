@@ -37,7 +37,7 @@ pub(super) fn detect(
         let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
         for (lighter, parts) in [false, true].into_iter().flat_map(|lighter| REACHES.map(|parts| (lighter, parts)))
         {
-            let found = blobs(&small, small.width.max(small.height) / parts, lighter);
+            let found = blobs(&small, small.width.max(small.height) / parts, lighter)?;
             let Some(rough) = grid(&found, board, asymmetric)? else { continue };
             let across = picture.width as f64 / small.width as f64;
             let down = picture.height as f64 / small.height as f64;

@@ -3,10 +3,8 @@
 use super::film::NEVER;
 use super::footprint::Footprint;
 use crate::geometry::{Mask, Pixel};
-use crate::imaging::{ImagingError, named, outer_contours};
+use crate::imaging::{self, ImagingError, outer_contours};
 use crate::panel::GridId;
-use opencv::core::{Mat, MatTraitConstManual};
-use opencv::imgproc;
 
 /// One connected piece of broken film.
 #[derive(Debug, Clone)]
@@ -40,8 +38,8 @@ pub fn breaks(
     is_closed: impl Fn(usize) -> bool,
 ) -> Result<Vec<Break>, ImagingError> {
     let window = footprint.window();
-    let bytes: Vec<u8> = since_wet_s.iter().map(|&time| u8::from(time < NEVER)).collect();
-    let labels = named("connected pieces", labels_of(window.height, window.width, &bytes))?;
+    let inside = since_wet_s.iter().map(|&time| time < NEVER).collect();
+    let labels = imaging::pieces(&Mask { width: window.width, height: window.height, inside }, true)?;
     let mut pieces: Vec<Vec<usize>> = Vec::new();
     for (index, &label) in labels.iter().enumerate().filter(|(_, label)| **label > 0) {
         pieces.resize_with(pieces.len().max(label as usize), Vec::new);
@@ -63,13 +61,6 @@ pub fn breaks(
     breaks.retain(|found| found.area_mm2 > 0.0);
     breaks.sort_by(|a, b| b.area_mm2.total_cmp(&a.area_mm2));
     Ok(breaks)
-}
-
-fn labels_of(height: usize, width: usize, bytes: &[u8]) -> opencv::Result<Vec<i32>> {
-    let mask = Mat::new_rows_cols_with_data(height as i32, width as i32, bytes)?;
-    let mut labels = Mat::default();
-    imgproc::connected_components_def(&mask, &mut labels)?;
-    Ok(labels.data_typed::<i32>()?.to_vec())
 }
 
 /// The outer contour of one piece alone: traced together, a piece in the hole of another would have none.

@@ -98,7 +98,6 @@ fn timed_alone<T>(runs: usize, work: impl FnMut() -> T) -> Timed {
     Timed { wall_ms, share_ms: share_ms * threads }
 }
 
-
 /// What all threads have spent on processors, ms, by the kernel's own count.
 fn processors_ms() -> f64 {
     let tasks = std::fs::read_dir("/proc/self/task").into_iter().flatten().flatten();
