@@ -16,7 +16,8 @@ use super::arrangement::{Arrangement, Twist, exp, log};
 use super::chain::{Both, Chain, Gram, Station};
 use super::error::CalibError;
 use crate::geometry::{Board, Frame, PinholeCamera, Point, Rigid};
-use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector};
+use nalgebra::allocator::Allocator;
+use nalgebra::{DefaultAllocator, Dim, Isometry3, Matrix3, Matrix6, OMatrix, SMatrix, SVector};
 
 /// Standard deviations, estimated from the residuals.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -235,9 +236,14 @@ impl Step {
 }
 
 /// Inverse of a normal matrix whose unknowns have unlike units, scaled to ones on its diagonal first.
-pub(super) fn scaled_inverse<const N: usize>(normal: &SMatrix<f64, N, N>) -> Option<SMatrix<f64, N, N>> {
+pub(super) fn scaled_inverse<D: Dim>(normal: &OMatrix<f64, D, D>) -> Option<OMatrix<f64, D, D>>
+where
+    DefaultAllocator: Allocator<D, D> + Allocator<D>,
+{
+    let (rows, columns) = normal.shape_generic();
     let scale = normal.diagonal().map(|entry| if entry > 0.0 { entry.sqrt().recip() } else { f64::NAN });
-    let scaled = SMatrix::<f64, N, N>::from_fn(|row, column| normal[(row, column)] * scale[row] * scale[column]);
+    let scaled =
+        OMatrix::from_fn_generic(rows, columns, |row, column| normal[(row, column)] * scale[row] * scale[column]);
     let inverse = scaled.cholesky()?.inverse();
-    Some(SMatrix::from_fn(|row, column| inverse[(row, column)] * scale[row] * scale[column]))
+    Some(OMatrix::from_fn_generic(rows, columns, |row, column| inverse[(row, column)] * scale[row] * scale[column]))
 }

@@ -277,7 +277,7 @@ fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Sett
         }
         let undamped = normal.clone();
         (0..normal.nrows()).for_each(|at| normal[(at, at)] *= 1.0 + damping);
-        let step = scaled_solve(&normal)? * &pull;
+        let step = scaled_inverse(&normal)? * &pull;
         let next = state.moved(&step);
         let there = next.residuals(views, &roots, touches)?;
         let (before, after) = (cost(&state, &residual, variance), cost(&next, &there, variance));
@@ -290,7 +290,7 @@ fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Sett
         }
         damping *= 0.1;
         state = next;
-        let inverse = scaled_solve(&undamped)?;
+        let inverse = scaled_inverse(&undamped)?;
         // The numbers that the data tell, of those that are free.
         let told: f64 =
             state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
@@ -307,7 +307,7 @@ fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Sett
     let mut normal = slope.transpose() * &slope / variance;
     usual.iter().enumerate().take(state.own()).for_each(|(index, usual)| normal[(index, index)] += usual.powi(-2));
     residual.iter().all(|number| number.is_finite()).then_some(())?;
-    Some(Settled { inverse: scaled_solve(&normal)?, state })
+    Some(Settled { inverse: scaled_inverse(&normal)?, state })
 }
 
 fn slope(state: &State, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DMatrix<f64>> {
@@ -323,18 +323,6 @@ fn slope(state: &State, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[A
     });
     let columns: Vec<DVector<f64>> = columns.collect::<Option<_>>()?;
     Some(DMatrix::from_columns(&columns))
-}
-
-/// The inverse of a normal matrix, scaled to ones on its diagonal first.
-fn scaled_solve(normal: &DMatrix<f64>) -> Option<DMatrix<f64>> {
-    let scale: Vec<f64> = (0..normal.nrows()).map(|at| normal[(at, at)].max(1e-300).sqrt().recip()).collect();
-    let scaled = DMatrix::from_fn(normal.nrows(), normal.ncols(), |row, column| {
-        normal[(row, column)] * scale[row] * scale[column]
-    });
-    let inverse = scaled.cholesky()?.inverse();
-    Some(DMatrix::from_fn(normal.nrows(), normal.ncols(), |row, column| {
-        inverse[(row, column)] * scale[row] * scale[column]
-    }))
 }
 
 /// The correction to begin with: geometry where every pose has its axis angles, else smooth over the measured volume.

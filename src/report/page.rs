@@ -137,7 +137,8 @@ fn verdict_html(judgement: &Judgement) -> String {
     format!("<p class=\"verdict {class}\"><b>{}</b>{reasons}</p>\n", word)
 }
 
-pub(super) fn escaped(text: &str) -> String {
+/// Text as it stands between tags or in an attribute of HTML.
+pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 

@@ -1,19 +1,18 @@
 //! The page to sign.
 
+use super::super::calibrate::now_unix_s;
 use super::{Finding, Proof};
 use crate::cell::Robot;
-use crate::report::utc;
+use crate::report::{page::escaped, utc};
 use std::fmt::Write;
-use std::time::{SystemTime, UNIX_EPOCH};
 
-const HEAD: &str = "<!doctype html><meta charset=\"utf-8\"><title>Proven on the controller</title>\n<style>\
+const HEAD: &str = "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><title>Proven on the controller</title>\n<style>\
 body{font:14px/1.4 sans-serif;max-width:1100px;margin:2em auto}table{border-collapse:collapse;width:100%}\
 td,th{border:1px solid #999;padding:4px 6px;text-align:left;vertical-align:top}\
-.wrong{background:#fbb}.open{background:#fe9}.proven{background:#cfc}.sign{margin-top:3em}</style>\n";
+.wrong{border-left:.6em solid #d55e00}.open{border-left:.6em solid #e69f00}.proven{border-left:.6em solid #009e73}.sign{margin-top:3em}</style>\n";
 
 /// All proofs, who did them, when, on which controller.
 pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
-    let now_s = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let count = |finding: Finding| proofs.iter().filter(|proof| proof.finding == finding).count();
     let mut page = HEAD.to_owned();
     // Writing into a text cannot fail.
@@ -25,7 +24,7 @@ pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
         escaped(robot.host()),
         robot.command_port(),
         robot.state_port(),
-        utc(i64::try_from(now_s).unwrap_or(i64::MAX)),
+        utc(now_unix_s()),
         escaped(by),
         count(Finding::Proven),
         count(Finding::Wrong),
@@ -46,8 +45,4 @@ pub(super) fn of(proofs: &[Proof], by: &str, robot: &Robot) -> String {
         "</table>\n<p class=\"sign\">Date, name, signature: ____________________________________________________</p>\n",
     );
     page
-}
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
