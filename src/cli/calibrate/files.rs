@@ -130,27 +130,37 @@ pub fn picture_poses(
     })
 }
 
-/// A pose by the flange, by the axes, or by both.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NamedPose {
-    /// The picture's name in its folder; empty for a touch.
-    pub image: String,
-    /// Where the controller says that the flange was.
-    pub base_from_flange: Option<Rigid<Base, Flange>>,
-    /// Where it says that the axes were.
-    pub joints: Option<Joints>,
+/// Where the controller says that the robot was: by the flange, by the axes, or by both.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum StatedPose {
+    Flange(Rigid<Base, Flange>),
+    Axes(Joints),
+    Both(Rigid<Base, Flange>, Joints),
 }
 
-fn named_pose(section: &Section<'_, '_>, image: String) -> Option<NamedPose> {
+/// A picture's name in its folder, and where the robot was.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NamedPose {
+    /// The picture.
+    pub image: String,
+    /// The pose.
+    pub pose: StatedPose,
+}
+
+fn stated_pose(section: &Section<'_, '_>) -> Option<StatedPose> {
     let flange = section.section("base_from_flange");
     let base_from_flange = if flange.is_present() { Some(pose(&flange)?.to_rigid()) } else { None };
     let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None))?;
     section.done();
-    if base_from_flange.is_none() && axes_deg.is_none() {
-        section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
-        return None;
+    match (base_from_flange, axes_deg.map(Joints::from)) {
+        (Some(flange), None) => Some(StatedPose::Flange(flange)),
+        (None, Some(joints)) => Some(StatedPose::Axes(joints)),
+        (Some(flange), Some(joints)) => Some(StatedPose::Both(flange, joints)),
+        (None, None) => {
+            section.problem("axes_deg", "a pose states base_from_flange, axes_deg = [A1, …, A6], or both");
+            None
+        }
     }
-    Some(NamedPose { image, base_from_flange, joints: axes_deg.map(Joints::from) })
 }
 
 /// Checks the text of a poses file for an arm: `[[poses]]` with `image`, and `base_from_flange`, `axes_deg` or both.
@@ -165,7 +175,7 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
                 section.problem("image", format!("{image} is not in the folder of this file"));
                 return None;
             }
-            named_pose(&section, image)
+            Some(NamedPose { image, pose: stated_pose(&section)? })
         };
         // Every table is read, so that every problem is told.
         let all: Vec<Option<NamedPose>> = top.sections("poses").into_iter().map(read).collect();
@@ -185,11 +195,11 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
 ///
 /// # Errors
 /// Every problem with its line and key.
-pub fn arm_touches(file: &str, text: &str) -> Result<Vec<(usize, NamedPose)>, Problems> {
+pub fn arm_touches(file: &str, text: &str) -> Result<Vec<(usize, StatedPose)>, Problems> {
     config::check(file, text, |top| {
         let read = |section: Section<'_, '_>| {
             let spot = section.take::<usize>("spot", 0..=99, None)?;
-            Some((spot, named_pose(&section, String::new())?))
+            Some((spot, stated_pose(&section)?))
         };
         let all: Vec<_> = top.sections("touches").into_iter().map(read).collect();
         top.done();

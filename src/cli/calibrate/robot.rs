@@ -11,7 +11,7 @@ use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound};
 use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, gate};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
-use crate::geometry::{PinholeCamera, Rigid};
+use crate::geometry::PinholeCamera;
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -107,13 +107,12 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome
 }
 
-fn arm_pose(pose: &files::NamedPose, geometry: &ArmGeometry) -> ArmPose {
+fn arm_pose(stated: &files::StatedPose, geometry: &ArmGeometry) -> ArmPose {
     let drawn = |joints| arm_errors::base_from_flange(geometry, joints, &[0.0; arm_errors::ARM_NUMBERS]);
-    let stated = pose.base_from_flange.or_else(|| pose.joints.as_ref().map(drawn));
-    // The file's check lets no pose through that states neither.
-    ArmPose {
-        joints: pose.joints,
-        base_from_flange: stated.unwrap_or_else(|| Rigid::claim(nalgebra::Isometry3::identity())),
+    match *stated {
+        files::StatedPose::Flange(base_from_flange) => ArmPose { joints: None, base_from_flange },
+        files::StatedPose::Axes(joints) => ArmPose { joints: Some(joints), base_from_flange: drawn(&joints) },
+        files::StatedPose::Both(base_from_flange, joints) => ArmPose { joints: Some(joints), base_from_flange },
     }
 }
 
@@ -135,7 +134,7 @@ fn looks(
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
             sight,
             corners: detected.corners,
-            pose: arm_pose(pose, geometry),
+            pose: arm_pose(&pose.pose, geometry),
         }))
     };
     let all: Vec<Result<Look, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
