@@ -33,7 +33,7 @@ impl Calibrated {
         let (scanner, base_from_camera) = (files.scanner()?, files.base_from_camera()?);
         let (flange_camera, flange_from_camera) = (files.flange_camera()?, files.flange_from_camera()?);
         let tool = files.flange_from_tool()?;
-        let flange_camera_extent = flange_camera.extent()?;
+        let flange_camera_extent = flange_camera.extent;
         let mounts_mm = [base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm];
         let budget = budget::parts(mounts_mm, tool.uncertainty_mm, files.last_touch(&tool.text).as_ref());
         let values = Calibrations {

@@ -41,6 +41,8 @@ pub struct Calibrated<T> {
     pub value: T,
     /// Its error at the panel, mm, 95 %, where the file states it.
     pub uncertainty_mm: Option<f64>,
+    /// Of a lens: where in its picture it is known; nothing for others.
+    pub extent: LensExtent,
     /// The text of its file.
     pub text: String,
 }
@@ -52,16 +54,6 @@ pub struct Calibrated<T> {
 pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
     let Some(file) = intrinsics else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
-}
-
-impl Calibrated<PinholeCamera> {
-    /// Where in the picture this lens is known.
-    ///
-    /// # Errors
-    /// None for a text that was read before.
-    pub fn extent(&self) -> Result<LensExtent, Fault> {
-        Ok(Intrinsics::check("intrinsics", &self.text)?.extent)
-    }
 }
 
 impl CellFiles {
@@ -154,13 +146,19 @@ impl CellFiles {
 
     fn intrinsics(&self, key: &'static str, file: Option<&PathBuf>) -> Result<Calibrated<PinholeCamera>, Fault> {
         let (name, text) = self.text(key, file)?;
-        Ok(Calibrated { value: Intrinsics::check(&name, &text)?.camera, uncertainty_mm: None, text })
+        let Intrinsics { camera, extent, .. } = Intrinsics::check(&name, &text)?;
+        Ok(Calibrated { value: camera, uncertainty_mm: None, extent, text })
     }
 
     fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
-        Ok(Calibrated { value: mount.rigid(), uncertainty_mm: mount.uncertainty_mm, text })
+        Ok(Calibrated {
+            value: mount.rigid(),
+            uncertainty_mm: mount.uncertainty_mm,
+            extent: LensExtent::default(),
+            text,
+        })
     }
 
     /// The intrinsics of the fixed 3D camera.
@@ -205,7 +203,12 @@ impl CellFiles {
         if tool.axis_measured != Some(true) {
             return Err(Fault::NoAxis { file: name });
         }
-        Ok(Calibrated { value: tool.rigid(), uncertainty_mm: tool.uncertainty_mm, text })
+        Ok(Calibrated {
+            value: tool.rigid(),
+            uncertainty_mm: tool.uncertainty_mm,
+            extent: LensExtent::default(),
+            text,
+        })
     }
 }
 

@@ -52,7 +52,7 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let recipe = load::recipe(&args.recipe)?;
     let located = load::located(Some(&args.located))?;
     let lens = files.flange_camera()?;
-    let (camera, extent) = (lens.value, lens.extent()?);
+    let (camera, extent) = (lens.value, lens.extent);
     let flange_from_camera = files.flange_from_camera()?.value;
     let shots = load::corner_shots(&args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
