@@ -83,36 +83,46 @@ impl Drop for Running {
     }
 }
 
+/// Writes the EthernetKRL files with ports of their own among the sixteen of the firewall, as a user would change them, and
+/// gives the table of a cell with that controller.
+fn eki_files(folder: &Path, [command, state]: [u16; 2]) -> String {
+    for (file, shipped, from, to) in [
+        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), 54_600, command),
+        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml"), 54_601, state),
+    ] {
+        let text = shipped.replace(&format!("<PORT>{from}</PORT>"), &format!("<PORT>{to}</PORT>"));
+        assert_ne!(text, shipped, "{file} names its port");
+        std::fs::write(folder.join(file), text).expect("written");
+    }
+    let ports = format!("command_port = {command}\nstate_port = {state}\n");
+    format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}")
+}
+
+/// The mock controller of the folder's files, with its first line once it listens.
+fn mock(folder: &Path, arguments: &str) -> (Running, String, impl Iterator<Item = String> + Send + use<>) {
+    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(format!("mock-robot --config . --cell cell.toml {arguments}").split_whitespace())
+        .current_dir(folder)
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut lines = BufReader::new(mock.stderr.take().expect("piped")).lines().map_while(Result::ok);
+    let running = Running(mock);
+    let first = lines.next().expect("a line");
+    (running, first, lines)
+}
+
 /// Two commands, two connections, one controller: what the first did stands when the second asks.
 #[test]
 fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    // Ports of its own among the sixteen of the firewall, in EthernetKRL files as a user would change them.
-    let (command, state) = (54_612, 54_613);
-    for (file, shipped, port) in [
-        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), command),
-        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml"), state),
-    ] {
-        let text = shipped.replace("<PORT>54600</PORT>", &format!("<PORT>{port}</PORT>"));
-        let text = text.replace("<PORT>54601</PORT>", &format!("<PORT>{port}</PORT>"));
-        assert!(text.contains(&port.to_string()), "{file} names its port");
-        std::fs::write(folder.join(file), text).expect("written");
-    }
-    let ports = format!("command_port = {command}\nstate_port = {state}\n");
-    cell(folder, &format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}"));
+    let eki = eki_files(folder, [54_612, 54_613]);
+    cell(folder, &eki);
     let (exit, told, _) = robot(folder, "state");
     assert_eq!((exit, codes(&told)), (3, vec!["no_controller"]), "{told}");
 
-    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args("mock-robot --config . --cell cell.toml --fault refuse=8@#2".split_whitespace())
-        .current_dir(folder)
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
-    let mut lines = BufReader::new(mock.stderr.take().expect("piped")).lines();
-    let _mock = Running(mock);
-    let first = lines.next().expect("a line").expect("UTF-8");
+    let (_mock, first, lines) = mock(folder, "--fault refuse=8@#2");
     assert!(first.contains("54612"), "{first}");
 
     let (exit, told, _) = robot(folder, "move-j 5,-90,90,0,60,0 --axis-speed-percent 50");
@@ -124,7 +134,7 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
     assert_eq!((exit, codes(&told)), (3, vec!["robot"]), "{told}");
     let (exit, told, _) = robot(folder, "call 0");
     assert_eq!(exit, 0, "{told}");
-    let said: Vec<String> = lines.map_while(Result::ok).take(2).collect();
+    let said: Vec<String> = lines.take(2).collect();
     assert!(said.iter().any(|line| line.contains("epoch")), "{said:?}");
 }
 
@@ -133,29 +143,12 @@ fn a_stand_alone_mock_keeps_its_pose_between_commands() {
 fn what_is_to_be_proven_is_gone_through() {
     let folder = tempfile::tempdir().expect("a folder");
     let folder = folder.path();
-    let (command, state) = (54_602, 54_603);
-    for (file, shipped, port) in [
-        ("CELLCMD.xml", include_str!("../config/kuka/CELLCMD.xml"), command),
-        ("CELLSTAT.xml", include_str!("../config/kuka/CELLSTAT.xml"), state),
-    ] {
-        let text = shipped.replace("<PORT>54600</PORT>", &format!("<PORT>{port}</PORT>"));
-        let text = text.replace("<PORT>54601</PORT>", &format!("<PORT>{port}</PORT>"));
-        std::fs::write(folder.join(file), text).expect("written");
-    }
-    let ports = format!("command_port = {command}\nstate_port = {state}\n");
+    let eki = eki_files(folder, [54_602, 54_603]);
     cell(folder, "[robot]\nkind = \"mock\"\n");
     let (exit, told, _) = robot(folder, "prove --out proven.html --by Ada");
     assert_eq!(exit, 2, "{told}");
-    cell(folder, &format!("[robot]\nkind = \"eki\"\nhost = \"127.0.0.1\"\n{ports}"));
-    let mut mock = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args("mock-robot --config . --cell cell.toml".split_whitespace())
-        .current_dir(folder)
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
-    let mut lines = BufReader::new(mock.stderr.take().expect("piped")).lines();
-    let _mock = Running(mock);
-    lines.next().expect("a line").expect("UTF-8");
+    cell(folder, &eki);
+    let (_mock, _, lines) = mock(folder, "");
     std::thread::spawn(move || lines.for_each(drop));
     std::fs::write(folder.join("answers"), "y trace 1\nn old entries came\n\ny\n").expect("written");
     let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
