@@ -9,8 +9,8 @@ mod krl;
 mod text;
 
 use crate::cell::{
-    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotKind, ScannerMount,
-    TargetMount, ToolMount, ZividCamera,
+    CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotCorrection, RobotKind,
+    ScannerMount, TargetMount, ToolMount, ZividCamera,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector, polygon};
@@ -42,7 +42,7 @@ struct Kind {
     check: fn(&str, &str) -> Result<Vec<String>, Problems>,
 }
 
-const KINDS: [Kind; 7] = [
+const KINDS: [Kind; 8] = [
     Kind { name: CELL, keys: &CELL_KEYS, check: |name, text| Cell::check(name, text).map(|cell| say_cell(&cell)) },
     Kind {
         name: "recipe",
@@ -58,6 +58,11 @@ const KINDS: [Kind; 7] = [
     mount::<FlangeCameraMount>(&[FlangeCameraMount::TABLE]),
     mount::<ToolMount>(&[ToolMount::TABLE]),
     mount::<TargetMount>(&[TargetMount::TABLE]),
+    Kind {
+        name: "robot_correction",
+        keys: &["robot_correction"],
+        check: |name, text| RobotCorrection::check(name, text).map(|correction| say_correction(&correction)),
+    },
 ];
 
 const fn mount<M: Mount>(keys: &'static [&'static str]) -> Kind {
@@ -292,6 +297,14 @@ fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
     says
 }
 
+fn say_correction(correction: &RobotCorrection) -> Vec<String> {
+    let [before, after] = [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed(mm, 3));
+    vec![
+        format!("correction of the arm, {}, {} numbers", correction.kind, correction.numbers.len()),
+        format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
+    ]
+}
+
 fn say_mount<M: Mount>(mounted: MountedPose<M>) -> Vec<String> {
     let rigid = mounted.rigid();
     let (from, to) = (M::From::NAME, M::To::NAME);
@@ -337,6 +350,7 @@ mod tests {
         for (text, kind) in [
             ("[robot]\nkind = 'mock'", Some("cell")),
             ("store = 'x'", Some("cell")),
+            ("[robot_correction]\nkind = 'geometry'", Some("robot_correction")),
             ("[locate]\n[corner]\n[robot]", Some("recipe")),
             ("[camera]", Some("intrinsics")),
             ("[base_from_camera]", Some("base_from_camera")),
