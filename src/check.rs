@@ -386,7 +386,7 @@ mod tests {
               recipe (panel, process, locate, corner, region, inspect, surface, path); \
               intrinsics (camera); base_from_camera (base_from_camera); \
               flange_from_camera (flange_from_camera); flange_from_tool (flange_from_tool); \
-              base_from_board (base_from_board)"]
+              base_from_board (base_from_board); robot_correction (robot_correction)"]
         );
         // Whatever it is called.
         assert_eq!(check_file("a.toml", "\u{feff}\n<ETHERNETKRL/>").kind, Some("EthernetKRL"));
