@@ -300,7 +300,7 @@ fn say_intrinsics(intrinsics: Intrinsics) -> Vec<String> {
 fn say_correction(correction: &RobotCorrection) -> Vec<String> {
     let [before, after] = [correction.left_out_before_mm, correction.left_out_after_mm].map(|mm| fixed(mm, 3));
     vec![
-        format!("correction of the arm, {}, {} numbers", correction.kind, correction.numbers.len()),
+        format!("correction of the arm, {}", correction.numbers.kind()),
         format!("pictures that were left out: {before} mm rms off without it, {after} mm with it"),
     ]
 }

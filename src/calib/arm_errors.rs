@@ -12,7 +12,7 @@ use crate::geometry::{Base, Flange, Joints, Rigid};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 /// Numbers of an arm's errors: six after each of the first five axes, and the sag of axes 2 and 3.
-pub const ARM_NUMBERS: usize = 32;
+pub const ARM_NUMBERS: usize = crate::cell::GEOMETRY_NUMBERS;
 
 /// How large each number may be, as a standard deviation: turns in rad, lengths in mm, sag in rad for each mm of lever.
 pub fn usual() -> [f64; ARM_NUMBERS] {

@@ -1,11 +1,18 @@
 //! How the flange is where the controller does not say: by the arm's geometry, or by a motion that changes smoothly with place.
+//!
+//! With the pose N that the controller reports, the flange truly stands at T:
+//!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ the drawing's forward kinematics, F that with the errors    (1)
+//!     smooth, by the place p of N:     T = (exp r(p) R, p + t(p)),   r and t linear in p, held constant outside of the volume  (2)
+//! To bring the flange to T, the controller is sent the N for which (1) or (2) gives T.
 
 use super::arm_errors::{self, ARM_NUMBERS};
 use super::arrangement::Twist;
 use super::robot::ArmPose;
-use crate::cell::{ArmGeometry, RobotCorrection};
-use crate::geometry::{Base, Flange, Rigid};
-use nalgebra::Isometry3;
+use crate::cell::{ArmGeometry, CorrectionNumbers};
+use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use nalgebra::{Isometry3, UnitQuaternion};
+
+pub use crate::cell::SMOOTH_NUMBERS;
 
 /// How the flange is where the controller does not say.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,45 +35,88 @@ pub enum Correction {
     },
 }
 
-/// Numbers of a smooth correction.
-pub const SMOOTH_NUMBERS: usize = 24;
+/// Steps of the fixed point by which (2) is inverted; each leaves about a thousandth of the error before.
+const INVERSE_STEPS: usize = 8;
+/// Beyond the measured volume by this share of its half size nothing is measured or touched.
+const BEYOND: f64 = 0.1;
 
 impl Correction {
-    /// The correction that a file holds, of the arm as drawn; `None` where its numbers are of another kind.
-    pub fn of_file(file: &RobotCorrection, geometry: ArmGeometry) -> Option<Self> {
-        match (file.kind.as_str(), file.middle_mm, file.half_mm) {
-            ("geometry", ..) => {
-                Some(Correction::Geometry { geometry, errors: file.numbers.as_slice().try_into().ok()? })
+    /// The correction of these numbers, of the arm as drawn.
+    pub fn new(numbers: &CorrectionNumbers, geometry: ArmGeometry) -> Self {
+        match *numbers {
+            CorrectionNumbers::Geometry(errors) => Correction::Geometry { geometry, errors },
+            CorrectionNumbers::Smooth { middle_mm, half_mm, numbers } => {
+                Correction::Smooth { middle_mm, half_mm, numbers }
             }
-            ("smooth", Some(middle_mm), Some(half_mm)) => {
-                Some(Correction::Smooth { middle_mm, half_mm, numbers: file.numbers.as_slice().try_into().ok()? })
-            }
-            _ => None,
         }
     }
 
-    /// Where the flange truly is; `None` where the correction needs axis angles and there are none.
-    pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
-        match self {
-            Correction::Geometry { geometry, errors } => {
-                let joints = pose.joints.as_ref()?;
-                // What the controller's own numbers differ from the drawing by stays.
-                let drawn = arm_errors::base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
-                let real = arm_errors::base_from_flange(geometry, joints, errors);
-                Some(pose.base_from_flange * (drawn.inverse() * real))
-            }
+    /// Its numbers, as the file has them.
+    pub fn for_file(&self) -> CorrectionNumbers {
+        match *self {
+            Correction::Geometry { errors, .. } => CorrectionNumbers::Geometry(errors),
             Correction::Smooth { middle_mm, half_mm, numbers } => {
-                let place = pose.base_from_flange.origin().mm;
-                let part = |axis: usize| (place[axis] - middle_mm[axis]) / half_mm[axis];
-                let by = [1.0, part(0), part(1), part(2)];
-                let twist =
-                    Twist::from_fn(|row, _| (0..4).map(|column| numbers[6 * column + row] * by[column]).sum());
-                let bare = pose.base_from_flange.isometry();
-                let turn = nalgebra::UnitQuaternion::from_scaled_axis(twist.fixed_rows::<3>(0).into_owned());
-                let shift = bare.translation.vector + twist.fixed_rows::<3>(3);
-                Some(Rigid::claim(Isometry3::from_parts(shift.into(), turn * bare.rotation)))
+                CorrectionNumbers::Smooth { middle_mm, half_mm, numbers }
             }
         }
+    }
+
+    /// Where the flange truly is, (1) or (2); `None` where the correction needs axis angles and there are none.
+    pub fn base_from_flange(&self, pose: &ArmPose) -> Option<Rigid<Base, Flange>> {
+        match self {
+            // What the controller's own numbers differ from the drawing by stays.
+            Correction::Geometry { geometry, errors } => {
+                Some(pose.base_from_flange * off(geometry, errors, pose.joints.as_ref()?))
+            }
+            Correction::Smooth { .. } => {
+                let (turn, shift) = self.motion_at(pose.base_from_flange.origin());
+                let bare = pose.base_from_flange.isometry();
+                let place = bare.translation.vector + shift;
+                Some(Rigid::claim(Isometry3::from_parts(place.into(), turn * bare.rotation)))
+            }
+        }
+    }
+
+    /// The pose that the controller has to be sent so that the flange comes to this one; `joints` are the axis angles there.
+    pub fn sent_flange(&self, base_from_flange: &Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
+        match self {
+            Correction::Geometry { geometry, errors } => {
+                *base_from_flange * off(geometry, errors, joints).inverse()
+            }
+            Correction::Smooth { .. } => {
+                let wanted = base_from_flange.isometry();
+                let mut place = wanted.translation.vector;
+                for _ in 0..INVERSE_STEPS {
+                    place = wanted.translation.vector - self.motion_at(Point::new(place.into())).1;
+                }
+                let (turn, _) = self.motion_at(Point::new(place.into()));
+                Rigid::claim(Isometry3::from_parts(place.into(), turn.inverse() * wanted.rotation))
+            }
+        }
+    }
+
+    /// Whether it was measured where the flange is here.
+    pub fn covers(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
+        match self {
+            Correction::Geometry { .. } => true,
+            Correction::Smooth { middle_mm, half_mm, .. } => {
+                let place = base_from_flange.origin().mm;
+                (0..3).all(|axis| (place[axis] - middle_mm[axis]).abs() <= (1.0 + BEYOND) * half_mm[axis])
+            }
+        }
+    }
+
+    /// Rotation and shift at a place, mm, of a smooth correction.
+    fn motion_at(&self, place: Point<Base>) -> (UnitQuaternion<f64>, nalgebra::Vector3<f64>) {
+        let Correction::Smooth { middle_mm, half_mm, numbers } = self else {
+            return (UnitQuaternion::identity(), nalgebra::Vector3::zeros());
+        };
+        let edge = 1.0 + BEYOND;
+        let part = |axis: usize| ((place.mm[axis] - middle_mm[axis]) / half_mm[axis]).clamp(-edge, edge);
+        let by = [1.0, part(0), part(1), part(2)];
+        let twist = Twist::from_fn(|row, _| (0..4).map(|column| numbers[6 * column + row] * by[column]).sum());
+        let turn = UnitQuaternion::from_scaled_axis(twist.fixed_rows::<3>(0).into_owned());
+        (turn, twist.fixed_rows::<3>(3).into_owned())
     }
 
     pub(super) fn numbers(&self) -> &[f64] {
@@ -108,4 +158,10 @@ impl Correction {
             }
         }
     }
+}
+
+/// How the flange of the real arm stands before the drawing's, at these axis angles.
+fn off(geometry: &ArmGeometry, errors: &[f64; ARM_NUMBERS], joints: &Joints) -> Rigid<Flange, Flange> {
+    let drawn = arm_errors::base_from_flange(geometry, joints, &[0.0; ARM_NUMBERS]);
+    drawn.inverse() * arm_errors::base_from_flange(geometry, joints, errors)
 }

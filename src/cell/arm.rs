@@ -4,6 +4,7 @@
 //! and a spherical wrist. Without the table the arm is a KUKA KR 6 R700-2. Another arm states all of its numbers: one
 //! left out would be the wrong arm's.
 
+use super::robot_correction::CorrectionNumbers;
 use crate::config::{Choice, Section, settings};
 use crate::geometry::{Base, Point};
 use crate::words;
@@ -125,6 +126,7 @@ pub struct Arm {
     axes: ArmAxes,
     table: ArmTable,
     keep_out: Vec<KeepOut>,
+    correction: Option<CorrectionNumbers>,
 }
 
 /// An axis reaches its speed in this time where the file does not say, s. Data sheets do not state accelerations.
@@ -171,6 +173,15 @@ impl Arm {
     pub fn keep_out(&self) -> &[KeepOut] {
         &self.keep_out
     }
+
+    /// How it differs from its drawing, where that was measured.
+    pub fn correction(&self) -> Option<&CorrectionNumbers> {
+        self.correction.as_ref()
+    }
+
+    pub(super) fn corrected(self, correction: CorrectionNumbers) -> Self {
+        Arm { correction: Some(correction), ..self }
+    }
 }
 
 pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) -> Option<Arm> {
@@ -189,7 +200,7 @@ pub(super) fn take_arm(section: &Section<'_, '_>, keep_out: &[Section<'_, '_>]) 
             return None;
         }
     }
-    Some(Arm { geometry, axes, table, keep_out })
+    Some(Arm { geometry, axes, table, keep_out, correction: None })
 }
 
 /// A known arm's lengths are not in the file; its axes may be narrower there.

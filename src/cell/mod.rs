@@ -34,7 +34,7 @@ pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};
 pub use limits::{Limits, Workspace};
 pub use names::{Feedback, InputsOutputs, Output};
-pub use robot_correction::RobotCorrection;
+pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use zivid::ZividCamera;
 
@@ -56,6 +56,8 @@ pub struct CalibrationFiles {
     pub flange_from_camera: Option<PathBuf>,
     /// The [`ToolMount`].
     pub flange_from_tool: Option<PathBuf>,
+    /// The [`RobotCorrection`], where the arm has one.
+    pub robot_correction: Option<PathBuf>,
 }
 
 impl CalibrationFiles {
@@ -67,6 +69,7 @@ impl CalibrationFiles {
             ("base_from_camera", &self.base_from_camera),
             ("flange_from_camera", &self.flange_from_camera),
             ("flange_from_tool", &self.flange_from_tool),
+            ("robot_correction", &self.robot_correction),
         ];
         all.into_iter().filter_map(|(key, file)| Some((key, file.as_deref()?))).collect()
     }
@@ -76,7 +79,7 @@ impl CalibrationFiles {
             |key| section.take::<Option<String>>(key, (), Some(None)).map(|name| name.map(|n| folder.join(n)));
         let [scanner, flange_camera] = ["scanner", "flange_camera"].map(file);
         let [base_from_camera, flange_from_camera] = ["base_from_camera", "flange_from_camera"].map(file);
-        let flange_from_tool = file("flange_from_tool");
+        let [flange_from_tool, robot_correction] = ["flange_from_tool", "robot_correction"].map(file);
         section.done();
         Some(CalibrationFiles {
             scanner: scanner?,
@@ -84,6 +87,7 @@ impl CalibrationFiles {
             base_from_camera: base_from_camera?,
             flange_from_camera: flange_from_camera?,
             flange_from_tool: flange_from_tool?,
+            robot_correction: robot_correction?,
         })
     }
 }
@@ -229,5 +233,11 @@ impl Cell {
     /// The arm and what it must keep out of.
     pub fn arm(&self) -> &Arm {
         &self.arm
+    }
+
+    /// The same cell with its arm corrected as this file says, the one that `[calibration]` names.
+    #[must_use]
+    pub fn corrected(self, correction: CorrectionNumbers) -> Self {
+        Cell { arm: self.arm.corrected(correction), ..self }
     }
 }

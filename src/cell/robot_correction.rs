@@ -6,17 +6,49 @@ use crate::config::{self, Problems, Section, Setting};
 use std::fmt::Write;
 use toml::de::DeValue;
 
+/// Numbers of a correction by the arm's geometry.
+pub const GEOMETRY_NUMBERS: usize = 32;
+/// Numbers of a smooth correction.
+pub const SMOOTH_NUMBERS: usize = 24;
+
+/// The numbers of a correction, rotations in rad, lengths in mm; `calib::robot_correction` says what each of them is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CorrectionNumbers {
+    /// Errors of the arm's geometry: the axis angles are needed to apply it.
+    Geometry([f64; GEOMETRY_NUMBERS]),
+    /// A motion that changes smoothly with the flange's place.
+    Smooth {
+        /// The middle of the measured volume, mm.
+        middle_mm: [f64; 3],
+        /// Half the size of that volume, mm.
+        half_mm: [f64; 3],
+        /// Its numbers.
+        numbers: [f64; SMOOTH_NUMBERS],
+    },
+}
+
+impl CorrectionNumbers {
+    /// The word of the file for this kind.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            CorrectionNumbers::Geometry(_) => "geometry",
+            CorrectionNumbers::Smooth { .. } => "smooth",
+        }
+    }
+
+    fn list(&self) -> &[f64] {
+        match self {
+            CorrectionNumbers::Geometry(numbers) => numbers,
+            CorrectionNumbers::Smooth { numbers, .. } => numbers,
+        }
+    }
+}
+
 /// A correction as its file holds it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RobotCorrection {
-    /// `geometry` or `smooth`.
-    pub kind: String,
-    /// Its numbers, turns in rad, lengths in mm.
-    pub numbers: Vec<f64>,
-    /// Of a smooth one: the middle of the measured volume, mm.
-    pub middle_mm: Option<[f64; 3]>,
-    /// Of a smooth one: half the size of that volume, mm.
-    pub half_mm: Option<[f64; 3]>,
+    /// Its numbers.
+    pub numbers: CorrectionNumbers,
     /// What left-out pictures were off without it, rms, mm.
     pub left_out_before_mm: f64,
     /// What they are off with it.
@@ -65,45 +97,35 @@ impl RobotCorrection {
         let date = section.take("date", (), Some(None));
         let provenance = Provenance::take(section, "residuals_mm");
         section.done();
-        let (kind, numbers, middle_mm, half_mm) = (kind?, numbers?.0, middle_mm?, half_mm?);
-        let is_whole = match kind.as_str() {
-            "geometry" => numbers.len() == 32,
-            "smooth" => numbers.len() == 24 && middle_mm.is_some() && half_mm.is_some(),
-            _ => false,
+        let (kind, list, middle_mm, half_mm) = (kind?, numbers?.0, middle_mm?, half_mm?);
+        let (as_geometry, as_smooth) = (list.as_slice().try_into().ok(), list.as_slice().try_into().ok());
+        let numbers = match (kind.as_str(), as_geometry, as_smooth, middle_mm, half_mm) {
+            ("geometry", Some(numbers), ..) => CorrectionNumbers::Geometry(numbers),
+            ("smooth", _, Some(numbers), Some(middle_mm), Some(half_mm)) => {
+                CorrectionNumbers::Smooth { middle_mm, half_mm, numbers }
+            }
+            _ => {
+                let found = list.len();
+                let message = format!(
+                    "found {kind} with {found} numbers, allowed is geometry with {GEOMETRY_NUMBERS}, or smooth with \
+                     {SMOOTH_NUMBERS}, middle_mm and half_mm"
+                );
+                section.problem("kind", message);
+                return None;
+            }
         };
-        if !is_whole {
-            section.problem(
-                "kind",
-                format!(
-                    "found {kind} with {} numbers, allowed is geometry with 32, or smooth with 24, middle_mm and half_mm",
-                    numbers.len()
-                ),
-            );
-            return None;
-        }
         let (left_out_before_mm, left_out_after_mm) = (before?, after?);
         let (date, provenance) = (date?, provenance?);
-        Some(RobotCorrection {
-            kind,
-            numbers,
-            middle_mm,
-            half_mm,
-            left_out_before_mm,
-            left_out_after_mm,
-            date,
-            provenance,
-        })
+        Some(RobotCorrection { numbers, left_out_before_mm, left_out_after_mm, date, provenance })
     }
 
     /// The file that [`RobotCorrection::check`] reads back to the last bit.
     pub fn to_toml(&self) -> String {
-        let mut text = format!("[robot_correction]\nkind = {}\n", toml::Value::from(self.kind.as_str()));
+        let mut text = format!("[robot_correction]\nkind = {}\n", toml::Value::from(self.numbers.kind()));
         // Writing to a `String` cannot fail.
-        let _ = writeln!(text, "numbers = {:?}", self.numbers);
-        for (key, place) in [("middle_mm", self.middle_mm), ("half_mm", self.half_mm)] {
-            if let Some(place) = place {
-                let _ = writeln!(text, "{key} = {place:?}");
-            }
+        let _ = writeln!(text, "numbers = {:?}", self.numbers.list());
+        if let CorrectionNumbers::Smooth { middle_mm, half_mm, .. } = &self.numbers {
+            let _ = writeln!(text, "middle_mm = {middle_mm:?}\nhalf_mm = {half_mm:?}");
         }
         let _ = writeln!(text, "left_out_before_mm = {:?}", self.left_out_before_mm);
         let _ = writeln!(text, "left_out_after_mm = {:?}", self.left_out_after_mm);

@@ -33,7 +33,7 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let is_shared = order != Order::State && files.cell.robot().kind() == RobotKind::Eki;
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
-    let mut single = match Single::connect(&mut robot) {
+    let mut single = match Single::connect(&mut robot, files.cell.arm()) {
         Ok(single) => single,
         Err(error) => return Ok(Outcome::of(&judgement(error)?)),
     };
@@ -45,6 +45,12 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
     let mut outcome = Outcome::of(&judgement);
     let state = single.state();
     words(state, files.cell.io()).into_iter().for_each(|line| outcome.say(line));
+    if let Some(reported) = single.reported_tcp() {
+        outcome.put("reported_base_from_tcp", json!(reported));
+        outcome.say(format!(
+            "the arm's correction is applied: by the controller, and on the pendant, the tip is at {reported}"
+        ));
+    }
     outcome.put("state", json_of(state, files.cell.io()));
     Ok(outcome)
 }

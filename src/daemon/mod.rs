@@ -26,6 +26,7 @@ mod caller;
 mod cameras;
 mod computing;
 mod contacts;
+mod corrected;
 mod corners;
 mod deadlines;
 mod desk;

@@ -183,7 +183,7 @@ impl Running<'_> {
                 let from: Rigid<Base, Tool> = state.base_from_tcp.to_rigid();
                 // The camera is the tool here.
                 let to = Rigid::claim(*self.sight.corner_pose(job)?.isometry());
-                Some(routes::air(standing, Rigid::<Base, Base>::identity(), (from, to), None))
+                Some(routes::view(standing, from, to))
             }
             Path::Approach => {
                 let to = routes::waypoints(self.abrasion.latest()?).first()?.pose.to_rigid();

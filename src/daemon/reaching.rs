@@ -109,7 +109,7 @@ fn to_corner(
     let to = Rigid::claim(*(panel.base_from_panel * taught.teaching.panel_from_camera).isometry());
     let standing =
         Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints: at, things: panel.things };
-    let gated = routes::air(&standing, Rigid::<Base, Base>::identity(), (from, to), None);
+    let gated = routes::view(&standing, from, to);
     let refused = gated.judgement.reasons.into_iter().next();
     let on_the_way = |reason: Reason| Reason {
         message: format!("on the way to corner {}: {}", corner + 1, reason.message),

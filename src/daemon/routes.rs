@@ -133,11 +133,25 @@ pub(super) fn contact(
     let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
     let gated =
         gated(standing, base_from_panel, (from, points), (taught_axis(plan), speed_mm_s, acceleration_m_s2));
-    let of_plan = judge(plan, settings).and(judge_pad(settings, standing.limits.tool_error_mm()));
+    let in_contact = waypoints(plan).into_iter().filter(|waypoint| waypoint.contact);
+    let places = in_contact.map(|waypoint| base_from_panel * waypoint.pose.to_rigid::<Panel, Tool>());
+    let of_plan = judge(plan, settings)
+        .and(judge_pad(settings, standing.limits.tool_error_mm()))
+        .and(standing.where_measured(places));
     if of_plan.verdict != Verdict::Reject {
         return gated;
     }
     Gated { judgement: of_plan.and(gated.judgement), joints: None, ..gated }
+}
+
+/// The way to a view of a corner, which is measured from there.
+pub(super) fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
+    let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
+    let measured = standing.where_measured([to]);
+    if measured.verdict != Verdict::Reject {
+        return gated;
+    }
+    Gated { judgement: measured.and(gated.judgement), joints: None, ..gated }
 }
 
 fn gated<Active: crate::geometry::Frame>(
@@ -178,6 +192,21 @@ fn gated<Active: crate::geometry::Frame>(
 }
 
 impl Standing<'_> {
+    /// Where the tip is to be exact, the arm's correction must have been measured.
+    fn where_measured(&self, tips: impl IntoIterator<Item = Rigid<Base, Tool>>) -> Judgement {
+        let (arm, tool_from_flange) = (Kinematics::new(self.arm), self.flange_from_tool.inverse());
+        let outside = tips.into_iter().map(|tip| tip * tool_from_flange).find(|flange| !arm.is_measured(flange));
+        let reason = outside.map(|flange| {
+            let place = KukaPose::from_rigid(&flange);
+            let message = format!(
+                "the flange would stand at {place}, outside of the volume over which the arm's correction was measured; \
+                 calibrate the arm with pictures from there, or with axis angles"
+            );
+            Reason::new("outside_correction", message)
+        });
+        Judgement::of(reason.into_iter().collect(), vec![])
+    }
+
     /// How the axes stand at the end of these lines, followed from where they stand now, or what is in the way.
     fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Option<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);

@@ -5,6 +5,7 @@ use super::acts::{Pending, Waits};
 use super::asking::Asker;
 use super::computing::Computing;
 use super::contacts::Underway;
+use super::corrected::Corrected;
 use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
 use super::ports::{Ask, Eyes, Journal, Keeper, Order, Requests, Robot};
@@ -91,7 +92,11 @@ pub fn run_cycle_from(
     ports: Ports<'_>,
 ) -> Result<CycleOutcome, DaemonError> {
     let Ports { robot, eyes, record, requests } = ports;
-    let outside = Outside { robot, record, requests };
+    let mut robot = Corrected::new(robot, job.arm);
+    if let Begin::Cycle { robot: Some(state), .. } = &before {
+        robot.stands_at(state.joints);
+    }
+    let outside = Outside { robot: Box::new(robot), record, requests };
     let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, state);
     running.remember(before);
     running.live()?;
@@ -110,7 +115,7 @@ pub fn serve(site: Site, service: Service<'_>, state: State) -> Result<State, Da
     let seeing = (eyes, readable, keep);
     let computing = Computing::aside(seeing, site.clone(), !robot.is_lock_step(), &supervisor);
     let computing = computing.map_err(DaemonError::Thread)?;
-    let outside = Outside { robot, record, requests };
+    let outside = Outside { robot: Box::new(Corrected::new(robot, &site.arm)), record, requests };
     let mut running = Running::new(site, Seat::Empty, computing, outside, state);
     running.live()?;
     Ok(running.state)
@@ -118,7 +123,7 @@ pub fn serve(site: Site, service: Service<'_>, state: State) -> Result<State, Da
 
 /// All that the loop stands on but the cameras, which are where it computes.
 pub(super) struct Outside<'a> {
-    pub robot: &'a mut dyn Robot,
+    pub robot: Box<dyn Robot + 'a>,
     pub record: &'a mut dyn Journal,
     pub requests: &'a mut dyn Requests,
 }

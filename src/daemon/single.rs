@@ -5,10 +5,11 @@
 //! own list of interlocks (`single_interlocks`). Unlike a cycle's, these motions may run in T1, with a person at the enabling switch. They are not
 //! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
 
+use super::corrected::Corrected;
 use super::ports::Robot;
 use super::routes::{self, Standing};
 use super::single_interlocks;
-use crate::cell::{Cell, InputsOutputs};
+use crate::cell::{Arm, Cell, InputsOutputs};
 use crate::cycle::{Act, Path};
 use crate::eki::{
     Command, CommandId, Epoch, LinkLoss, Mode, MoveJ, QueueError, Report, SetAccSpeed, SetTcp, Signal, State, Time,
@@ -69,7 +70,7 @@ pub struct Line {
 
 /// A robot that answers.
 pub struct Single<'r> {
-    robot: &'r mut dyn Robot,
+    robot: Corrected<'r>,
     state: State,
 }
 
@@ -78,7 +79,8 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// Where none answers.
-    pub fn connect(robot: &'r mut dyn Robot) -> Result<Self, SingleError> {
+    pub fn connect(robot: &'r mut dyn Robot, arm: &Arm) -> Result<Self, SingleError> {
+        let mut robot = Corrected::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
         while begun.elapsed() < CONNECT {
             match robot.next() {
@@ -92,9 +94,14 @@ impl<'r> Single<'r> {
         Err(why.map_or(SingleError::Silent, SingleError::NoController))
     }
 
-    /// What the controller said last.
+    /// What the controller said last; where the arm has a correction, with the tip where it truly is.
     pub fn state(&self) -> &State {
         &self.state
+    }
+
+    /// Where the tip is by the controller, in the active base, where the arm has a correction and it is thus another place.
+    pub fn reported_tcp(&self) -> Option<KukaPose> {
+        self.robot.reported_tcp()
     }
 
     /// Any function but a motion or an output, which have gates of their own below.

@@ -2,10 +2,12 @@
 //!
 //! Up to eight ways lead to a pose: in front of axis 1 or over the head, elbow up or down, wrist or wrist turned over;
 //! each axis may stand a whole turn on. The solver is `rs-opw-kinematics`; what it returns it has checked against its
-//! own forward solution. Knows nothing of limits of speed, paths or panels: see `reach`.
+//! own forward solution. Where the arm's own errors were measured, poses are where the flange truly is; the controller, which
+//! knows only the drawing, is sent others: `sent_flange`. Knows nothing of limits of speed, paths or panels: see `reach`.
 //! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
 
 use super::reach::Things;
+use crate::calib::robot::{ArmPose, Correction};
 use crate::cell::{Arm, ArmGeometry};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
@@ -23,8 +25,13 @@ pub(super) type Angles = [f64; 6];
 pub struct Kinematics {
     arm: Arm,
     solver: OPWKinematics,
+    correction: Option<Correction>,
     things: Option<Arc<Things>>,
 }
+
+/// The axes settle to this, degrees, where a correction depends on them.
+const SETTLED_DEG: f64 = 1e-9;
+const MOST_STEPS: usize = 10;
 
 /// Where the middle line of the arm bends: axis 2, axis 3, the wrist's centre, the flange.
 pub(super) type Skeleton = [Point<Base>; 4];
@@ -45,7 +52,8 @@ impl Kinematics {
             sign_corrections: signs,
             dof: 6,
         };
-        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), things: None }
+        let correction = arm.correction().map(|numbers| Correction::new(numbers, *arm.geometry()));
+        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, things: None }
     }
 
     /// The same arm beside what a scan showed.
@@ -66,15 +74,70 @@ impl Kinematics {
 
     /// Where the flange is; `None` for angles that are no numbers.
     pub fn base_from_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
+        let drawn = self.drawn_flange(joints)?;
+        match &self.correction {
+            Some(correction) => {
+                correction.base_from_flange(&ArmPose { joints: Some(*joints), base_from_flange: drawn })
+            }
+            None => Some(drawn),
+        }
+    }
+
+    /// Where the flange would be were the arm as it is drawn: what the controller computes.
+    pub fn drawn_flange(&self, joints: &Joints) -> Option<Rigid<Base, Flange>> {
         let pose = self.solver.try_forward(&joints.degrees().map(f64::to_radians)).ok()?;
         let (t, q) = (pose.translation, pose.rotation);
         let turn = UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z));
         Some(Rigid::claim(Isometry3::from_parts(Translation3::new(t.x, t.y, t.z), turn)))
     }
 
+    /// Where the flange truly is when the controller reports this pose and these axes.
+    pub fn true_flange(&self, reported: Rigid<Base, Flange>, joints: &Joints) -> Rigid<Base, Flange> {
+        let pose = ArmPose { joints: Some(*joints), base_from_flange: reported };
+        self.correction.as_ref().and_then(|correction| correction.base_from_flange(&pose)).unwrap_or(reported)
+    }
+
+    /// The pose that the controller has to be sent so that the flange comes to this one, and the axes there, in the
+    /// configuration of `near`; `None` where no axes lead there.
+    pub fn sent_flange(
+        &self,
+        base_from_flange: &Rigid<Base, Flange>,
+        near: &Joints,
+    ) -> Option<(Rigid<Base, Flange>, Joints)> {
+        let Some(correction) = &self.correction else {
+            let joints = nearest_way(&self.drawn_ways(base_from_flange), &near.degrees())?;
+            return Some((*base_from_flange, joints.into()));
+        };
+        let mut at = near.degrees();
+        for _ in 0..MOST_STEPS {
+            let sent = correction.sent_flange(base_from_flange, &at.into());
+            let next = nearest_way(&self.drawn_ways(&sent), &at)?;
+            let moved_deg = (0..6).map(|axis| (next[axis] - at[axis]).abs()).fold(0.0, f64::max);
+            at = next;
+            if moved_deg < SETTLED_DEG {
+                return Some((sent, at.into()));
+            }
+        }
+        None
+    }
+
+    /// Whether the arm's correction was measured here; without a correction everywhere.
+    pub fn is_measured(&self, base_from_flange: &Rigid<Base, Flange>) -> bool {
+        self.correction.as_ref().is_none_or(|correction| correction.covers(base_from_flange))
+    }
+
     /// All ways to put the flange there, whatever the axes' limits, each axis within half a turn of zero; none where it
     /// is out of reach.
     pub(super) fn ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
+        let drawn = self.drawn_ways(base_from_flange);
+        if self.correction.is_none() {
+            return drawn;
+        }
+        let settled = |way: Angles| Some(self.sent_flange(base_from_flange, &way.into())?.1.degrees());
+        drawn.into_iter().filter_map(settled).collect()
+    }
+
+    fn drawn_ways(&self, base_from_flange: &Rigid<Base, Flange>) -> Vec<Angles> {
         let (t, q) = (base_from_flange.isometry().translation.vector, base_from_flange.isometry().rotation.coords);
         let rotation = DQuat::from_xyzw(q.x, q.y, q.z, q.w);
         let Ok(pose) = Pose::try_from_parts(DVec3::new(t.x, t.y, t.z), rotation) else { return Vec::new() };
@@ -125,6 +188,15 @@ impl Kinematics {
     }
 }
 
+/// Of these ways the one nearest to where the axes stand, turn by turn.
+pub(super) fn nearest_way(ways: &[Angles], at: &Angles) -> Option<Angles> {
+    let wound = |way: &Angles| -> Angles {
+        std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
+    };
+    let apart = |way: &Angles| (0..6).map(|axis| (way[axis] - at[axis]).abs()).fold(0.0, f64::max);
+    ways.iter().map(wound).min_by(|a, b| apart(a).total_cmp(&apart(b)))
+}
+
 fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vector3<f64> {
     let turn = base_from_flange.isometry().rotation;
     base_from_flange.isometry().translation.vector - turn * Vector3::z() * geometry.c4_mm
@@ -133,7 +205,7 @@ fn wrist(base_from_flange: &Rigid<Base, Flange>, geometry: &ArmGeometry) -> Vect
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::cell::Cell;
+    use crate::cell::{Cell, CorrectionNumbers};
     use proptest::prelude::*;
 
     fn kr6() -> Kinematics {
@@ -173,7 +245,60 @@ mod tests {
         assert_eq!(kr6().ways(&far), Vec::<Angles>::new());
     }
 
+    /// Errors of an arm of this class, and a smooth correction over a panel.
+    fn corrections() -> [CorrectionNumbers; 2] {
+        let geometry = std::array::from_fn(|index| match index {
+            30 | 31 => 8e-7,
+            index if index % 6 < 3 => 8e-4 * (index as f64).sin(),
+            _ => 0.4 * (index as f64).cos(),
+        });
+        let smooth = std::array::from_fn(|index| if index % 6 < 3 { 5e-4 } else { 0.3 } * (index as f64).cos());
+        let (middle_mm, half_mm) = ([480.0, 0.0, 400.0], [250.0, 300.0, 300.0]);
+        [CorrectionNumbers::Geometry(geometry), CorrectionNumbers::Smooth { middle_mm, half_mm, numbers: smooth }]
+    }
+
+    /// By hand: a zero of axis 1 that is 0.001 rad off turns the whole arm: 480 mm in front of it, that is 0.48 mm.
+    #[test]
+    fn a_corrected_arm_stands_where_its_own_zero_puts_it() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
+        let mut errors = [0.0; 32];
+        errors[2] = 0.001;
+        let arm = Kinematics::new(cell.corrected(CorrectionNumbers::Geometry(errors)).arm());
+        let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
+        let (real, drawn) = (arm.base_from_flange(&home).expect("numbers"), arm.drawn_flange(&home).expect("numbers"));
+        let off = (real.origin() - drawn.origin()).mm;
+        assert!((off - Vector3::new(0.0, 0.48, 0.0)).norm() < 1e-3, "{off}");
+        assert!((arm.true_flange(drawn, &home).origin() - real.origin()).mm.norm() < 1e-9);
+    }
+
     proptest! {
+        /// What the controller is sent brings the corrected arm where it should be, in the configuration that was asked for.
+        #[test]
+        fn what_is_sent_leads_to_where_the_flange_should_be(angles in prop::array::uniform6(-60.0..60.0f64)) {
+            for numbers in corrections() {
+                let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
+                let arm = Kinematics::new(cell.corrected(numbers).arm());
+                let near = Joints::from([angles[0], angles[1] - 60.0, angles[2] + 90.0, angles[3], angles[4] + 65.0, angles[5]]);
+                prop_assume!(near.a5_deg.abs() > 5.0 && arm.elbow_deg(&near.degrees()) > 5.0);
+                let wanted = arm.base_from_flange(&near).expect("numbers");
+                prop_assume!(arm.overhead_mm(&wanted) > 30.0);
+                let (sent, joints) = arm.sent_flange(&wanted, &near).expect("within reach");
+                let there = arm.true_flange(sent, &joints);
+                prop_assert!(there.origin().distance_mm(wanted.origin()) < 1e-6);
+                prop_assert!((there.inverse() * wanted).turn().0 < 1e-6);
+                prop_assert!(sent.origin().distance_mm(wanted.origin()) > 1e-3, "it was corrected");
+                let by_controller = arm.drawn_flange(&joints).expect("numbers");
+                prop_assert!(by_controller.origin().distance_mm(sent.origin()) < 1e-5);
+                let apart = (0..6).map(|axis| (joints.degrees()[axis] - near.degrees()[axis]).abs());
+                prop_assert!(apart.fold(0.0, f64::max) < 1e-5);
+                let same = arm.ways(&wanted).iter().filter(|way| {
+                    let there = arm.base_from_flange(&Joints::from(**way)).expect("numbers");
+                    there.origin().distance_mm(wanted.origin()) > 1e-6
+                }).count();
+                prop_assert_eq!(same, 0, "every way leads back");
+            }
+        }
+
         #[test]
         fn every_way_leads_back(angles in prop::array::uniform6(-115.0..115.0f64)) {
             let kr6 = kr6();

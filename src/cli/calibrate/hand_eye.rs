@@ -165,7 +165,7 @@ fn correction(args: &Args, cell: Option<&Cell>) -> Result<Option<Correction>, Fa
         Some(cell) => *cell.arm().geometry(),
         None => *Cell::check("", "")?.arm().geometry(),
     };
-    Ok(Correction::of_file(&read, geometry))
+    Ok(Some(Correction::new(&read.numbers, geometry)))
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.

@@ -77,17 +77,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
         outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
         return Ok(outcome);
     }
-    let (kind, middle_mm, half_mm, numbers) = match &found.correction {
-        Correction::Geometry { errors, .. } => ("geometry", None, None, errors.to_vec()),
-        Correction::Smooth { middle_mm, half_mm, numbers } => {
-            ("smooth", Some(*middle_mm), Some(*half_mm), numbers.to_vec())
-        }
-    };
     let file = RobotCorrection {
-        kind: kind.to_owned(),
-        numbers,
-        middle_mm,
-        half_mm,
+        numbers: found.correction.for_file(),
         left_out_before_mm: found.left_out_before_mm,
         left_out_after_mm: found.left_out_after_mm,
         date: date::today(),

@@ -146,7 +146,7 @@ fn robot(cell: &Cell, sum: Option<i32>) -> Check {
         Ok(alone) => alone,
         Err(fault) => return Check::wrong("robot", fault.to_string(), "mend [robot] in the cell's file"),
     };
-    match Single::connect(&mut link) {
+    match Single::connect(&mut link, cell.arm()) {
         Ok(single) => {
             let state = single.state();
             match sum.filter(|sum| *sum != state.programs_checksum) {

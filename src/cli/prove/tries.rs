@@ -175,7 +175,7 @@ fn base_comes_back(cell: &Cell, x_mm: f64, most_mm: f64) -> Tried {
     }
     std::thread::sleep(Duration::from_millis(500));
     let (mut robot, _) = live::robot_alone(cell)?;
-    let mut single = match Single::connect(&mut robot) {
+    let mut single = match Single::connect(&mut robot, cell.arm()) {
         Ok(single) => single,
         Err(error) => return found(false, error.to_string()),
     };

@@ -125,6 +125,12 @@ pub enum QueueError {
         /// The last id.
         most: u32,
     },
+    /// The arm's correction needs the axes there, and none lead there.
+    #[error("no axis angles lead to point {point}, so that the correction of the arm cannot be applied to it")]
+    Uncorrected {
+        /// From 1.
+        point: usize,
+    },
     /// A command that no controller can execute.
     #[error(transparent)]
     Command(#[from] CommandError),

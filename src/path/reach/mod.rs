@@ -18,7 +18,7 @@ pub use obstacle::{Obstacle, ReachFault, Singular};
 pub use swing::swing;
 pub use things::Things;
 
-use super::kinematics::{Angles, Kinematics};
+use super::kinematics::{Angles, Kinematics, nearest_way};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
 use margins::{axis_limit, beyond, keeps_out, room, too_fast};
 use nalgebra::{Isometry3, Vector3};
@@ -213,12 +213,7 @@ fn widest(turned: &Angles) -> usize {
 
 /// The way to a place nearest to where the axes stand, turn by turn.
 fn nearest(arm: &Kinematics, look: &Look, at: &Angles) -> Result<Angles, Obstacle> {
-    let wound = |way: &Angles| -> Angles {
-        std::array::from_fn(|axis| way[axis] + 360.0 * ((at[axis] - way[axis]) / 360.0).round())
-    };
-    let apart = |way: &Angles| (0..6).map(|axis| (way[axis] - at[axis]).abs()).fold(0.0, f64::max);
-    let ways = look.ways.iter().map(wound);
-    ways.min_by(|a, b| apart(a).total_cmp(&apart(b))).ok_or_else(|| out_of_reach(arm, look))
+    nearest_way(&look.ways, at).ok_or_else(|| out_of_reach(arm, look))
 }
 
 fn out_of_reach(arm: &Kinematics, look: &Look) -> Obstacle {
