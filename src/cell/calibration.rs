@@ -311,6 +311,8 @@ pub struct MountedPose<M: Mount> {
     pub board: Option<BoardSize>,
     /// Serial number of what is mounted.
     pub serial: Option<String>,
+    /// Hash of the arm's correction with which the robot's poses were corrected; none where they were not.
+    pub robot_correction: Option<String>,
     /// Program, pictures and their residuals.
     pub provenance: Provenance,
     mount: PhantomData<M>,
@@ -330,6 +332,7 @@ impl<M: Mount> MountedPose<M> {
             axis_measured: None,
             board: None,
             serial: None,
+            robot_correction: None,
             provenance: Provenance::default(),
             mount: PhantomData,
         }
@@ -361,13 +364,14 @@ impl<M: Mount> MountedPose<M> {
         let axis_measured = if M::HAS_AXIS { section.take("axis_measured", (), Some(None)) } else { Some(None) };
         let board = if M::IS_BOARD { BoardSize::take(section).map(Some) } else { Some(None) };
         let serial = section.take("serial", (), Some(None));
+        let robot_correction = section.take("robot_correction", (), Some(None));
         let provenance = Provenance::take(section, "residuals_mm");
         section.done();
         let pose = KukaPose { x_mm: x_mm?, y_mm: y_mm?, z_mm: z_mm?, a_deg: a_deg?, b_deg: b_deg?, c_deg: c_deg? };
         let (date, rms_mm, uncertainty_mm, axis_measured) = (date?, rms_mm?, uncertainty_mm?, axis_measured?);
-        let (board, serial, provenance) = (board?, serial?, provenance?);
+        let (board, serial, robot_correction, provenance) = (board?, serial?, robot_correction?, provenance?);
         let mounted = MountedPose { date, rms_mm, uncertainty_mm, axis_measured, ..Self::of(pose) };
-        Some(MountedPose { board, serial, provenance, ..mounted })
+        Some(MountedPose { board, serial, robot_correction, provenance, ..mounted })
     }
 
     /// The file that [`MountedPose::check`] reads back to the last bit, where the numbers are in its ranges.
@@ -384,7 +388,9 @@ impl<M: Mount> MountedPose<M> {
         let board = self.board.as_ref();
         line(&mut text, "board", board.map(|board| toml::Value::from(board.board.as_str())));
         line(&mut text, "square_mm", board.map(|board| format!("{:?}", board.square_mm)));
-        line(&mut text, "serial", self.serial.as_ref().map(|serial| toml::Value::from(serial.as_str())));
+        let quoted = |value: &Option<String>| value.as_ref().map(|value| toml::Value::from(value.as_str()));
+        line(&mut text, "serial", quoted(&self.serial));
+        line(&mut text, "robot_correction", quoted(&self.robot_correction));
         self.provenance.write(&mut text, "residuals_mm");
         text
     }

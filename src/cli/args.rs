@@ -1,6 +1,7 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
 use crate::devices::mock::FaultSpec;
+use crate::sim::RealArm;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -250,6 +251,13 @@ pub struct Demo {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
+    /// The simulated arm is off its drawing by so much at the tool, rms, mm, and is calibrated before the cycle; 0 is an arm as
+    /// it is drawn.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+    /// Cameras and tool are calibrated, but the errors of the arm are not.
+    #[arg(long, requires = "arm_error_mm")]
+    pub uncorrected: bool,
     /// Record the cycle in a new file, for `panelprep replay` and Foxglove; a minute of film takes a gigabyte at full size.
     #[arg(long, value_name = "FILE")]
     pub record: Option<PathBuf>,
@@ -287,6 +295,9 @@ pub struct Render {
     /// Cameras with this many times fewer pixels each way; 1 is full size.
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=8))]
     pub reduction: u32,
+    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
 }
 
 /// Options of `cycle` and `air-run`.
@@ -318,6 +329,19 @@ pub struct Simulation {
     /// Which of the seed's places the panel stands at.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub place: u32,
+    /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
+    #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
+    pub arm_error_mm: f64,
+}
+
+fn arm_error(text: &str) -> Result<f64, String> {
+    let allowed = || "allowed are 0 to 5 mm".to_owned();
+    text.parse().ok().filter(|mm| (0.0..=5.0).contains(mm)).ok_or_else(allowed)
+}
+
+/// The simulated arm of this seed; `None` where it is as it is drawn.
+pub fn real_arm(seed: u64, error_mm: f64) -> Option<RealArm> {
+    (error_mm > 0.0).then(|| RealArm::new(seed, error_mm))
 }
 
 /// Options of `robot`.

@@ -53,6 +53,7 @@ impl Calibrated {
             ("flange_from_camera", flange_from_camera.text),
             ("flange_from_tool", tool.text),
         ];
+        texts.extend(files.correction_text()?.map(|text| ("robot_correction", text.to_owned())));
         texts.extend(zivid::settings(&files.cell)?);
         Ok(Calibrated { values, flange_camera_extent, texts })
     }

@@ -3,7 +3,7 @@
 //! The cell is rendered as files, taught by them, and its cameras are verified on their boards; then the cycle runs as `panelprep cycle` would run it. The truth
 //! is read for the score alone, when the cycle is over.
 
-use super::args::{Demo, Simulation, Teach};
+use super::args::{Demo, Simulation, Teach, real_arm};
 use super::assignment::{Assignment, Calibrated};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
@@ -12,7 +12,7 @@ use super::live::Live;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::score::Score;
-use super::{cycle, health, render, teach};
+use super::{commissioned, cycle, health, render, teach};
 use crate::sim::{self, Scene};
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
@@ -27,9 +27,13 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let progress = |line: &str| progress(&format!("{:5.1} s  {line}", begun.elapsed().as_secs_f64()));
     let scene = Scene::from(args.scene);
     let rendered = {
-        let cell = sim::Cell::new(args.seed, scene, args.reduction as usize);
+        let arm = real_arm(args.seed, args.arm_error_mm);
+        let cell = sim::Cell::new(args.seed, scene, args.reduction as usize).with_arm(arm);
         render::write_taught(&cell, &args.out.join("cell"), &progress)?
     };
+    if args.arm_error_mm > 0.0 {
+        commissioned::calibrate(args, &rendered, &progress)?;
+    }
     let common = rendered.common();
     progress("teaching the panel at its nominal place");
     let teaching = Teach {
@@ -42,7 +46,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     teach::run(&teaching, &common)?;
     let files = CellFiles::read(&common)?;
     let assignment = Assignment::read(&files, &teaching.recipe)?;
-    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0 };
+    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
     progress("verifying both cameras and the tool on their boards");
     for camera in [CameraName::Scanner, CameraName::FlangeCamera] {
         verify::run(&rendered.verification(camera), &common, &|_| {})?;

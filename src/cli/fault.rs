@@ -40,6 +40,31 @@ pub enum Fault {
         /// The key.
         key: &'static str,
     },
+    /// A mount that was measured with another correction of the arm than the cell's, or with none.
+    #[error(
+        "{}: was measured with {} and the cell's file names {}: poses of the robot would be corrected twice or not at all; \
+         calibrate it again with the correction in use, or name in [calibration] robot_correction the one that it was measured with",
+        file.display(), correction_words(found.as_deref()), correction_words(ours.as_deref())
+    )]
+    OtherCorrection {
+        /// The mount's file.
+        file: PathBuf,
+        /// The hash in it.
+        found: Option<String>,
+        /// The hash of the cell's.
+        ours: Option<String>,
+    },
+    /// The arm's errors are simulated by the mock in this program alone.
+    #[error("--arm-error-mm needs the robot kind \"mock\": a controller in another process has an arm of its own")]
+    ArmErrorInRehearsal,
+    /// The correction's file is not the one that was read.
+    #[error(
+        "{}: the file of [calibration] robot_correction has changed since this program read it; start it again", cell.display()
+    )]
+    CorrectionChanged {
+        /// The cell's file.
+        cell: PathBuf,
+    },
     /// The cell's file names a calibration that is not there.
     #[error(
         "{}: [calibration] {key} names {}, which is not there; {}", cell.display(), file.display(), super::load::CALIBRATION_ADVICE
@@ -295,4 +320,11 @@ impl Fault {
 
 fn shown(cycle: Option<i64>) -> String {
     cycle.map_or("no cycle".to_owned(), |cycle| format!("cycle {cycle}"))
+}
+
+fn correction_words(hash: Option<&str>) -> String {
+    match hash {
+        None => "no correction of the arm".to_owned(),
+        Some(hash) => format!("the correction of the arm {}", hash.get(..12).unwrap_or(hash)),
+    }
 }

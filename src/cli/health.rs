@@ -17,7 +17,7 @@ pub fn judge(files: &CellFiles) -> Result<Judgement, Fault> {
     let (store, now) = (files.store()?, now_unix_s());
     let demands = Demands::of(files.cell.limits());
     let scanner = calibration_hash(&[&files.scanner()?.text, &files.base_from_camera()?.text]);
-    let flange = calibration_hash(&[&files.flange_camera()?.text, &files.flange_from_camera()?.text]);
+    let flange = files.hash_with_arm(&[&files.flange_camera()?.text, &files.flange_from_camera()?.text]);
     let mut reject = Vec::new();
     for (subject, hash) in [("scanner", scanner), ("flange_camera", flange)] {
         let last = store.last_verification(subject).map_err(Fault::stage)?;

@@ -4,7 +4,7 @@
 //! EthernetKRL runs by the wall clock. Simulated cameras look at that world. In a rehearsal the mock controller is another
 //! process of this machine, `panelprep mock-robot`, and the world around it is here and follows what the controller tells.
 
-use super::args::Simulation;
+use super::args::{Simulation, real_arm};
 use super::fault::Fault;
 #[cfg(feature = "gige")]
 use super::load::calibrated_serial;
@@ -86,6 +86,9 @@ impl Live {
         if !looks {
             let eyes = eyes(cell, calibrations, None)?;
             return Ok(Live { robot, eyes, simulated: None, world: None, flange_link: None });
+        }
+        if simulation.arm_error_mm > 0.0 {
+            return Err(Fault::ArmErrorInRehearsal);
         }
         let world = SimulatedWorld::new(world()?, cell).map_err(Fault::stage)?;
         let follower = Follower::new(world.clone(), cell);
@@ -195,6 +198,7 @@ fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
     let simulated_cell =
         sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).placed(simulation.place);
+    let simulated_cell = simulated_cell.with_arm(real_arm(simulation.seed, simulation.arm_error_mm));
     let delivers = simulated_cell.scanner();
     if (delivers.width_px, delivers.height_px) == (found.width_px, found.height_px) {
         return Ok(simulated_cell);

@@ -4,15 +4,19 @@ use super::args::Common;
 use super::disk;
 use super::fault::Fault;
 use crate::calib::health::Verification;
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cell::{
+    Cell, CorrectionNumbers, FlangeCameraMount, Intrinsics, LensExtent, Mount, MountedPose, RobotCorrection,
+    ScannerMount, ToolMount,
+};
 use crate::cycle::{At, Cause};
-use crate::files;
+use crate::files::{self, ReportedFlange, content_hash};
 use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Point, Rigid,
     Tool,
 };
 use crate::locate::corner;
 use crate::panel::{CornerTeaching, TaughtCorner, TaughtPanel, panel_from_base_at_teaching};
+use crate::path::Kinematics;
 use crate::recipe::Recipe;
 use crate::requirements::{Purpose, unmet};
 use crate::store::{Store, Teaching, calibration_hash};
@@ -22,6 +26,10 @@ use std::path::{Path, PathBuf};
 pub const CALIBRATION_ADVICE: &str = "of config/cell.toml it is written by `panelprep demo`, of another simulated cell by \
                                       `panelprep render`, of a real one by `panelprep calibrate`";
 
+/// What a pose without axes lacks.
+pub const NO_AXES: &str = "the cell's file names a correction of the arm, which needs the axes: add axes_deg = [A1, …, A6] \
+                           beside base_from_flange, as the pendant shows them at this pose";
+
 /// A file's name in messages.
 fn name(file: &Path) -> String {
     file.display().to_string()
@@ -30,8 +38,10 @@ fn name(file: &Path) -> String {
 /// The cell's file, checked, with the texts of the calibrations that a command asks for.
 pub struct CellFiles {
     file: PathBuf,
-    /// The checked cell.
+    /// The checked cell; its arm is corrected as the file that it names says.
     pub cell: Cell,
+    /// The text of that file.
+    correction_text: Option<String>,
     store: PathBuf,
 }
 
@@ -64,7 +74,55 @@ impl CellFiles {
     pub fn read(common: &Common) -> Result<Self, Fault> {
         let cell = Cell::check(&name(&common.cell), &disk::read_text(&common.cell)?)?;
         let store = common.store.clone().unwrap_or_else(|| cell.store().to_owned());
-        Ok(CellFiles { file: common.cell.clone(), cell, store })
+        let files = CellFiles { file: common.cell.clone(), cell, correction_text: None, store };
+        let Some((text, numbers)) = files.correction_now()? else { return Ok(files) };
+        Ok(CellFiles { cell: files.cell.corrected(numbers), correction_text: Some(text), ..files })
+    }
+
+    /// The arm's correction as its file is now, with its text.
+    fn correction_now(&self) -> Result<Option<(String, CorrectionNumbers)>, Fault> {
+        let file = self.cell.calibration().robot_correction.as_ref();
+        let Some(file) = file else { return Ok(None) };
+        let (name, text) = self.text("robot_correction", Some(file))?;
+        let numbers = RobotCorrection::check(&name, &text)?.numbers;
+        Ok(Some((text, numbers)))
+    }
+
+    /// The text of the arm's correction that is applied.
+    ///
+    /// # Errors
+    /// Where its file is another now than when it was read: what has begun goes on by one correction.
+    pub fn correction_text(&self) -> Result<Option<&str>, Fault> {
+        let now = self.correction_now()?.map(|(text, _)| text);
+        if now != self.correction_text {
+            return Err(Fault::CorrectionChanged { cell: self.file.clone() });
+        }
+        Ok(self.correction_text.as_deref())
+    }
+
+    /// The hash of the arm's correction, by which calibrations name it.
+    pub fn correction_hash(&self) -> Option<String> {
+        self.correction_text.as_ref().map(|text| content_hash(text.as_bytes()))
+    }
+
+    /// The hash of these calibrations, and of the arm's correction where there is one: what a verification that the robot
+    /// takes part in holds for.
+    pub fn hash_with_arm(&self, texts: &[&str]) -> String {
+        let all: Vec<&str> = texts.iter().copied().chain(self.correction_text.as_deref()).collect();
+        calibration_hash(&all)
+    }
+
+    /// Where the flange truly was, when the controller reported what this file says.
+    ///
+    /// # Errors
+    /// Where the arm has a correction, and the file no axes.
+    pub fn true_flange(&self, file: &Path, reported: &ReportedFlange) -> Result<KukaPose, Fault> {
+        if self.cell.arm().correction().is_none() {
+            return Ok(reported.base_from_flange);
+        }
+        let joints = reported.joints.as_ref().ok_or_else(|| Fault::file(file, NO_AXES))?;
+        let arm = Kinematics::new(self.cell.arm());
+        Ok(KukaPose::from_rigid(&arm.true_flange(reported.base_from_flange.to_rigid(), joints)))
     }
 
     /// The store's folder.
@@ -115,7 +173,7 @@ impl CellFiles {
 
     /// The last touch check of this tool's calibration; none where it was not touched, or there is no store yet.
     pub fn last_touch(&self, tool_text: &str) -> Option<Verification> {
-        last_touch(&self.store().ok()?, tool_text)
+        last_touch(&self.store().ok()?, &self.hash_with_arm(&[tool_text]))
     }
 
     /// Refuses where the cell's file does not say what this needs, or a calibration that it names is not there.
@@ -150,9 +208,21 @@ impl CellFiles {
         Ok(Calibrated { value: camera, uncertainty_mm: None, extent, text })
     }
 
+    /// A mount's robot poses were corrected as this cell corrects them.
+    fn measured_with_this_arm<M: Mount>(&self, name: &str, mount: &MountedPose<M>) -> Result<(), Fault> {
+        // What a person wrote by hand was not measured with the robot.
+        let is_measured = mount.provenance.program.is_some() || mount.robot_correction.is_some();
+        let (found, ours) = (mount.robot_correction.clone(), self.correction_hash());
+        match is_measured && found != ours {
+            true => Err(Fault::OtherCorrection { file: name.into(), found, ours }),
+            false => Ok(()),
+        }
+    }
+
     fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
+        self.measured_with_this_arm(&name, &mount)?;
         Ok(Calibrated {
             value: mount.rigid(),
             uncertainty_mm: mount.uncertainty_mm,
@@ -200,6 +270,7 @@ impl CellFiles {
     pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
         let (name, text) = self.text(ToolMount::TABLE, self.cell.calibration().flange_from_tool.as_ref())?;
         let tool = MountedPose::<ToolMount>::check(&name, &text)?;
+        self.measured_with_this_arm(&name, &tool)?;
         if tool.axis_measured != Some(true) {
             return Err(Fault::NoAxis { file: name });
         }
@@ -213,9 +284,9 @@ impl CellFiles {
 }
 
 /// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
-pub fn last_touch(store: &Store, tool_text: &str) -> Option<Verification> {
+pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.struck.is_none() && last.calibration_hash == calibration_hash(&[tool_text])).then_some(last)
+    (last.struck.is_none() && last.calibration_hash == hash).then_some(last)
 }
 
 /// Reads and checks a recipe.
@@ -269,8 +340,17 @@ pub struct CornerShot {
     pub bytes: Vec<u8>,
     /// The picture.
     pub picture: ColorPicture,
-    /// Where the flange was.
+    /// Where the flange truly was.
     pub base_from_flange: KukaPose,
+}
+
+/// Where the flange truly was, as this file says.
+///
+/// # Errors
+/// Where it holds no pose, or no axes and the arm has a correction.
+pub fn flange_file(cell_files: &CellFiles, file: &Path) -> Result<KukaPose, Fault> {
+    let reported = files::read_reported_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
+    cell_files.true_flange(file, &reported)
 }
 
 /// Reads corner pictures, each with its pose.
@@ -278,6 +358,7 @@ pub struct CornerShot {
 /// # Errors
 /// Where the counts differ, or a file is not what it must be.
 pub fn corner_shots(
+    cell_files: &CellFiles,
     pictures: &[PathBuf],
     flanges: &[PathBuf],
     camera: &PinholeCamera,
@@ -288,8 +369,8 @@ pub fn corner_shots(
     let read = |(file, flange): (&PathBuf, &PathBuf)| {
         let bytes = disk::read(file)?;
         let picture = files::read_measured(&bytes, camera).map_err(|error| Fault::file(file, error))?;
-        let pose = files::read_flange(&disk::read(flange)?).map_err(|error| Fault::file(flange, error))?;
-        Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange: pose })
+        let base_from_flange = flange_file(cell_files, flange)?;
+        Ok(CornerShot { file: file.clone(), bytes, picture, base_from_flange })
     };
     pictures.iter().zip(flanges).map(read).collect()
 }

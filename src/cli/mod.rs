@@ -8,6 +8,7 @@ mod assignment;
 mod calibrate;
 mod check;
 mod clear;
+mod commissioned;
 mod ctl;
 mod cycle;
 pub mod demo;

@@ -3,7 +3,9 @@
 use super::assignment::{Assignment, Calibrated};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, ScannerMount, ToolMount};
+use crate::cell::{
+    Cell, FlangeCameraMount, Intrinsics, Mount, MountedPose, RobotCorrection, ScannerMount, ToolMount,
+};
 use crate::daemon::{Calibrations, RECORDING_FLOOR_MB, Recorded, Stands, ToRecord, free_mb, too_full};
 use crate::files::{read_flange, write_pose};
 use crate::geometry::{PinholeCamera, Rigid};
@@ -130,6 +132,7 @@ pub fn section(recorded: &Recorded) -> Section {
 }
 
 const RECIPE: &str = "recipe.toml";
+const CORRECTION: &str = "robot_correction.toml";
 const VERSION: &str = "taught/version.txt";
 const SCAN: &str = "taught/scan.pcd";
 const TAUGHT: [&str; 5] = [
@@ -194,6 +197,10 @@ impl RecordedCycle {
             robot_mm: checked.start.robot_mm,
         };
         let cell = Cell::check("cell.toml", parts.text("cell.toml")?)?;
+        let cell = match checked.files.contains_key(CORRECTION) {
+            true => cell.corrected(RobotCorrection::check(CORRECTION, parts.text(CORRECTION)?)?.numbers),
+            false => cell,
+        };
         Ok(RecordedCycle { cell, taught: parts.taught(&recipe)?, recipe, calibrations })
     }
 }

@@ -54,7 +54,7 @@ pub fn run(args: &Refine, common: &Common) -> Result<Outcome, Fault> {
     let lens = files.flange_camera()?;
     let (camera, extent) = (lens.value, lens.extent);
     let flange_from_camera = files.flange_from_camera()?.value;
-    let shots = load::corner_shots(&args.corner, &args.flange, &camera)?;
+    let shots = load::corner_shots(&files, &args.corner, &args.flange, &camera)?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let located = (located, claims_mm(args, &files)?);
     let mut place = stage(&taught, located, shots, &camera, flange_from_camera, &recipe)?;

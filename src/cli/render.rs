@@ -1,6 +1,6 @@
 //! `panelprep render`: the simulated cell as files, and its truth in a folder that no stage reads.
 
-use super::args::{FilmName, Render, SceneName};
+use super::args::{FilmName, Render, SceneName, real_arm};
 use super::disk;
 use super::fault::Fault;
 use super::labels;
@@ -82,12 +82,13 @@ impl From<SceneName> for Scene {
 pub fn run(args: &Render) -> Result<Outcome, Fault> {
     let spec = args.film.spec(args.seed);
     let cell = sim::Cell::new(args.seed, args.scene.into(), args.reduction as usize);
-    let cell = cell.with_films(spec).placed(args.place);
+    let arm = real_arm(args.seed, args.arm_error_mm);
+    let cell = cell.with_films(spec).placed(args.place).with_arm(arm.clone());
     let progress = |line: &str| output::tell_line(line);
     let rendered = write(&cell, &args.out, args.seconds, &progress)?;
     if args.boards {
         progress("rendering boards for calibration");
-        render_boards::write(args.seed, args.reduction as usize, &rendered)?;
+        render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), &rendered))?;
     }
     for index in 1..=args.clips {
         progress(&format!("rendering clip {index} of {}", args.clips));
@@ -306,8 +307,8 @@ fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(
         let picture =
             files::write_color_png(&cell.flange_picture(&base_from_flange, place)).map_err(Fault::stage)?;
         disk::write(&rendered.file(&format!("{taught}corner{number}.png")), picture)?;
-        let pose = files::write_pose(&KukaPose::from_rigid(&base_from_flange));
-        disk::write(&rendered.file(&format!("{taught}flange{number}.json")), pose)?;
+        let file = rendered.file(&format!("{taught}flange{number}.json"));
+        render_boards::write_flange(&file, cell.real_arm(), &base_from_flange)?;
     }
     Ok(())
 }

@@ -6,17 +6,20 @@ use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::disk;
 use super::fault::Fault;
 use super::render::Rendered;
-use crate::calib::Board;
+use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files;
 use crate::geometry::{Base, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool};
-use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RobotNoise};
+use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RealArm, Reported, RobotNoise};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 use std::fmt::Write;
+use std::path::Path;
 
 const TARGET: (&str, f64) = ("5x4", 40.0);
 const POSES: usize = 15;
+/// For an arm's own errors more are needed.
+const ARM_POSES: usize = 20;
 const LENS_PICTURES: usize = 25;
 const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_MM: f64 = 0.1;
@@ -72,34 +75,69 @@ pub fn write_targets(cell: &sim::Cell, rendered: &Rendered) -> Result<(), Fault>
         known.board = Some(BoardSize { board: TARGET.0.to_owned(), square_mm: TARGET.1 });
         disk::write(&rendered.file(&format!("target/{name}.toml")), known.to_toml())?;
     }
-    let pose = KukaPose::from_rigid(&flange.base_from_flange);
-    disk::write(&rendered.file("target/flange.json"), files::write_pose(&pose))?;
+    let arm = cell.real_arm();
+    write_flange(&rendered.file("target/flange.json"), arm, &flange.base_from_flange)?;
     let board = Board::parse(TARGET.0, TARGET.1).map_err(Fault::stage)?;
     let touched = |places: &[Point<_>]| cell.touched_target(&scanner, places);
-    disk::write(&rendered.file("target/touched.toml"), points_text(&board, touched))
+    disk::write(&rendered.file("target/touched.toml"), points_text(&board, arm, touched)?)
+}
+
+/// What the controller reports while the flange truly is here.
+fn reported(arm: Option<&RealArm>, base_from_flange: &Rigid<Base, Flange>) -> Result<Reported, Fault> {
+    match arm {
+        None => Ok(Reported { base_from_flange: *base_from_flange, joints: None }),
+        Some(arm) => arm.reported(base_from_flange).ok_or_else(|| {
+            let pose = KukaPose::from_rigid(base_from_flange);
+            Fault::stage(CalibError::Points(format!("the simulated arm does not come to {pose}")))
+        }),
+    }
+}
+
+/// Writes what the controller reports while the flange truly is here.
+///
+/// # Errors
+/// Where the arm does not come there, or the disk refuses.
+pub fn write_flange(
+    file: &Path,
+    arm: Option<&RealArm>,
+    base_from_flange: &Rigid<Base, Flange>,
+) -> Result<(), Fault> {
+    let Reported { base_from_flange, joints } = reported(arm, base_from_flange)?;
+    let base_from_flange = KukaPose::from_rigid(&base_from_flange);
+    disk::write(file, files::write_reported_flange(&files::ReportedFlange { base_from_flange, joints }))
 }
 
 /// Writes what the cell is calibrated by, a folder for each: lens, both mounts, three points, tool.
 ///
 /// # Errors
 /// Where the disk refuses.
-pub fn write(seed: u64, reduction: usize, rendered: &Rendered) -> Result<(), Fault> {
+pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &Rendered)) -> Result<(), Fault> {
     let cell = BoardCell::new(seed, BoardPrint::chessboard(9, 6, 25.0), ROBOT).with_reduction(reduction);
     let board = Board::parse("9x6", 25.0).map_err(Fault::stage)?;
     let lens: Vec<BoardShot<crate::geometry::FlangeCamera>> = cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
     pictures(rendered, "lens", (&cell, &cell.flange_camera()), &lens)?;
-    let (fixed, flange) = (cell.fixed_shots(POSES), cell.flange_shots(POSES));
+    let poses = if arm.is_some() { ARM_POSES } else { POSES };
+    let (fixed, flange) = (within_reach(arm, cell.fixed_shots(poses)), within_reach(arm, cell.flange_shots(poses)));
     pictures(rendered, "fixed", (&cell, &cell.scanner()), &fixed)?;
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
-    disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(&fixed))?;
-    disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(&flange))?;
+    disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
+    disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
     if let Some(shot) = fixed.first() {
         save(rendered, "boards/touched.png", &cell.picture(&cell.scanner(), shot))?;
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;
         let touched = |places: &[Point<_>]| cell.touched(&base_from_board, places, TOUCH_MM);
-        disk::write(&rendered.file("boards/touched.toml"), points_text(&board, touched))?;
+        disk::write(&rendered.file("boards/touched.toml"), points_text(&board, arm, touched)?)?;
     }
-    disk::write(&rendered.file("boards/tip.toml"), tip_text())
+    if arm.is_some() {
+        disk::write(&rendered.file("boards/touches.toml"), touches_text(arm)?)?;
+    }
+    disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
+}
+
+/// The shots to which the arm comes.
+fn within_reach<C: Frame>(arm: Option<&RealArm>, shots: Vec<BoardShot<C>>) -> Vec<BoardShot<C>> {
+    let comes = |shot: &BoardShot<C>| arm.is_none_or(|arm| arm.reported(&shot.base_from_flange).is_some());
+    shots.into_iter().filter(comes).collect()
 }
 
 fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
@@ -129,51 +167,95 @@ fn pose_text(pose: &KukaPose) -> String {
     )
 }
 
-fn poses_text<C: Frame>(shots: &[BoardShot<C>]) -> String {
+/// The pose in a file, with the axes where the arm is not as it is drawn.
+fn reported_text(flange: &Reported) -> String {
+    let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));
+    pose_text(&KukaPose::from_rigid(&flange.base_from_flange)) + &axes.unwrap_or_default()
+}
+
+fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result<String, Fault> {
     let pose = |(index, shot): (usize, &BoardShot<C>)| {
-        let flange = pose_text(&KukaPose::from_rigid(&shot.base_from_flange));
-        format!("[[poses]]\nimage = \"{}\"\n{flange}\n", file_of(index, shot))
+        let flange = reported_text(&reported(arm, &shot.base_from_flange)?);
+        Ok(format!("[[poses]]\nimage = \"{}\"\n{flange}\n", file_of(index, shot)))
     };
     shots.iter().enumerate().map(pose).collect()
 }
 
 /// A points file with the corners that the program asks to be touched.
-fn points_text(board: &Board, touched: impl Fn(&[Point<crate::geometry::Board>]) -> Vec<Point<Base>>) -> String {
+fn points_text(
+    board: &Board,
+    arm: Option<&RealArm>,
+    touched: impl Fn(&[Point<crate::geometry::Board>]) -> Vec<Point<Base>>,
+) -> Result<String, Fault> {
     let corners = board.corners_to_touch();
     let places: Vec<_> = corners.iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
     let mut text = String::new();
     for (index, (place, (column, row))) in touched(&places).iter().zip(corners).enumerate() {
-        let (number, [x, y, z]) = (index + 1, [place.mm.x, place.mm.y, place.mm.z]);
+        let number = index + 1;
+        // A pointer that is held straight down.
+        let pointing = held_at(*place, [0.0; 3], super::render::TOOL_LENGTH_MM);
+        let Reported { base_from_flange, joints } = reported(arm, &pointing)?;
+        let tip = match joints {
+            None => place.mm,
+            Some(_) => (base_from_flange * Point::<Flange>::at(0.0, 0.0, super::render::TOOL_LENGTH_MM)).mm,
+        };
+        let [x, y, z] = [tip.x, tip.y, tip.z];
         // Writing to a `String` cannot fail.
         let _ = writeln!(text, "p{number}_mm = [{x:.3}, {y:.3}, {z:.3}]\np{number}_corner = [{column}, {row}]");
+        if let Some(joints) = joints {
+            let _ = writeln!(text, "p{number}_axes_deg = {:?}", joints.degrees());
+        }
     }
-    text
+    Ok(text)
 }
+
+/// The flange when a tool of this length holds its tip at a place, its axis turned from straight down.
+fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, Flange> {
+    let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
+    let tip: Rigid<Base, Tool> = Rigid::claim(Isometry3::from_parts(place.mm.coords.into(), turn * down));
+    let flange_from_tool: Rigid<Flange, Tool> = Rigid::claim(Isometry3::translation(0.0, 0.0, out_mm));
+    tip * flange_from_tool.inverse()
+}
+
+/// Poses that hold the tip at each of two spots.
+fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
+    let mut text = String::new();
+    for (spot, place) in [Point::at(520.0, 30.0, 250.0), Point::at(450.0, -120.0, 300.0)].into_iter().enumerate() {
+        for turn_deg in TURNS_DEG {
+            let flange = reported(arm, &held_at(place, turn_deg, super::render::TOOL_LENGTH_MM))?;
+            let _ = writeln!(text, "[[touches]]\nspot = {spot}\n{}", reported_text(&flange));
+        }
+    }
+    Ok(text)
+}
+
+const TURNS_DEG: [[f64; 3]; 5] =
+    [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
 
 /// Poses that hold the simulated tool's tip at one spot, and two that hold a point 60 mm behind it there, as a teach
 /// pendant shows them: to a hundredth.
-fn tip_text() -> String {
-    let spot: Rigid<Base, Tool> = Rigid::claim(Isometry3::translation(520.0, 30.0, 250.0));
-    let held = |turn_deg: [f64; 3], out_mm: f64| {
-        let down = UnitQuaternion::from_scaled_axis(Vector3::new(std::f64::consts::PI, 0.0, 0.0));
-        let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
-        let turned: Rigid<Tool, Tool> = Rigid::claim(Isometry3::from_parts(Default::default(), turn * down));
-        let flange_from_tool: Rigid<Flange, Tool> = Rigid::claim(Isometry3::translation(0.0, 0.0, out_mm));
-        let pose = KukaPose::from_rigid(&(spot * turned * flange_from_tool.inverse()));
+fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
+    let held = |turn_deg: [f64; 3], out_mm: f64| -> Result<String, Fault> {
+        let Reported { base_from_flange, joints } =
+            reported(arm, &held_at(Point::at(520.0, 30.0, 250.0), turn_deg, out_mm))?;
+        let pose = KukaPose::from_rigid(&base_from_flange);
         let shown = |number: f64| (number * 100.0).round() / 100.0;
-        pose_text(&KukaPose {
+        let pose = pose_text(&KukaPose {
             x_mm: shown(pose.x_mm),
             y_mm: shown(pose.y_mm),
             z_mm: shown(pose.z_mm),
             a_deg: shown(pose.a_deg),
             b_deg: shown(pose.b_deg),
             c_deg: shown(pose.c_deg),
-        })
+        });
+        Ok(pose + &joints.map_or(String::new(), |joints| format!("axes_deg = {:?}\n", joints.degrees())))
     };
-    let turns = [[0.0, 0.0, 0.0], [30.0, 0.0, 20.0], [-30.0, 10.0, 0.0], [0.0, 35.0, -40.0], [10.0, -35.0, 60.0]];
-    let tip: String =
-        turns.iter().map(|&turn| format!("[[poses]]\n{}\n", held(turn, super::render::TOOL_LENGTH_MM))).collect();
-    let behind = super::render::TOOL_LENGTH_MM - 60.0;
-    let axis: String = turns[..2].iter().map(|&turn| format!("[[axis]]\n{}\n", held(turn, behind))).collect();
-    tip + &axis
+    let table = |name: &str, turn_deg: &[f64; 3], out_mm: f64| -> Result<String, Fault> {
+        Ok(format!("[[{name}]]\n{}\n", held(*turn_deg, out_mm)?))
+    };
+    let behind_mm = super::render::TOOL_LENGTH_MM - 60.0;
+    let tip = TURNS_DEG.iter().map(|turn_deg| table("poses", turn_deg, super::render::TOOL_LENGTH_MM));
+    let axis = TURNS_DEG[..2].iter().map(|turn_deg| table("axis", turn_deg, behind_mm));
+    tip.chain(axis).collect()
 }

@@ -81,7 +81,7 @@ fn given(args: &Teach, cell_files: &CellFiles, recipe: &Recipe) -> Result<Teachi
         return if runs_cycles { Err(Fault::NoCorner) } else { Ok(teaching) };
     }
     let flange_camera = cell_files.flange_camera()?;
-    let shots = load::corner_shots(&args.corner, &args.flange, &flange_camera.value)?;
+    let shots = load::corner_shots(cell_files, &args.corner, &args.flange, &flange_camera.value)?;
     let kept =
         |shot: load::CornerShot| TaughtCorner { picture: shot.bytes, base_from_flange: shot.base_from_flange };
     teaching.corners = shots.into_iter().map(kept).collect();

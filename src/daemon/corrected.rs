@@ -88,7 +88,8 @@ impl<'r> Corrected<'r> {
 
 /// Where the tip truly is in the active base.
 fn tip(arm: &Kinematics, state: &State) -> KukaPose {
-    let (base, tool) = (state.active_base.to_rigid::<Base, Base>(), state.flange_from_tool.to_rigid::<Flange, Tool>());
+    let (base, tool) =
+        (state.active_base.to_rigid::<Base, Base>(), state.flange_from_tool.to_rigid::<Flange, Tool>());
     let reported = base * state.base_from_tcp.to_rigid::<Base, Tool>() * tool.inverse();
     KukaPose::from_rigid(&(base.inverse() * arm.true_flange(reported, &state.joints) * tool))
 }

@@ -22,5 +22,8 @@ pub use picture::{
     write_color_png, write_gray_png,
 };
 pub use ply::{read_ply, write_ply};
-pub use pose::{PoseError, read_flange, read_located, read_located_mm, write_pose};
+pub use pose::{
+    PoseError, ReportedFlange, read_flange, read_located, read_located_mm, read_reported_flange, write_pose,
+    write_reported_flange,
+};
 pub use shot::{read_any_cloud, read_cloud};

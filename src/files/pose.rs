@@ -3,7 +3,7 @@
 //!
 //! JSON has no NaN, and numbers too large for a double are refused by the parser, so every pose read is finite.
 
-use crate::geometry::KukaPose;
+use crate::geometry::{Joints, KukaPose};
 use serde::Deserialize;
 
 /// Why a text is not a pose.
@@ -63,6 +63,36 @@ pub fn read_flange(bytes: &[u8]) -> Result<KukaPose, PoseError> {
     printed.map_or_else(|| bare(bytes, key), |printed| used(printed.base_from_flange, None, key))
 }
 
+/// Where the flange was by the controller, and the axes where the file has them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReportedFlange {
+    /// The pose.
+    pub base_from_flange: KukaPose,
+    /// `axes_deg`, A1 to A6.
+    pub joints: Option<Joints>,
+}
+
+/// As [`read_flange`], with `axes_deg` beside `base_from_flange`, which may be absent.
+///
+/// # Errors
+/// As [`read_flange`].
+pub fn read_reported_flange(bytes: &[u8]) -> Result<ReportedFlange, PoseError> {
+    let printed: Option<AtFlange> = named(bytes, "base_from_flange")?;
+    let joints = printed.and_then(|printed| printed.axes_deg).map(Joints::from);
+    Ok(ReportedFlange { base_from_flange: read_flange(bytes)?, joints })
+}
+
+/// The flange as [`read_reported_flange`] reads it, with a last newline.
+pub fn write_reported_flange(flange: &ReportedFlange) -> String {
+    match flange.joints {
+        None => write_pose(&flange.base_from_flange),
+        Some(joints) => {
+            let (base_from_flange, axes_deg) = (flange.base_from_flange, joints.degrees());
+            serde_json::json!({"base_from_flange": base_from_flange, "axes_deg": axes_deg}).to_string() + "\n"
+        }
+    }
+}
+
 /// The pose as JSON, with a last newline.
 pub fn write_pose(pose: &KukaPose) -> String {
     serde_json::json!(pose).to_string() + "\n"
@@ -78,6 +108,7 @@ struct Located {
 #[derive(Deserialize)]
 struct AtFlange {
     base_from_flange: Option<KukaPose>,
+    axes_deg: Option<[f64; 6]>,
 }
 
 /// The object that holds the key, `None` where the key is not there. Read twice, so that errors keep their line.
@@ -115,6 +146,13 @@ mod tests {
         assert_eq!(read_located_mm(printed.replace("rms_mm", "uncertainty_mm").as_bytes()), Ok(Some(0.02)));
         assert_eq!(read_located_mm(BARE.as_bytes()), Ok(None));
         assert_eq!(read_flange(format!(r#"{{"base_from_flange": {BARE}}}"#).as_bytes()), Ok(POSE));
+        let bare = ReportedFlange { base_from_flange: POSE, joints: None };
+        assert_eq!(read_reported_flange(BARE.as_bytes()), Ok(bare));
+        let whole = ReportedFlange { joints: Some(Joints::from([1.0, -90.5, 90.0, 0.0, 5.0, 6.0])), ..bare };
+        assert_eq!(read_reported_flange(write_reported_flange(&whole).as_bytes()), Ok(whole));
+        assert_eq!(read_reported_flange(write_reported_flange(&bare).as_bytes()), Ok(bare));
+        let five = format!(r#"{{"base_from_flange": {BARE}, "axes_deg": [1, 2, 3, 4, 5]}}"#);
+        assert!(read_reported_flange(five.as_bytes()).is_err());
     }
 
     #[test]

@@ -265,7 +265,8 @@ mod tests {
         errors[2] = 0.001;
         let arm = Kinematics::new(cell.corrected(CorrectionNumbers::Geometry(errors)).arm());
         let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
-        let (real, drawn) = (arm.base_from_flange(&home).expect("numbers"), arm.drawn_flange(&home).expect("numbers"));
+        let (real, drawn) =
+            (arm.base_from_flange(&home).expect("numbers"), arm.drawn_flange(&home).expect("numbers"));
         let off = (real.origin() - drawn.origin()).mm;
         assert!((off - Vector3::new(0.0, 0.48, 0.0)).norm() < 1e-3, "{off}");
         assert!((arm.true_flange(drawn, &home).origin() - real.origin()).mm.norm() < 1e-9);

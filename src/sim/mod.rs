@@ -8,6 +8,7 @@
 //! - `cast`: what each pixel sees · `appearance`: in which colour · `noise`: every random number
 //! - `variety`, `clutter`, `trial`: panels of many shapes among other things, for the localization
 //! - `board`, `board_cell`, `target`: calibration boards before both cameras
+//! - `real_arm`: an arm that is not as it is drawn
 //! - `scanner`, `flange`, `wet_flange`, `film`, `wetting`, `runoff`, `lamp`, `travellers`: what the cameras deliver ·
 //!   `projector`: which points the 3D camera has · `film_spec`: how hard films are to read · `spots`: grease · `truth`:
 //!   what is true of it all
@@ -27,6 +28,7 @@ mod lamp;
 mod noise;
 mod outline;
 mod projector;
+mod real_arm;
 mod runoff;
 mod scanner;
 mod scene;
@@ -44,6 +46,7 @@ pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use film::{Film, Phase, WET_FROM_S};
 pub use film_spec::FilmSpec;
+pub use real_arm::RealArm;
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::{Grease, Spot, SpotKind};
@@ -53,7 +56,8 @@ pub use truth::{CornerNumbers, PlacementError, SpotNumbers, TrueSpot, Truth, Tru
 pub use wetting::SPRAY_FROM_S;
 
 use crate::geometry::{
-    Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid,
+    Base, Camera, ColorPicture, Flange, FlangeCamera, Joints, KukaPose, OrganizedCloud, Panel, PinholeCamera,
+    Pixel, Rigid,
 };
 use cast::{Rays, View};
 use noise::{PixelNoise, Purpose, Seed};
@@ -100,6 +104,16 @@ pub struct Cell {
     scanner: (PinholeCamera, Rays),
     flange_camera: (PinholeCamera, Rays),
     pixels: PixelNoise,
+    arm: Option<RealArm>,
+}
+
+/// What the controller reports of a pose of the flange.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reported {
+    /// Where it says that the flange is.
+    pub base_from_flange: Rigid<Base, Flange>,
+    /// The axes, where the arm is not as it is drawn.
+    pub joints: Option<Joints>,
 }
 
 impl Cell {
@@ -129,6 +143,25 @@ impl Cell {
             scanner: with_rays(scene::scanner(reduction)),
             flange_camera: with_rays(scene::flange_camera(reduction)),
             pixels: PixelNoise::new(seed),
+            arm: None,
+        }
+    }
+
+    /// The same cell with an arm that is not as it is drawn.
+    pub fn with_arm(self, arm: Option<RealArm>) -> Self {
+        Cell { arm, ..self }
+    }
+
+    /// Its arm, where that is not as it is drawn.
+    pub fn real_arm(&self) -> Option<&RealArm> {
+        self.arm.as_ref()
+    }
+
+    /// What the controller reports while the flange truly is here; `None` where the arm does not come there.
+    pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
+        match &self.arm {
+            None => Some(Reported { base_from_flange: *base_from_flange, joints: None }),
+            Some(arm) => arm.reported(base_from_flange),
         }
     }
 

@@ -27,6 +27,7 @@ pub(super) enum Purpose {
     Glints,
     Drops,
     Grease,
+    Arm,
 }
 
 /// The seed from which everything is drawn.

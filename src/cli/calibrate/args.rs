@@ -250,6 +250,9 @@ pub struct Tcp {
     /// Flange poses that hold the tip at one spot, and those that tell the axis.
     #[arg(long, value_name = "FILE")]
     pub poses: PathBuf,
+    /// The arm's correction, by `calibrate robot`; without it, the one that the cell's file names.
+    #[arg(long, value_name = "FILE")]
+    pub robot: Option<PathBuf>,
     /// The file to write.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,

@@ -30,8 +30,12 @@ fn like_radians(pose: &KukaPose) -> bool {
 pub struct Points {
     /// Three corners, and a fourth where the file has one.
     pub touched: Vec<Touched>,
+    /// The axes at each of them, where the file has them.
+    pub joints: Vec<Option<Joints>>,
     /// The flange at the picture.
     pub base_from_flange: Option<Rigid<Base, Flange>>,
+    /// The axes there, where the file has them.
+    pub flange_joints: Option<Joints>,
 }
 
 /// Checks the text of a points file.
@@ -51,6 +55,10 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
         let three = [KEYS[0], KEYS[1], KEYS[2]].map(touched);
         let check_place = top.take::<Option<[f64; 3]>>(KEYS[3].0, PLACE_MM, Some(None));
         let check_corner = top.take::<Option<[usize; 2]>>(KEYS[3].1, CORNER, Some(None));
+        const AXES: [&str; 4] = ["p1_axes_deg", "p2_axes_deg", "p3_axes_deg", "p4_axes_deg"];
+        let axes = |key| top.take::<Option<[f64; 6]>>(key, AXIS_DEG, Some(None));
+        let joints: Option<Vec<Option<[f64; 6]>>> = AXES.into_iter().map(axes).collect();
+        let flange_joints = axes("axes_deg");
         let flange = top.section("base_from_flange");
         let flange = if flange.is_present() { Some(pose(&flange)) } else { None };
         top.done();
@@ -70,12 +78,14 @@ pub fn points(file: &str, text: &str) -> Result<Points, Problems> {
             }
         };
         let [first, second, third] = three;
-        let touched = [first?, second?, third?].into_iter().chain(fourth).collect();
+        let touched: Vec<Touched> = [first?, second?, third?].into_iter().chain(fourth).collect();
+        let joints = joints?.into_iter().take(touched.len()).map(|axes| axes.map(Joints::from)).collect();
+        let flange_joints = flange_joints?.map(Joints::from);
         let base_from_flange = match flange {
             Some(pose) => Some(pose?.to_rigid()),
             None => None,
         };
-        Some(Points { touched, base_from_flange })
+        Some(Points { touched, joints, base_from_flange, flange_joints })
     })
 }
 
@@ -216,18 +226,28 @@ pub struct ToolPoses {
     pub axis: Option<AxisTouch>,
 }
 
+/// Where the flange truly was when the robot reported this; a problem in words where that cannot be said.
+pub type TrueFlange<'a> = &'a dyn Fn(Rigid<Base, Flange>, Option<&Joints>) -> Result<Rigid<Base, Flange>, String>;
+
 /// Checks the text of a poses file for a tool: `[[poses]]`, and `[[axis]]` or `[[plate]]` with `[[flat]]`.
 ///
 /// # Errors
 /// Every problem with its line and key.
-pub fn tool_poses(file: &str, text: &str) -> Result<ToolPoses, Problems> {
+pub fn tool_poses(file: &str, text: &str, true_flange: TrueFlange<'_>) -> Result<ToolPoses, Problems> {
     config::check(file, text, |top| {
         let flange = |key: &'static str| -> Option<Vec<Rigid<Base, Flange>>> {
             let read = |section: Section<'_, '_>| {
                 let _ = section.take::<Option<String>>("image", (), Some(None));
                 let read = pose(&section.section("base_from_flange"));
+                let axes_deg = section.take::<Option<[f64; 6]>>("axes_deg", AXIS_DEG, Some(None));
                 section.done();
-                read.map(|pose| pose.to_rigid())
+                match true_flange(read?.to_rigid(), axes_deg?.map(Joints::from).as_ref()) {
+                    Ok(flange) => Some(flange),
+                    Err(problem) => {
+                        section.problem("axes_deg", problem);
+                        None
+                    }
+                }
             };
             // Every table is read, so that every problem is told.
             let all: Vec<_> = top.sections(key).into_iter().map(read).collect();
@@ -291,14 +311,19 @@ mod tests {
         assert!(problems(points("f", &format!("{text}{radians}"))).contains("look like radians"));
     }
 
+    fn as_reported(flange: Rigid<Base, Flange>, _: Option<&Joints>) -> Result<Rigid<Base, Flange>, String> {
+        Ok(flange)
+    }
+
     #[test]
     fn a_tool_has_one_way_to_its_axis() {
         let tip = format!("[[poses]]\n{POSE}");
-        assert_eq!(tool_poses("f", &tip).expect("right").axis, None);
-        let behind = tool_poses("f", &format!("{tip}[[axis]]\n{POSE}")).expect("right").axis;
+        assert_eq!(tool_poses("f", &tip, &as_reported).expect("right").axis, None);
+        let behind = tool_poses("f", &format!("{tip}[[axis]]\n{POSE}"), &as_reported).expect("right").axis;
         assert!(matches!(behind, Some(AxisTouch::Behind(poses)) if poses.len() == 1));
-        let flat = tool_poses("f", &format!("{tip}[[plate]]\nplace_mm = [1, 2, 3]\n[[flat]]\n{POSE}"));
+        let flat =
+            tool_poses("f", &format!("{tip}[[plate]]\nplace_mm = [1, 2, 3]\n[[flat]]\n{POSE}"), &as_reported);
         assert!(matches!(flat.expect("right").axis, Some(AxisTouch::Plate { .. })));
-        assert!(problems(tool_poses("f", &format!("{tip}[[flat]]\n{POSE}"))).contains("together"));
+        assert!(problems(tool_poses("f", &format!("{tip}[[flat]]\n{POSE}"), &as_reported)).contains("together"));
     }
 }

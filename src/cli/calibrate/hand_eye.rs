@@ -5,13 +5,13 @@ use super::super::disk;
 use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::{HandEye as Args, MountName};
+use super::in_use::InUse;
 use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
-use crate::calib::robot::{ArmPose, Correction};
 use crate::calib::{Arrangement, Board, CalibError, HandEye, Seen, Station, gate, next_pose};
-use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, RobotCorrection, ScannerMount};
+use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use rayon::prelude::*;
 use serde_json::json;
@@ -94,8 +94,8 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let lens = intrinsics(&args.intrinsics)?;
     let camera = lens.camera;
     let cell = cell(common)?;
-    let correction = correction(args, cell.as_ref())?;
-    let (looks, aside) = looks(args, (&board, correction.as_ref()), &camera, progress)?;
+    let arm = InUse::of(args.robot.as_deref(), common)?;
+    let (looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
     let stations: Vec<Station<A::From>> =
         looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
     progress("mount");
@@ -146,6 +146,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let mut mounted = MountedPose::<A>::of(pose_of(&found));
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
+    mounted.robot_correction = arm.map(|arm| arm.hash);
     mounted.rms_mm = Some(found.rms_mm);
     mounted.uncertainty_mm = Some(found.uncertainty_mm);
     let used = looks.iter().zip(&found.residuals).filter(|(_, residual)| residual.used);
@@ -155,17 +156,6 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
-}
-
-/// The arm's correction that `--robot` names.
-fn correction(args: &Args, cell: Option<&Cell>) -> Result<Option<Correction>, Fault> {
-    let Some(file) = &args.robot else { return Ok(None) };
-    let read = RobotCorrection::check(&file.display().to_string(), &disk::read_text(file)?)?;
-    let geometry = match cell {
-        Some(cell) => *cell.arm().geometry(),
-        None => *Cell::check("", "")?.arm().geometry(),
-    };
-    Ok(Some(Correction::new(&read.numbers, geometry)))
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.
@@ -189,7 +179,7 @@ fn station<C: Frame>(look: &Look, seen: Seen<C>) -> Station<C> {
 /// The pictures that show the board, and why the others do not count.
 fn looks(
     args: &Args,
-    (board, correction): (&Board, Option<&Correction>),
+    (board, arm): (&Board, Option<&InUse>),
     camera: &PinholeCamera,
     progress: &(dyn Fn(&str) + Sync),
 ) -> Result<(Vec<Look>, Vec<(String, String)>), Fault> {
@@ -204,13 +194,9 @@ fn looks(
         let found = sight.detect(board, window);
         let done = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress(&format!("corners: {done} of {}", poses.len()));
-        let arm_pose = ArmPose { joints: pose.joints, base_from_flange: pose.base_from_flange };
-        let base_from_flange = match correction {
+        let base_from_flange = match arm {
             None => pose.base_from_flange,
-            Some(correction) => correction.base_from_flange(&arm_pose).ok_or_else(|| {
-                let message = format!("{} has no axes_deg, which the arm's correction needs", pose.image);
-                Fault::file(file, CalibError::Points(message))
-            })?,
+            Some(arm) => arm.flange((file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
         };
         Ok(found.map_err(|error| (pose.image.clone(), error.to_string())).map(|detected| Look {
             sight,

@@ -7,6 +7,7 @@ mod date;
 mod files;
 mod hand_eye;
 mod history;
+mod in_use;
 mod intrinsics;
 mod robot;
 mod sight;
@@ -38,7 +39,7 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),
         What::Robot(args) => robot::run(args, common, progress),
-        What::Tcp(args) => tcp::run(args),
+        What::Tcp(args) => tcp::run(args, common),
         What::Verify(args) => verify::run(args, common, progress),
         What::Touch(args) => verify::touch(args, common),
         What::History => history::run(common),

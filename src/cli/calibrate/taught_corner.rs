@@ -12,7 +12,6 @@ use crate::calib::{CalibError, health};
 use crate::geometry::{Base, Flange, Rigid};
 use crate::locate::corner::find_taught;
 use crate::panel::panel_from_base_at_teaching;
-use crate::store::calibration_hash;
 use crate::verdict::Judgement;
 use serde_json::json;
 use std::path::Path;
@@ -34,7 +33,8 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     let recipe = load::recipe(recipe_file)?;
     let taught = load::taught(files, recipe_file, &recipe)?;
     let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
-    let shots = load::corner_shots(std::slice::from_ref(&args.image), std::slice::from_ref(flange), &camera.value)?;
+    let (image, flange) = (std::slice::from_ref(&args.image), std::slice::from_ref(flange));
+    let shots = load::corner_shots(files, image, flange, &camera.value)?;
     let (Some(shot), Some(corner)) = (shots.first(), taught.corners.first()) else {
         return Err(wrong("no corner of this panel was taught; teach it with --corner and --flange"));
     };
@@ -51,7 +51,7 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     }
     let (px_per_mm, _) = camera.value.px_per_mm_at(in_camera.mm.z);
     let error_px = found.distance_px(expected);
-    let hash = calibration_hash(&[&camera.text, &mount.text]);
+    let hash = files.hash_with_arm(&[&camera.text, &mount.text]);
     let verification = verify::verification(files, "flange_camera", error_px / px_per_mm, hash);
     let mut outcome = verify::kept(files, &verification, args.pictures.as_deref())?;
     outcome.put("error_px", json!(error_px));

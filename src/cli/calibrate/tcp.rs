@@ -1,24 +1,32 @@
 //! `panelprep calibrate tcp`: the tool's point and axis.
 
+use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
+use super::super::load::NO_AXES;
 use super::super::outcome::Outcome;
 use super::args::Tcp as Args;
+use super::in_use::InUse;
 use super::{date, files, keep, provenance};
 use crate::calib::gate;
 use crate::calib::tool::{flange_from_tool, tool_axis, tool_point};
 use crate::cell::{MountedPose, ToolMount};
 use crate::files::content_hash;
-use crate::geometry::{KukaPose, Vector};
+use crate::geometry::{Joints, KukaPose, Vector};
 use serde_json::json;
 
 /// Calibrates; writes the file where `--out` names one.
 ///
 /// # Errors
 /// Where the poses file has problems, or its poses determine no tool.
-pub fn run(args: &Args) -> Result<Outcome, Fault> {
+pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
     let text = disk::read_text(&args.poses)?;
-    let poses = files::tool_poses(&args.poses.display().to_string(), &text)?;
+    let arm = InUse::of(args.robot.as_deref(), common)?;
+    let true_flange = |reported, joints: Option<&Joints>| match &arm {
+        None => Ok(reported),
+        Some(arm) => arm.true_flange(reported, joints).ok_or_else(|| NO_AXES.to_owned()),
+    };
+    let poses = files::tool_poses(&args.poses.display().to_string(), &text, &true_flange)?;
     let point = tool_point(&poses.tip).map_err(Fault::stage)?;
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose().map_err(Fault::stage)?;
     let judgement = gate::tool(&point, axis.as_ref());
@@ -40,6 +48,7 @@ pub fn run(args: &Args) -> Result<Outcome, Fault> {
     if let Some(out) = &args.out {
         let mut mounted = MountedPose::<ToolMount>::of(pose);
         mounted.date = date::today();
+        mounted.robot_correction = arm.as_ref().map(|arm| arm.hash.clone());
         mounted.rms_mm = Some(point.rms_mm);
         mounted.uncertainty_mm = Some(point.uncertainty_mm);
         mounted.axis_measured = Some(axis.is_some());

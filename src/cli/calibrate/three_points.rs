@@ -7,6 +7,7 @@ use super::super::outcome::Outcome;
 use super::super::pictures;
 use super::args::{HandEye as Args, MountName};
 use super::hand_eye::{Mounted, cell, intrinsics};
+use super::in_use::InUse;
 use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::three_points::{ThreePoints, three_points};
@@ -40,7 +41,11 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let read = |file: &PathBuf| -> Result<files::Points, Fault> {
         Ok(files::points(&file.display().to_string(), &disk::read_text(file)?)?)
     };
-    let points = args.points.as_ref().map(read).transpose()?;
+    let mut points = args.points.as_ref().map(read).transpose()?;
+    let arm = InUse::of(args.robot.as_deref(), common)?;
+    if let (Some(arm), Some(file), Some(points)) = (&arm, &args.points, &mut points) {
+        arm.correct_tips(file, points)?;
+    }
     let to_touch = match &points {
         Some(points) => points.touched.iter().map(|touched| touched.corner).collect(),
         None => board.corners_to_touch().to_vec(),
@@ -69,6 +74,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let mut mounted = MountedPose::<A>::of(KukaPose::from_rigid(&found.to_from_camera));
     mounted.date = date::today();
     mounted.serial = args.serial.clone();
+    mounted.robot_correction = arm.map(|arm| arm.hash);
     // Three points have no residual: the file states none, and no uncertainty.
     mounted.provenance = provenance(vec![sight.hash.clone()], vec![]);
     let text = mounted.to_toml();

@@ -3,16 +3,16 @@
 use super::super::args::Common;
 use super::super::disk;
 use super::super::fault::Fault;
-use super::super::load::CellFiles;
+use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
+use super::in_use::InUse;
 use super::sight::Sight;
 use super::target::Target;
 use super::{date, files, provenance, taught_corner};
 use crate::calib::health::{self, Demands, Look, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::files::read_flange;
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
 use crate::report;
 use crate::store::{Store, calibration_hash};
@@ -42,10 +42,7 @@ fn look(
     };
     let base_from_flange = match (args.camera, &args.flange) {
         (CameraName::Scanner, _) => None,
-        (CameraName::FlangeCamera, Some(file)) => {
-            let pose = read_flange(&disk::read(file)?).map_err(|error| Fault::file(file, error))?;
-            Some(pose.to_rigid::<Base, Flange>())
-        }
+        (CameraName::FlangeCamera, Some(file)) => Some(flange_file(files, file)?.to_rigid::<Base, Flange>()),
         (CameraName::FlangeCamera, None) => {
             let message = "--flange is missing: the flange's pose at the picture";
             return Err(Fault::stage(CalibError::Points(message.to_owned())));
@@ -66,7 +63,12 @@ fn look(
             (base_from_flange * files.flange_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
     };
-    let calibration_hash = calibration_hash(&[&camera.text, &mount_text]);
+    let texts = [camera.text.as_str(), mount_text.as_str()];
+    // A fixed camera before a fixed board: the robot has no part in it.
+    let calibration_hash = match args.camera {
+        CameraName::Scanner => calibration_hash(&texts),
+        CameraName::FlangeCamera => files.hash_with_arm(&texts),
+    };
     let look = Look { base_from_board, pnp_rms_px, measured_square_mm };
     Ok(Looked { look, outside, picture_hash: sight.hash, calibration_hash })
 }
@@ -164,7 +166,10 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
-    let points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
+    let mut points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
+    if let Some(arm) = InUse::of_cell(&files) {
+        arm.correct_tips(&args.points, &mut points)?;
+    }
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
         let (column, row) = touched.corner;
@@ -175,7 +180,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         errors_mm.push((known * corner).distance_mm(touched.place));
     }
     let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
-    let verification = verification(&files, "tool", error_mm, calibration_hash(&[&tool_text(&files)?]));
+    let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool_text(&files)?]));
     let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;

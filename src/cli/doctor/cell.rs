@@ -81,11 +81,17 @@ pub(super) fn taught(store: &Store) -> Vec<Check> {
 /// Each calibration: is it there, and was it verified lately, as the store says?
 pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Check> {
     let camera = |name: &str, lens: Result<String, Fault>, mount: Result<String, Fault>| match (lens, mount) {
-        (Ok(lens), Ok(mount)) => verified((files, store), name, &calibration_hash(&[&lens, &mount])),
+        (Ok(lens), Ok(mount)) => {
+            let hash = match name {
+                "flange_camera" => files.hash_with_arm(&[&lens, &mount]),
+                _ => calibration_hash(&[&lens, &mount]),
+            };
+            verified((files, store), name, &hash)
+        }
         (Err(fault), _) | (_, Err(fault)) => unread(name, &fault),
     };
     let tool = match files.flange_from_tool() {
-        Ok(tool) => match store.and_then(|store| last_touch(store, &tool.text)) {
+        Ok(tool) => match store.and_then(|store| last_touch(store, &files.hash_with_arm(&[&tool.text]))) {
             Some(touch) if touch.error_mm.is_nan() || touch.error_mm > files.cell.limits().verify_limit_mm() => {
                 Check::wrong(
                     "calibration of the tool",

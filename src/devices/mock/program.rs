@@ -219,7 +219,7 @@ impl Controller {
         if self.contact.retracts() {
             return;
         }
-        let base_from_flange = self.mover.base_from_flange();
+        let base_from_flange = self.flange_pose();
         let tool_on = self.setup.tool_output.and_then(|number| self.outputs.get(&number)).copied();
         self.trace.push(Sample {
             time_ms: self.now_ms,

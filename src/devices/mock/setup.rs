@@ -5,6 +5,7 @@ use super::fault::FaultSpec;
 use super::interpreted::Programs;
 use super::kinematics::Arm;
 use crate::geometry::Joints;
+use crate::sim::RealArm;
 use std::collections::BTreeMap;
 
 /// What makes the controller's time pass.
@@ -56,6 +57,8 @@ pub const CHECKSUM: i32 = 1;
 pub struct Setup {
     /// The arm.
     pub arm: Arm,
+    /// How the arm truly is, where that is not as it is drawn; what is told of the mock from outside is by this one.
+    pub real_arm: Option<RealArm>,
     /// Where its axes stand at the start.
     pub start: Joints,
     /// CELLCMD.xml.
@@ -98,6 +101,7 @@ impl Setup {
         let start = Joints { a1_deg: 0.0, a2_deg: -90.0, a3_deg: 90.0, a4_deg: 0.0, a5_deg: 60.0, a6_deg: 0.0 };
         Setup {
             arm: Arm::kr6_r700_2(),
+            real_arm: None,
             start,
             commands,
             states,

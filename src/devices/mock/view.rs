@@ -28,9 +28,12 @@ impl Controller {
         self.mover.joints()
     }
 
-    /// Where the flange is.
+    /// Where the flange truly is.
     pub fn flange_pose(&self) -> Rigid<Base, Flange> {
-        self.mover.base_from_flange()
+        match &self.setup.real_arm {
+            Some(arm) => arm.base_from_flange(&self.mover.joints()),
+            None => self.mover.base_from_flange(),
+        }
     }
 
     /// Whether the arm moves, or has something planned.

@@ -177,6 +177,7 @@ impl SimulatedWorld {
             numbers
         };
         Setup {
+            real_arm: self.fixed.cell.real_arm().cloned(),
             inputs: numbers(cell.io().feedbacks()),
             outputs: numbers(cell.io().outputs()),
             tool_output: cell.io().output(Output::Tool),

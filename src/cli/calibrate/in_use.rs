@@ -1,0 +1,96 @@
+//! The correction of the arm by which a calibration corrects the robot's poses: the one that `--robot` names, else the cell's.
+
+use super::super::args::Common;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::{CellFiles, NO_AXES};
+use super::files::Points;
+use super::hand_eye;
+use crate::cell::{Cell, CorrectionNumbers, RobotCorrection};
+use crate::files::content_hash;
+use crate::geometry::{Base, Flange, Joints, Point, Rigid};
+use crate::path::Kinematics;
+use std::path::Path;
+
+/// A correction in use.
+pub struct InUse {
+    arm: Kinematics,
+    /// The hash of its file.
+    pub hash: String,
+}
+
+impl InUse {
+    /// The one of this file, else that of the cell's file; `None` where neither names one.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or is not what it must be.
+    pub fn of(named: Option<&Path>, common: &Common) -> Result<Option<Self>, Fault> {
+        let cell = hand_eye::cell(common)?;
+        let of_cell = cell.as_ref().and_then(|cell| cell.calibration().robot_correction.clone());
+        let Some(file) = named.map(Path::to_owned).or(of_cell) else { return Ok(None) };
+        let cell = match cell {
+            Some(cell) => cell,
+            None => Cell::check("", "")?,
+        };
+        let text = disk::read_text(&file)?;
+        let numbers = RobotCorrection::check(&file.display().to_string(), &text)?.numbers;
+        Ok(Some(Self::new(cell, numbers, content_hash(text.as_bytes()))))
+    }
+
+    fn new(cell: Cell, numbers: CorrectionNumbers, hash: String) -> Self {
+        InUse { arm: Kinematics::new(cell.corrected(numbers).arm()), hash }
+    }
+
+    /// That of a cell which was read; `None` where it has none.
+    pub fn of_cell(files: &CellFiles) -> Option<Self> {
+        files.correction_hash().map(|hash| InUse { arm: Kinematics::new(files.cell.arm()), hash })
+    }
+
+    /// Where the flange truly was; `name` is that of the pose in messages.
+    ///
+    /// # Errors
+    /// Where the pose has no axes.
+    pub fn flange(
+        &self,
+        (file, name): (&Path, &str),
+        reported: Rigid<Base, Flange>,
+        joints: Option<&Joints>,
+    ) -> Result<Rigid<Base, Flange>, Fault> {
+        self.true_flange(reported, joints).ok_or_else(|| Fault::file(file, format!("{name}: {NO_AXES}")))
+    }
+
+    /// The same; `None` where the pose has no axes.
+    pub fn true_flange(
+        &self,
+        reported: Rigid<Base, Flange>,
+        joints: Option<&Joints>,
+    ) -> Option<Rigid<Base, Flange>> {
+        Some(self.arm.true_flange(reported, joints?))
+    }
+
+    /// Corrects places that the tip touched, and the flange's pose at the picture.
+    ///
+    /// # Errors
+    /// Where one of them has no axes.
+    pub fn correct_tips(&self, file: &Path, points: &mut Points) -> Result<(), Fault> {
+        for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
+            let missing = || {
+                let (number, why) = (index + 1, "the arm's correction needs the axes at each touch");
+                Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}"))
+            };
+            let joints = joints.as_ref().ok_or_else(missing)?;
+            touched.place = self.tip(touched.place, joints).ok_or_else(missing)?;
+        }
+        if let Some(reported) = points.base_from_flange {
+            let joints = points.flange_joints.as_ref();
+            points.base_from_flange = Some(self.flange((file, "base_from_flange"), reported, joints)?);
+        }
+        Ok(())
+    }
+
+    /// Where the tip truly was that the controller reported here: it moves with the flange, whatever tool it is.
+    fn tip(&self, reported: Point<Base>, joints: &Joints) -> Option<Point<Base>> {
+        let drawn = self.arm.drawn_flange(joints)?;
+        Some(self.arm.true_flange(drawn, joints) * (drawn.inverse() * reported))
+    }
+}

@@ -1,0 +1,92 @@
+//! The demo's cell with an arm that is not as it is drawn, calibrated as an engineer does it: the arm by pictures of boards and
+//! by touches, then both cameras and the tool with the corrected poses.
+
+use super::args::{Common, Demo, real_arm};
+use super::calibrate::{self, args as asked};
+use super::disk;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use super::render::Rendered;
+use super::render_boards;
+use crate::calib::CalibError;
+use crate::verdict::Verdict;
+use serde_json::json;
+use std::path::PathBuf;
+
+const CORRECTION: &str = "robot_correction.toml";
+const NAMED: &str = "flange_from_tool = \"flange_from_tool.toml\"\n";
+
+/// Renders boards, calibrates, and names the correction in the cell's file; without `--uncorrected`.
+///
+/// # Errors
+/// Where a calibration is refused.
+pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    progress("rendering boards for the calibration of the arm");
+    let arm = real_arm(args.seed, args.arm_error_mm);
+    render_boards::write(args.seed, args.reduction as usize, (arm.as_ref(), rendered))?;
+    let common = rendered.common();
+    let robot = (!args.uncorrected).then(|| rendered.file(CORRECTION));
+    if let Some(out) = &robot {
+        progress("calibrating the arm");
+        made(asked::What::Robot(the_arm(rendered, out.clone())), &common, out)?;
+    }
+    // An arm that needs no correction has none.
+    let robot = robot.filter(|file| file.exists());
+    progress("calibrating cameras and tool");
+    let [scanner, flange_camera] =
+        ["base_from_camera.toml", "flange_from_camera.toml"].map(|name| rendered.file(name));
+    for (mount, folder, lens, out) in [
+        (asked::MountName::EyeToHand, "fixed", "scanner.toml", scanner),
+        (asked::MountName::EyeInHand, "flange", "flange_camera.toml", flange_camera),
+    ] {
+        let what = asked::What::HandEye(asked::HandEye {
+            mount,
+            board: board(),
+            intrinsics: rendered.file(lens),
+            image: None,
+            points: None,
+            poses: Some(rendered.file(&format!("boards/{folder}/poses.toml"))),
+            robot: robot.clone(),
+            images: Some(rendered.file(&format!("boards/{folder}"))),
+            at_mm: None,
+            serial: None,
+            out: out.clone(),
+            pictures: None,
+        });
+        made(what, &common, &out)?;
+    }
+    let (poses, out) = (rendered.file("boards/tip.toml"), rendered.file("flange_from_tool.toml"));
+    made(asked::What::Tcp(asked::Tcp { poses, robot: robot.clone(), out: Some(out.clone()) }), &common, &out)?;
+    if robot.is_some() {
+        let cell = disk::read_text(&common.cell)?;
+        let named = cell.replace(NAMED, &format!("{NAMED}robot_correction = \"{CORRECTION}\"\n"));
+        disk::write(&common.cell, named)?;
+    }
+    Ok(())
+}
+
+fn board() -> asked::BoardArgs {
+    asked::BoardArgs { board: "9x6".to_owned(), square_mm: Some(25.0), subpix: None }
+}
+
+fn the_arm(rendered: &Rendered, out: PathBuf) -> asked::Robot {
+    asked::Robot {
+        board: board(),
+        eye_to_hand: Some(rendered.file("boards/fixed/poses.toml")),
+        scanner_lens: Some(rendered.file("scanner.toml")),
+        eye_in_hand: Some(rendered.file("boards/flange/poses.toml")),
+        flange_camera_lens: Some(rendered.file("flange_camera.toml")),
+        touches: Some(rendered.file("boards/touches.toml")),
+        out,
+    }
+}
+
+/// Runs a calibration; one that is rejected ends the demo.
+fn made(what: asked::What, common: &Common, out: &std::path::Path) -> Result<Outcome, Fault> {
+    let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
+    if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {
+        let message = format!("{} is refused: {}", out.display(), outcome.words.join("; "));
+        return Err(Fault::stage(CalibError::Points(message)));
+    }
+    Ok(outcome)
+}

@@ -1,0 +1,239 @@
+//! An arm as it was built: near its drawing, and off it by a stated length at the tool.
+//!
+//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; where the flange truly is, is said here. Lengths,
+//! zeros and twists of the links are drawn for each seed; the weights of upper arm, forearm and wrist bend the drives of axes
+//! 2, 3 and 5; the gears of axes 1 to 3 lead and lag a little with the angle. Sagging by moments and the gears are no part
+//! of what a calibration of the arm estimates: it is judged on an arm that is not of its own model.
+//!
+//! Chain: with q = (−A1, A2 + 90°, A3, −A4, A5, −A6), each plus its zero, and small rotations Tᵢ,
+//!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
+//! Lengths and signs: kroshu/kuka_robot_descriptions.
+
+use super::Reported;
+use super::noise::{Normal, Purpose, Seed};
+use crate::geometry::{Base, Flange, Joints, Rigid};
+use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+/// a1, b, c1, c2, a2, c3, c4, mm.
+const DRAWN_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
+/// How far an arm of this class is off before it is scaled to its size: zeros and twists, rad, lengths, mm.
+const ZERO_RAD: f64 = 8.7e-4;
+const TWIST_RAD: f64 = 5e-4;
+const LENGTH_MM: f64 = 0.4;
+/// Weights of upper arm, forearm, and wrist with tool, N, and how far the drives of axes 2, 3 and 5 give way, rad/(N mm).
+const WEIGHTS_N: [f64; 3] = [90.0, 60.0, 45.0];
+const GIVES_WAY: f64 = 6e-9;
+/// The gears' error, rad, and how many of its periods there are in a turn of the axis.
+const GEAR_RAD: f64 = 3e-5;
+const GEAR_PERIODS: [f64; 3] = [3.0, 4.0, 5.0];
+
+/// A real arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RealArm {
+    zeros_rad: [f64; 6],
+    twists_rad: [[f64; 2]; 5],
+    lengths_mm: [f64; 7],
+    gives_way: [f64; 3],
+    gears_rad: [f64; 3],
+}
+
+impl RealArm {
+    /// The arm of this seed whose tool is off by so much, rms over poses before the panel, mm.
+    pub fn new(seed: u64, error_mm: f64) -> Self {
+        let mut normal = Normal::new(Seed(seed).stream(Purpose::Arm, 0));
+        let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;
+        let drawn = RealArm {
+            zeros_rad: std::array::from_fn(|_| even(ZERO_RAD)),
+            twists_rad: std::array::from_fn(|_| std::array::from_fn(|_| even(TWIST_RAD))),
+            lengths_mm: std::array::from_fn(|_| even(LENGTH_MM)),
+            gives_way: std::array::from_fn(|_| GIVES_WAY * (0.75 + even(0.25))),
+            gears_rad: std::array::from_fn(|_| even(GEAR_RAD)),
+        };
+        let found_mm = drawn.error_mm();
+        drawn.scaled(error_mm / found_mm)
+    }
+
+    fn scaled(&self, by: f64) -> Self {
+        RealArm {
+            zeros_rad: self.zeros_rad.map(|number| number * by),
+            twists_rad: self.twists_rad.map(|pair| pair.map(|number| number * by)),
+            lengths_mm: self.lengths_mm.map(|number| number * by),
+            gives_way: self.gives_way.map(|number| number * by),
+            gears_rad: self.gears_rad.map(|number| number * by),
+        }
+    }
+
+    /// How far a tool of 120 mm is off, rms over poses before the panel, mm.
+    pub fn error_mm(&self) -> f64 {
+        let tip = nalgebra::Point3::new(0.0, 0.0, 120.0);
+        let mut off_mm2 = Vec::new();
+        for a1_deg in [-25.0, 0.0, 25.0] {
+            for a2_deg in [-110.0, -90.0, -70.0] {
+                for a3_deg in [90.0, 110.0, 130.0] {
+                    for a5_deg in [-40.0, 0.0, 40.0] {
+                        let joints = Joints { a1_deg, a2_deg, a3_deg, a4_deg: 0.0, a5_deg, a6_deg: 90.0 };
+                        let [real, drawn] = [self.base_from_flange(&joints), drawn_flange(&joints)];
+                        off_mm2.push((real.isometry() * tip - drawn.isometry() * tip).norm_squared());
+                    }
+                }
+            }
+        }
+        (off_mm2.iter().sum::<f64>() / off_mm2.len() as f64).sqrt()
+    }
+
+    /// Where the flange truly is.
+    pub fn base_from_flange(&self, joints: &Joints) -> Rigid<Base, Flange> {
+        let mut q = turns_rad(joints);
+        for (axis, periods) in GEAR_PERIODS.iter().enumerate() {
+            q[axis] += self.gears_rad[axis] * (periods * q[axis]).sin();
+        }
+        (0..6).for_each(|axis| q[axis] += self.zeros_rad[axis]);
+        let moments = moments(&q);
+        for (axis, moment) in [1, 2, 4].into_iter().zip(moments) {
+            q[axis] += self.gives_way[[0, 0, 1, 0, 2][axis]] * moment;
+        }
+        let lengths_mm: [f64; 7] = std::array::from_fn(|index| DRAWN_MM[index] + self.lengths_mm[index]);
+        chain(&q, &lengths_mm, &self.twists_rad)
+    }
+
+    /// The axes that bring the flange truly there, found from `near`; `None` where they do not settle.
+    pub fn reaching(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
+        let wanted = base_from_flange.isometry();
+        let off = |joints: &Joints| -> SVector<f64, 6> {
+            let there = *self.base_from_flange(joints).isometry();
+            let shift = wanted.translation.vector - there.translation.vector;
+            let turn = (wanted.rotation * there.rotation.inverse()).scaled_axis() * LEVER_MM;
+            SVector::from_iterator(shift.iter().chain(turn.iter()).copied())
+        };
+        let moved = |joints: &Joints, by: &SVector<f64, 6>| -> Joints {
+            let all = joints.degrees();
+            std::array::from_fn::<f64, 6, _>(|axis| all[axis] + by[axis]).into()
+        };
+        let mut joints = *near;
+        for _ in 0..STEPS {
+            let here = off(&joints);
+            if here.norm() < SETTLED_MM {
+                return Some(joints);
+            }
+            let slope = SMatrix::<f64, 6, 6>::from_columns(&std::array::from_fn::<_, 6, _>(|axis| {
+                let mut by = SVector::zeros();
+                by[axis] = 1e-4;
+                (here - off(&moved(&joints, &by))) / 1e-4
+            }));
+            let step = slope.try_inverse()? * here;
+            joints = moved(&joints, &(step * (LONGEST_DEG / step.amax()).min(1.0)));
+        }
+        None
+    }
+}
+
+impl RealArm {
+    /// What the controller reports while the flange truly is here; `None` where the arm does not come there.
+    pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
+        let joints = STARTS.iter().find_map(|near| self.reaching(base_from_flange, &Joints::from(*near)))?;
+        Some(Reported { base_from_flange: drawn_flange(&joints), joints: Some(joints) })
+    }
+}
+
+/// From these poses another is looked for: before the panel, over a table, and with the flange up.
+const STARTS: [[f64; 6]; 4] = [
+    [0.0, -120.0, 145.0, 0.0, -25.0, 90.0],
+    [0.0, -75.0, 95.0, 0.0, 60.0, 0.0],
+    [0.0, -60.0, 120.0, 0.0, -100.0, 0.0],
+    [-30.0, -80.0, 110.0, 40.0, 60.0, 60.0],
+];
+
+/// A rotation counts as what it moves at this distance, mm.
+const LEVER_MM: f64 = 300.0;
+const STEPS: usize = 100;
+const SETTLED_MM: f64 = 1e-7;
+/// An axis turns by no more in a step.
+const LONGEST_DEG: f64 = 15.0;
+
+/// Where the flange of the drawing is: what the controller reports.
+pub fn drawn_flange(joints: &Joints) -> Rigid<Base, Flange> {
+    chain(&turns_rad(joints), &DRAWN_MM, &[[0.0; 2]; 5])
+}
+
+fn turns_rad(joints: &Joints) -> [f64; 6] {
+    let [a1, a2, a3, a4, a5, a6] = joints.degrees();
+    [-a1, a2 + 90.0, a3, -a4, a5, -a6].map(f64::to_radians)
+}
+
+/// Moments of the weights about axes 2, 3 and 5, N mm; along these axes' own sense of rotation.
+fn moments(q: &[f64; 6]) -> [f64; 3] {
+    let [_, _, _, c2, a2, c3, c4] = DRAWN_MM;
+    let lean = q[1] + q[2];
+    let (elbow, wrist) = (c2 * q[1].sin(), a2 * lean.cos() + c3 * lean.sin());
+    // The wrist's weight hangs from the flange, as far forward as axes 4 and 5 put it.
+    let tool = c4 * (lean.sin() * q[4].cos() + lean.cos() * q[4].sin() * q[3].cos());
+    let [upper, fore, hand] = WEIGHTS_N;
+    let about_3 = fore * wrist / 2.0 + hand * (wrist + tool);
+    let about_2 = upper * elbow / 2.0 + fore * (elbow + wrist / 2.0) + hand * (elbow + wrist + tool);
+    [about_2, about_3, hand * tool * q[3].cos()]
+}
+
+fn chain(q: &[f64; 6], lengths_mm: &[f64; 7], twists_rad: &[[f64; 2]; 5]) -> Rigid<Base, Flange> {
+    let [a1, b, c1, c2, a2, c3, c4] = *lengths_mm;
+    let about = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
+    // The two directions across each axis; for axes about y these are x and z.
+    let tilt = |axis: usize| {
+        let [one, other] = twists_rad[axis];
+        match axis {
+            0 | 3 => about(Vector3::new(one, other, 0.0), 1.0),
+            _ => about(Vector3::new(one, 0.0, other), 1.0),
+        }
+    };
+    let (y, z) = (Vector3::y(), Vector3::z());
+    let pose: Isometry3<f64> = about(z, q[0])
+        * tilt(0)
+        * Translation3::new(a1, b, c1)
+        * about(y, q[1])
+        * tilt(1)
+        * Translation3::new(0.0, 0.0, c2)
+        * about(y, q[2])
+        * tilt(2)
+        * Translation3::new(a2, 0.0, c3)
+        * about(z, q[3])
+        * tilt(3)
+        * about(y, q[4])
+        * tilt(4)
+        * about(z, q[5])
+        * Translation3::new(0.0, 0.0, c4);
+    Rigid::claim(pose)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: upper arm upright, forearm level: x = 25 + 365 + 90, z = 400 + 335 + 25.
+    #[test]
+    fn the_drawing_is_the_kr_6() {
+        let home = Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0]);
+        assert!((drawn_flange(&home).origin().mm - nalgebra::Point3::new(480.0, 0.0, 760.0)).norm() < 1e-9);
+        assert_eq!(RealArm::new(1, 1.0).scaled(0.0).base_from_flange(&home), drawn_flange(&home));
+    }
+
+    /// By hand, at home the upper arm bears nothing to turn it; the forearm 60 N at 182.5 mm, the hand 45 N at 455 mm.
+    #[test]
+    fn weights_turn_the_axes_as_levers_do() {
+        let [about_2, about_3, about_5] = moments(&turns_rad(&Joints::from([0.0, -90.0, 90.0, 0.0, 0.0, 0.0])));
+        assert!((about_3 - (60.0 * 182.5 + 45.0 * 455.0)).abs() < 1e-6, "{about_3}");
+        assert!((about_2 - about_3).abs() < 1e-6 && (about_5 - 45.0 * 90.0).abs() < 1e-6, "{about_2} {about_5}");
+    }
+
+    #[test]
+    fn an_arm_is_off_by_what_was_asked_for_and_comes_where_it_should() {
+        for seed in 1..=5 {
+            let arm = RealArm::new(seed, 1.0);
+            assert!((arm.error_mm() - 1.0).abs() < 0.02, "{}", arm.error_mm());
+            let near = Joints::from([5.0, -100.0, 115.0, 3.0, -20.0, 80.0]);
+            let wanted = drawn_flange(&Joints::from([10.0, -95.0, 110.0, 5.0, -30.0, 90.0]));
+            let joints = arm.reaching(&wanted, &near).expect("in reach");
+            let there = arm.base_from_flange(&joints);
+            assert!(there.origin().distance_mm(wanted.origin()) < 1e-6);
+            assert!(drawn_flange(&joints).origin().distance_mm(wanted.origin()) > 0.1);
+        }
+    }
+}
