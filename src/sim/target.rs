@@ -32,9 +32,9 @@ impl Target {
 }
 
 impl Cell {
-    /// The board in a corner of the fixed camera's view.
+    /// The board beside the middle of the fixed camera's view, where the arm comes to touch it.
     pub fn scanner_target(&self) -> Target {
-        let camera_from_board = held([240.0, 120.0, 820.0], [0.15, -0.2, 0.05]);
+        let camera_from_board = held([120.0, 90.0, 690.0], [0.15, -0.2, 0.05]);
         let base_from_board = scene::base_from_camera() * camera_from_board;
         self.target(0, &self.scanner.0, &camera_from_board, (base_from_board, Rigid::claim(Isometry3::identity())))
     }
@@ -42,7 +42,7 @@ impl Cell {
     /// The board that lies in the cell, and the flange camera over it.
     pub fn flange_target(&self) -> Target {
         let base_from_board: Rigid<Base, Board> = held([540.0, 60.0, 200.0], [std::f64::consts::PI, 0.02, 0.0]);
-        let camera_from_board = held([10.0, -8.0, 600.0], [0.2, 0.15, 0.1]);
+        let camera_from_board = held([10.0, -8.0, 470.0], [0.2, 0.15, 0.1]);
         let base_from_flange =
             base_from_board * camera_from_board.inverse() * scene::flange_from_camera().inverse();
         self.target(1, &self.flange_camera.0, &camera_from_board, (base_from_board, base_from_flange))
