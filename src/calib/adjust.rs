@@ -33,6 +33,8 @@ pub struct Noise {
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
+/// After so many steps the noise may still creep where camera and board stand.
+const ENOUGH_STEPS: usize = 60;
 /// The steps end when camera and board move by less than this, mm and mrad.
 const SETTLED: f64 = 1e-7;
 
@@ -112,7 +114,7 @@ pub(super) fn adjust<A: Arrangement>(
         deviations: vec![Isometry3::identity(); stations.len()],
     };
     let mut noise = given.unwrap_or(NOISE_START);
-    for _ in 0..MAX_STEPS {
+    for index in 1..=MAX_STEPS {
         let mut grams = Vec::with_capacity(stations.len());
         for (station, deviation) in stations.iter().zip(&state.deviations) {
             let chain = Chain::new::<A>(&state.mount, &state.board, &station.base_from_flange, deviation);
@@ -122,10 +124,11 @@ pub(super) fn adjust<A: Arrangement>(
         let moved = step.apply(&grams, &mut state);
         let estimated = if given.is_some() { noise } else { step.noise(&grams, &state.deviations, &noise) };
         let steady = |old: f64, new: f64| (new / old - 1.0).abs() < 2e-3;
-        let settled = moved < SETTLED
-            && steady(noise.corner, estimated.corner)
+        let is_steady = steady(noise.corner, estimated.corner)
             && steady(noise.turn_rad, estimated.turn_rad)
             && steady(noise.shift_mm, estimated.shift_mm);
+        // Few poses hardly tell a small noise of the robot: it creeps on while camera and board stand.
+        let settled = moved < SETTLED && (is_steady || index >= ENOUGH_STEPS);
         noise = estimated;
         if settled {
             return Ok(Adjusted {

@@ -117,7 +117,8 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     let lens: Vec<BoardShot<crate::geometry::FlangeCamera>> = cell.lens_shots(&cell.flange_camera(), LENS_PICTURES);
     pictures(rendered, "lens", (&cell, &cell.flange_camera()), &lens)?;
     let poses = if arm.is_some() { ARM_POSES } else { POSES };
-    let (fixed, flange) = (within_reach(arm, cell.fixed_shots(poses)), within_reach(arm, cell.flange_shots(poses)));
+    let fixed = within_reach(arm, poses, |count| cell.fixed_shots(count));
+    let flange = within_reach(arm, poses, |count| cell.flange_shots(count));
     pictures(rendered, "fixed", (&cell, &cell.scanner()), &fixed)?;
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
     disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
@@ -134,11 +135,19 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
 }
 
-/// The shots to which the arm comes.
-fn within_reach<C: Frame>(arm: Option<&RealArm>, shots: Vec<BoardShot<C>>) -> Vec<BoardShot<C>> {
-    let comes = |shot: &BoardShot<C>| arm.is_none_or(|arm| arm.reported(&shot.base_from_flange).is_some());
-    shots.into_iter().filter(comes).collect()
+/// So many shots to which the arm comes; an arm as it is drawn comes everywhere here.
+fn within_reach<C: Frame>(
+    arm: Option<&RealArm>,
+    count: usize,
+    shots: impl Fn(usize) -> Vec<BoardShot<C>>,
+) -> Vec<BoardShot<C>> {
+    let Some(arm) = arm else { return shots(count) };
+    let comes = |shot: &BoardShot<C>| arm.reported(&shot.base_from_flange).is_some();
+    shots(MOST_DRAWN * count).into_iter().filter(comes).take(count).collect()
 }
+
+/// Of so many shots one is within reach, or more.
+const MOST_DRAWN: usize = 10;
 
 fn save(rendered: &Rendered, name: &str, picture: &GrayPicture) -> Result<(), Fault> {
     disk::write(&rendered.file(name), files::write_gray_png(picture).map_err(Fault::stage)?)
