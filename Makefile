@@ -3,12 +3,12 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
+.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
@@ -63,11 +63,15 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording
+bench: bench-seeds bench-robots bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup
 	cargo bench --locked --bench seeds
+
+# Cycles by arms that are 0.02, 0.1, 0.5 and 1.6 mm off their drawing, calibrated and not.
+bench-robots: setup
+	cargo bench --locked --bench robots
 
 # The water-break test: hard films, damaged clips, speed beside the thesis's pipeline in a Python of its own under target/.
 OPENCV_PEER := target/bench-inspect

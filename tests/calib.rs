@@ -527,3 +527,67 @@ fn opencv_doc() -> Option<std::path::PathBuf> {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("target/opencv-doc").join(inside);
     [here, Path::new("/").join(inside)].into_iter().find(|folder| folder.join("left01.jpg").is_file())
 }
+
+/// A cell whose arm is off its drawing is calibrated, and a whole cycle by it is as good as by an arm without errors. Its
+/// recording replays. Without the correction the verifications refuse the same cell.
+#[test]
+fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let demo = |more: &[&str]| {
+        let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(["demo", "--json", "--reduction", "4", "--arm-error-mm", "1.2", "--seed", "2", "--out", "arm"])
+            .args(more)
+            .current_dir(folder.path())
+            .output()
+            .expect("the program starts");
+        let words = String::from_utf8_lossy(&output.stderr).into_owned();
+        serde_json::from_slice::<Value>(&output.stdout).unwrap_or_else(|error| panic!("{error}: {words}"))
+    };
+    let refused = demo(&["--uncorrected"]);
+    assert_eq!(refused["verdict"], "reject", "{refused}");
+    assert!(refused["verified"]["tool_mm"].as_f64().is_some_and(|mm| mm > 0.8), "{refused}");
+    let passed = demo(&["--record", "arm.mcap"]);
+    let number = |pointer: &str| passed.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    assert_eq!(passed["verdict"], "pass", "{passed}");
+    assert!(number("/verified/tool_mm") < 0.35 && number("/refine/error_max_mm") < 0.3, "{passed}");
+    assert!(number("/abrade/0/surface_error_max_mm") < 0.45 && number("/abrade/0/coverage") > 0.99, "{passed}");
+    let page = std::fs::read_to_string(folder.path().join("arm/index.html")).expect("a page");
+    assert!(page.contains("robot, corrected by robot_correction, and tool"), "the record names the correction");
+    let run = |arguments: &str| {
+        let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+            .args(arguments.split_whitespace())
+            .current_dir(folder.path())
+            .output()
+            .expect("the program starts");
+        let text =
+            [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).concat();
+        (output.status.code(), text)
+    };
+    let (code, text) = run("replay arm.mcap");
+    assert!(code == Some(0) && text.contains("the same as recorded"), "{text}");
+
+    // What is left over the working volume, with its map.
+    let verify = "calibrate verify --cell arm/cell/cell.toml --camera flange-camera --target arm/cell/boards/flange/target.toml \
+                  --poses arm/cell/boards/flange/poses.toml --pictures maps";
+    let (code, text) = run(verify);
+    assert!(code == Some(0) && text.contains("mm rms"), "{text}");
+    assert!(folder.path().join("maps/map_flange_camera.svg").exists(), "{text}");
+
+    // A pose without axes cannot be corrected; mounts that were measured with the correction are no use without it.
+    let pose = "arm/cell/target/flange.json";
+    let whole: Value =
+        serde_json::from_slice(&std::fs::read(folder.path().join(pose)).expect("a pose")).expect("JSON");
+    std::fs::write(folder.path().join(pose), whole["base_from_flange"].to_string()).expect("written");
+    let look = "calibrate verify --cell arm/cell/cell.toml --camera flange-camera --target arm/cell/target/flange_camera.toml \
+                --image arm/cell/target/flange_camera.png --flange arm/cell/target/flange.json";
+    let (code, text) = run(look);
+    assert!(code == Some(2) && text.contains("flange.json") && text.contains("axes_deg"), "{text}");
+    let cell = folder.path().join("arm/cell/cell.toml");
+    let text = std::fs::read_to_string(&cell).expect("a cell");
+    std::fs::write(&cell, text.replace("robot_correction = \"robot_correction.toml\"\n", "")).expect("written");
+    let (code, text) = run(verify);
+    assert!(
+        code == Some(2) && text.contains("flange_from_camera.toml: was measured with the correction of the arm"),
+        "{text}"
+    );
+}

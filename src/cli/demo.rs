@@ -48,13 +48,18 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let assignment = Assignment::read(&files, &teaching.recipe)?;
     let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
     progress("verifying both cameras and the tool on their boards");
-    for camera in [CameraName::Scanner, CameraName::FlangeCamera] {
-        verify::run(&rendered.verification(camera), &common, &|_| {})?;
-    }
-    verify::touch(&rendered.touch(), &common)?;
+    let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
+    let camera = |name| verify::run(&rendered.verification(name), &common, &|_| {});
+    let verified = json!({
+        "scanner_mm": off_mm(camera(CameraName::Scanner)?),
+        "flange_camera_mm": off_mm(camera(CameraName::FlangeCamera)?),
+        "tool_mm": off_mm(verify::touch(&rendered.touch(), &common)?),
+    });
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
-        return Ok(cycle::unhealthy(&health));
+        let mut outcome = cycle::unhealthy(&health);
+        outcome.put("verified", verified);
+        return Ok(outcome);
     }
     let calibrated = Calibrated::read(&files, &common)?;
     let how = cycle::Run {
@@ -81,6 +86,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     outcome.put("seed", json!(args.seed));
     outcome.put("scene", json!(scene.word()));
     outcome.put("report", json!(page));
+    outcome.put("verified", verified);
     outcome.put("wall_s", json!(wall_s));
     if let Some(score) = &score {
         score.put(&mut outcome);

@@ -35,7 +35,8 @@ impl Rendered {
             camera,
             board: target_board().into(),
             recipe: None,
-            image: self.file(&format!("target/{name}.png")),
+            image: Some(self.file(&format!("target/{name}.png"))),
+            poses: None,
             flange,
             target: Some(self.file(&format!("target/{name}.toml"))),
             learn: false,
@@ -123,6 +124,10 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     pictures(rendered, "flange", (&cell, &cell.flange_camera()), &flange)?;
     disk::write(&rendered.file("boards/fixed/poses.toml"), poses_text(arm, &fixed)?)?;
     disk::write(&rendered.file("boards/flange/poses.toml"), poses_text(arm, &flange)?)?;
+    // Where the board that stands still truly is: `calibrate verify --poses` holds the pictures against it.
+    let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&cell.base_from_board()));
+    known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
+    disk::write(&rendered.file("boards/flange/target.toml"), known.to_toml())?;
     if let Some(shot) = fixed.first() {
         save(rendered, "boards/touched.png", &cell.picture(&cell.scanner(), shot))?;
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;

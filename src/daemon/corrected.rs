@@ -162,3 +162,143 @@ impl Robot for Corrected<'_> {
         self.robot.works()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::standing_state;
+    use super::*;
+    use crate::cell::{Cell, CorrectionNumbers};
+    use crate::eki::{MoveJ, SetTcp, TcpKind};
+    use std::collections::VecDeque;
+
+    /// What crosses the wire.
+    #[derive(Default)]
+    struct Wire {
+        sent: Vec<Command>,
+        reports: VecDeque<Report>,
+    }
+
+    impl Robot for Wire {
+        fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
+            self.sent.push(command);
+            Ok(CommandId(self.sent.len() as u32))
+        }
+
+        fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
+            self.sent.extend(points.into_iter().map(Command::MoveLin));
+            Ok(CommandId(self.sent.len() as u32))
+        }
+
+        fn send_path_within(&mut self, points: Vec<MoveLin>, _: u32) -> Result<CommandId, QueueError> {
+            self.send_path(points)
+        }
+
+        fn permit(&mut self, _: Option<CommandId>) -> Result<(), QueueError> {
+            Ok(())
+        }
+
+        fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+            Ok(above)
+        }
+
+        fn abort(&mut self) -> Result<(), QueueError> {
+            Ok(())
+        }
+
+        fn next(&mut self) -> Option<Report> {
+            self.reports.pop_front()
+        }
+
+        fn now(&self) -> Time {
+            Time::at_ms(0)
+        }
+
+        fn is_lock_step(&self) -> bool {
+            true
+        }
+    }
+
+    const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, 30.0, 0.0];
+
+    /// An arm whose axis 1 stands 0.001 rad on from where it says.
+    fn turned() -> cell::Arm {
+        let mut errors = [0.0; 32];
+        errors[2] = 0.001;
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+        cell.corrected(CorrectionNumbers::Geometry(errors)).arm().clone()
+    }
+
+    fn pose(y_mm: f64) -> KukaPose {
+        KukaPose { x_mm: 480.0, y_mm, z_mm: 700.0, b_deg: 120.0, ..KukaPose::default() }
+    }
+
+    fn point(y_mm: f64) -> MoveLin {
+        MoveLin { pose: pose(y_mm), blend_mm: 0.0, contact: false, speed_m_s: None }
+    }
+
+    fn lines(wire: &Wire) -> Vec<KukaPose> {
+        let line = |command: &Command| match command {
+            Command::MoveLin(line) => Some(line.pose),
+            _ => None,
+        };
+        wire.sent.iter().filter_map(line).collect()
+    }
+
+    /// By hand: the arm stands 0.001 rad too far about base Z, so at x = 480 mm it is sent 0.48 mm less along y, and turned back
+    /// by 0.0573 degrees. A report from there comes back as the place that was wanted.
+    #[test]
+    fn a_line_is_sent_so_that_the_real_arm_comes_where_it_should() {
+        let mut wire = Wire::default();
+        let standing = eki_state(HOME, KukaPose::default());
+        wire.reports.push_back(Report::State(Box::new(standing)));
+        let arm = turned();
+        let mut robot = Corrected::new(&mut wire, &arm);
+        assert!(robot.next().is_some());
+        robot.send(Command::SetBase(KukaPose::default())).expect("sent");
+        let tool = SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other };
+        robot.send(Command::SetTcp(tool)).expect("sent");
+        robot.send_path(vec![point(0.0), point(50.0)]).expect("sent");
+        let sent = lines(&wire);
+        assert!((sent[0].y_mm + 0.48).abs() < 1e-3 && (sent[1].y_mm - 49.52).abs() < 1e-3, "{sent:?}");
+        assert!((sent[0].a_deg + 0.057_296).abs() < 1e-4, "{sent:?}");
+        // The axes at the first place, as the controller computes them for what it was sent.
+        let drawn = Kinematics::new(Cell::check("cell.toml", "").unwrap_or_else(|p| panic!("{p}")).arm());
+        let (_, joints) = drawn.sent_flange(&sent[0].to_rigid(), &Joints::from(HOME)).expect("in reach");
+        wire.reports.push_back(Report::State(Box::new(eki_state(joints.degrees(), sent[0]))));
+        let mut robot = Corrected::new(&mut wire, &arm);
+        let Some(Report::State(state)) = robot.next() else { panic!("a state") };
+        let off = (state.base_from_tcp.to_rigid::<Base, Tool>())
+            .origin()
+            .distance_mm(pose(0.0).to_rigid::<Base, Tool>().origin());
+        assert!(off < 1e-6, "{off} mm");
+        assert_eq!(robot.reported_tcp(), Some(sent[0]));
+    }
+
+    fn eki_state(joints: [f64; 6], base_from_tcp: KukaPose) -> State {
+        State { joints: Joints::from(joints), base_from_tcp, ..standing_state() }
+    }
+
+    #[test]
+    fn a_line_from_nobody_knows_where_is_not_sent() {
+        let (mut wire, arm) = (Wire::default(), turned());
+        let refused = Corrected::new(&mut wire, &arm).send_path(vec![point(0.0)]);
+        assert_eq!(refused, Err(QueueError::Uncorrected { point: 1 }));
+        let far = MoveLin { pose: KukaPose { x_mm: 2_000.0, ..pose(0.0) }, ..point(0.0) };
+        let mut robot = Corrected::new(&mut wire, &arm);
+        robot.send(Command::MoveJ(MoveJ { joints: Joints::from(HOME), axis_speed_percent: 10.0 })).expect("sent");
+        assert_eq!(robot.send_path(vec![point(0.0), far]), Err(QueueError::Uncorrected { point: 2 }));
+        assert_eq!(lines(&wire), []);
+    }
+
+    #[test]
+    fn an_arm_as_it_is_drawn_is_sent_and_believed_to_the_bit() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+        let mut wire = Wire::default();
+        let told = eki_state(HOME, KukaPose { x_mm: 1.0 / 3.0, ..pose(7.0) });
+        wire.reports.push_back(Report::State(Box::new(told)));
+        let mut robot = Corrected::new(&mut wire, cell.arm());
+        assert_eq!(robot.next(), Some(Report::State(Box::new(told))));
+        robot.send_path(vec![point(0.1)]).expect("sent");
+        assert_eq!(lines(&wire), [pose(0.1)]);
+    }
+}

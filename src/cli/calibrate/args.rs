@@ -52,6 +52,10 @@ pub enum What {
         panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera --board 5x4 --square-mm 40 \
         --target target/cell/target/flange_camera.toml --image target/cell/target/flange_camera.png \
         --flange target/cell/target/flange.json --pictures target/cell/pictures\n\
+        What is left over the working volume, after `panelprep render --boards --out target/cell`:\n  \
+        panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
+        --target target/cell/boards/flange/target.toml --poses target/cell/boards/flange/poses.toml \
+        --pictures target/cell/pictures\n\
         By a taught corner, after the one of `panelprep teach --help`:\n  \
         panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
         --recipe target/cell/recipe.toml --image target/cell/taught_corner.png --flange target/cell/taught_flange.json")]
@@ -301,8 +305,12 @@ pub struct Verify {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
     /// A picture of the target, or the 3D camera's shot.
-    #[arg(long, value_name = "FILE")]
-    pub image: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "poses")]
+    pub image: Option<PathBuf>,
+    /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the error over the
+    /// working volume, with a map.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
+    pub poses: Option<PathBuf>,
     /// The flange's pose at that picture, for the camera on the flange.
     #[arg(long, value_name = "POSE.json")]
     pub flange: Option<PathBuf>,
@@ -312,7 +320,7 @@ pub struct Verify {
     /// Write the target from this picture, right after calibrating.
     #[arg(long)]
     pub learn: bool,
-    /// Folder for the trend of all verifications.
+    /// Folder for the trend of all verifications, and with --poses for the map.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }
@@ -329,7 +337,7 @@ pub struct Touch {
     /// Where the tool's tip was when it touched the corners.
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
-    /// Folder for the trend of all touches.
+    /// Folder for a map of what is left, and the trend of all touches.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
 }

@@ -9,6 +9,7 @@ mod hand_eye;
 mod history;
 mod in_use;
 mod intrinsics;
+mod over_volume;
 mod robot;
 mod sight;
 mod target;

@@ -33,7 +33,8 @@ pub fn run(args: &Verify, files: &CellFiles, recipe_file: &Path) -> Result<Outco
     let recipe = load::recipe(recipe_file)?;
     let taught = load::taught(files, recipe_file, &recipe)?;
     let (camera, mount) = (files.flange_camera()?, files.flange_from_camera()?);
-    let (image, flange) = (std::slice::from_ref(&args.image), std::slice::from_ref(flange));
+    let Some(image) = &args.image else { return Err(wrong("--image is missing: the picture of the corner")) };
+    let (image, flange) = (std::slice::from_ref(image), std::slice::from_ref(flange));
     let shots = load::corner_shots(files, image, flange, &camera.value)?;
     let (Some(shot), Some(corner)) = (shots.first(), taught.corners.first()) else {
         return Err(wrong("no corner of this panel was taught; teach it with --corner and --flange"));

@@ -7,6 +7,7 @@ use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
 use super::in_use::InUse;
+use super::over_volume;
 use super::sight::Sight;
 use super::target::Target;
 use super::{date, files, provenance, taught_corner};
@@ -14,7 +15,7 @@ use crate::calib::health::{self, Demands, Look, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
-use crate::report;
+use crate::report::{self, Left};
 use crate::store::{Store, calibration_hash};
 use crate::verdict::{Judgement, Reason};
 use crate::words::apart;
@@ -48,7 +49,10 @@ fn look(
             return Err(Fault::stage(CalibError::Points(message.to_owned())));
         }
     };
-    let sight = Sight::read(&args.image, &camera.value)?;
+    let Some(image) = &args.image else {
+        return Err(Fault::stage(CalibError::Points("--image is missing: the picture of the board".to_owned())));
+    };
+    let sight = Sight::read(image, &camera.value)?;
     let detected = sight.detect_telling(board, window, progress).map_err(Fault::stage)?;
     let measured_square_mm = sight.measured(&camera.value, &detected).and_then(|seen| seen.square_mm(board));
     let seen = detected.corners;
@@ -96,6 +100,9 @@ pub fn run(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Ou
         return learn(file, &board, named, &seen);
     }
     let target = Target::read(file, named.as_ref())?;
+    if let Some(poses) = &args.poses {
+        return over_volume::run(args, (&files, poses), &target, progress);
+    }
     let seen = look(args, &files, (&target.board, window), progress)?;
     let error_mm =
         health::distance_mm(&target.base_from_board, &seen.look.base_from_board, &target.board.corners());
@@ -182,6 +189,17 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
     let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool_text(&files)?]));
     let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
+    if let Some(folder) = &args.pictures {
+        let left = points.touched.iter().zip(&errors_mm).map(|(touched, error_mm)| Left {
+            name: format!("corner [{}, {}]", touched.corner.0, touched.corner.1),
+            place: touched.place,
+            error_mm: *error_mm,
+        });
+        let file = folder.join("map_tool.svg");
+        let limit_mm = files.cell.limits().verify_limit_mm();
+        disk::write(&file, report::error_map("touches of known corners", &left.collect::<Vec<_>>(), limit_mm))?;
+        outcome.say(format!("{}: what is left at each corner", file.display()));
+    }
     for (touched, error_mm) in points.touched.iter().zip(&errors_mm) {
         let (column, row) = touched.corner;
         outcome.say(format!("  corner [{column}, {row}]: {error_mm:.3} mm"));

@@ -2,6 +2,7 @@
 //! axes, feed and rounding as planned, what was executed, the disc.
 
 use super::*;
+use crate::cell::CorrectionNumbers;
 use crate::daemon::routes::{self, Standing};
 use crate::path::reach::Things;
 use crate::path::{self, Kinematics, Plan, panel_reach};
@@ -191,4 +192,41 @@ fn the_arm_stands_where_its_own_corners_lead() {
         "{}",
         refused.message
     );
+}
+
+/// A smooth correction says nothing outside of the volume over which it was measured: there is no contact there, and no view
+/// of a corner that is measured by.
+#[test]
+fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
+    let fake = Fake::new(Scene::Good);
+    let (cell, recipe, (panel, corners), calibrations) = fake.files();
+    let place = crate::panel::panel_from_base_at_teaching().inverse();
+    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
+    let grids = ["r2c3".parse().expect("a grid")];
+    let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
+    for (half_mm, code) in [(600.0, None), (30.0, Some("outside_correction"))] {
+        let smooth = CorrectionNumbers::Smooth {
+            middle_mm: [540.0, 300.0, 360.0],
+            half_mm: [half_mm; 3],
+            numbers: [0.0; crate::cell::SMOOTH_NUMBERS],
+        };
+        let cell = cell.clone().corrected(smooth);
+        let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+        let arm = Kinematics::new(cell.arm());
+        let flange_from_tool = calibrations.flange_from_tool;
+        let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };
+        let reached = panel_reach::of_plan(&plan, &stand, recipe.path()).expect("in reach");
+        let plan = panel_reach::turned(&plan, reached.spin);
+        let joints = reached.travel.joints[0];
+        let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
+        let from = plan.paths[0].waypoints[0].pose.to_rigid();
+        let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
+        let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].pose.to_rigid());
+        let view = routes::view(&standing, here, there);
+        for gated in [contact, view] {
+            assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement);
+            assert_eq!(gated.judgement.reasons.first().map(|reason| reason.code.to_string()).as_deref(), code);
+            assert_eq!(gated.joints.is_none(), code.is_some());
+        }
+    }
 }

@@ -26,7 +26,7 @@ pub fn cycle_page(record: &CycleRecord, pictures: &BTreeMap<String, Vec<u8>>) ->
     let times = Times::of(record);
     let mut sections: Vec<Section> =
         record.findings.iter().map(|finding| section(finding, pictures, times)).collect();
-    sections.extend([happened::abraded(record), happened::motions(record), budget(record.budget)]);
+    sections.extend([happened::abraded(record), happened::motions(record), budget(record)]);
     sections.extend(happened::asked(record));
     sections.push(used(record));
     // Nothing was tested that an inspector could sign.
@@ -202,17 +202,19 @@ fn decimals(value: f64) -> usize {
     (3 - value.abs().log10().floor() as i32).clamp(0, 9) as usize
 }
 
-fn budget(budget: Option<Budget>) -> Section {
-    let budget = budget.unwrap_or_default();
+fn budget(record: &CycleRecord) -> Section {
+    let budget = record.budget.unwrap_or_default();
     let total = budget.total_mm();
     let part = |name: &str, value: Option<f64>| {
         Row::new(name, value.map_or(NOT_MEASURED.to_owned(), |value| format!("{} mm", shown(value))), "")
     };
+    let is_corrected = record.files.iter().any(|file| file.name == "robot_correction");
+    let robot = if is_corrected { "robot, corrected by robot_correction, and tool" } else { "robot and tool" };
     let mut rows = vec![
         part("hand-eye calibration", budget.hand_eye_mm),
         part("localization", budget.locate_mm),
         part("surface fit", budget.fit_mm),
-        part("robot and tool", budget.robot_mm),
+        part(robot, budget.robot_mm),
         part("total", total),
     ];
     if total.is_none() {

@@ -116,6 +116,11 @@ fn a_whole_budget_needs_no_stated_error_and_a_running_cycle_is_no_result() {
     // By hand: √(4 · 0.5²) = 1.
     assert!(html.contains("<td>total</td><td>1 mm</td>") && !html.contains("tool_error_mm"));
     assert!(html.contains("class=\"verdict doubt\"") && html.contains("not over"));
+    assert!(html.contains("<td>robot and tool</td>"));
+    let mut corrected = record();
+    corrected.files.push(KeptFile { name: "robot_correction".to_owned(), hash: "f00d".to_owned() });
+    let html = cycle_page(&corrected, &BTreeMap::new()).html();
+    assert!(html.contains("<td>robot, corrected by robot_correction, and tool</td>") && html.contains("f00d"));
 }
 
 #[test]

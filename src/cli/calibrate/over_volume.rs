@@ -1,0 +1,129 @@
+//! `panelprep calibrate verify --poses`: what is left of the error over the working volume.
+//!
+//! The camera on the flange looks at one board that stands still, from many poses. Each picture says where the board is,
+//! through arm, mount and lens; how far its farthest corner is from where it is known to be is what is left there.
+
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::args::{CameraName, Verify};
+use super::in_use::InUse;
+use super::sight::Sight;
+use super::target::Target;
+use super::{files, verify};
+use crate::calib::health::{self, Look};
+use crate::calib::{CalibError, Seen, board_pose};
+use crate::geometry::FlangeCamera;
+use crate::report::{self, Left};
+use rayon::prelude::*;
+use serde_json::json;
+use std::path::Path;
+
+/// Fewer pictures measure no volume.
+const MIN_PICTURES: usize = 3;
+
+/// Looks at every picture, and keeps the worst as a verification.
+///
+/// # Errors
+/// Where a file is not what it must be, too few pictures show the board, or the store does not write.
+pub fn run(
+    args: &Verify,
+    (files, poses_file): (&CellFiles, &Path),
+    target: &Target,
+    progress: &dyn Fn(&str),
+) -> Result<Outcome, Fault> {
+    if args.camera != CameraName::FlangeCamera {
+        let message =
+            "--poses is for the camera on the flange: the fixed camera sees the same board from one place only";
+        return Err(Fault::stage(CalibError::Points(message.to_owned())));
+    }
+    let folder = poses_file.parent().unwrap_or(Path::new("."));
+    let is_there = |image: &str| folder.join(image).is_file();
+    let name = poses_file.display().to_string();
+    let poses = files::picture_poses(&name, &disk::read_text(poses_file)?, &is_there)?;
+    progress(&format!("{name}: the board in {} pictures", poses.len()));
+    let (lens, mount) = (files.flange_camera()?, files.flange_from_camera()?);
+    let arm = InUse::of_cell(files);
+    let window = args.board.subpix.map(|half_window_px| half_window_px as usize);
+    let look = |pose: &files::PicturePose| -> Result<Result<Left, (String, String)>, Fault> {
+        let aside = |why: String| Ok(Err((pose.image.clone(), why)));
+        let base_from_flange = match &arm {
+            None => pose.base_from_flange,
+            Some(arm) => arm.flange((poses_file, &pose.image), pose.base_from_flange, pose.joints.as_ref())?,
+        };
+        let sight = Sight::read(&folder.join(&pose.image), &lens.value)?;
+        let detected = match sight.detect(&target.board, window) {
+            Ok(detected) => detected,
+            Err(error) => return aside(error.to_string()),
+        };
+        if let Some(reason) =
+            health::outside_of_lens(&lens.extent, detected.corners.iter().map(|(_, pixel)| *pixel))
+        {
+            return aside(reason.message);
+        }
+        let found = match board_pose::<FlangeCamera>(&lens.value, &Seen::Pixels(detected.corners)) {
+            Ok(found) => found,
+            Err(error) => return aside(error.to_string()),
+        };
+        let base_from_board = base_from_flange * mount.value * found.camera_from_board;
+        let look = Look { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
+        if let Some(reason) = health::no_look_at(&target.base_from_board, &look, &target.board) {
+            return aside(reason.message);
+        }
+        let error_mm = health::distance_mm(&target.base_from_board, &base_from_board, &target.board.corners());
+        Ok(Ok(Left { name: pose.image.clone(), place: base_from_flange.origin(), error_mm }))
+    };
+    let all: Vec<Result<Left, (String, String)>> = poses.par_iter().map(look).collect::<Result<_, Fault>>()?;
+    let (mut left, mut aside) = (Vec::new(), Vec::new());
+    for one in all {
+        match one {
+            Ok(one) => left.push(one),
+            Err(reason) => aside.push(reason),
+        }
+    }
+    if left.len() < MIN_PICTURES {
+        let first_reason = aside.first().map(|(image, why)| format!("{image}: {why}"));
+        let (found, given) = (left.len(), poses.len());
+        let error = CalibError::TooFewPictures { found, given, needed: MIN_PICTURES, first_reason };
+        return Err(Fault::stage(error));
+    }
+    tell(args, files, (&left, &aside), files.hash_with_arm(&[&lens.text, &mount.text]))
+}
+
+fn tell(
+    args: &Verify,
+    files: &CellFiles,
+    (left, aside): (&[Left], &[(String, String)]),
+    calibration_hash: String,
+) -> Result<Outcome, Fault> {
+    let worst_mm = left.iter().map(|one| one.error_mm).fold(0.0, f64::max);
+    let rms_mm = (left.iter().map(|one| one.error_mm.powi(2)).sum::<f64>() / left.len() as f64).sqrt();
+    let verification = verify::verification(files, "flange_camera", worst_mm, calibration_hash);
+    let mut outcome = verify::kept(files, &verification, args.pictures.as_deref())?;
+    outcome.put("rms_mm", json!(rms_mm));
+    let places = left.iter().map(|one| {
+        let place = one.place.mm;
+        json!({"file": one.name, "flange_mm": [place.x, place.y, place.z], "error_mm": one.error_mm})
+    });
+    outcome.put("left", places.collect());
+    outcome.put("set_aside", aside.iter().map(|(file, reason)| json!({"file": file, "reason": reason})).collect());
+    outcome.say(format!("{} pictures: {rms_mm:.3} mm rms, {worst_mm:.3} mm at most", left.len()));
+    for one in left {
+        let place = one.place.mm;
+        let (name, mm) = (&one.name, one.error_mm);
+        outcome.say(format!(
+            "  {name}: {mm:.3} mm, the flange at ({:.0}, {:.0}, {:.0}) mm",
+            place.x, place.y, place.z
+        ));
+    }
+    aside.iter().for_each(|(file, reason)| outcome.say(format!("set aside: {file}: {reason}")));
+    if let Some(folder) = &args.pictures {
+        let file = folder.join("map_flange_camera.svg");
+        let limit_mm = files.cell.limits().verify_limit_mm();
+        let title = "what is left at the board, by the flange's place";
+        disk::write(&file, report::error_map(title, left, limit_mm))?;
+        outcome.say(format!("{}: the map", file.display()));
+    }
+    Ok(outcome)
+}

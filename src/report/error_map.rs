@@ -1,0 +1,115 @@
+//! What is left of an error over the working volume, as SVG: from above and from the side, mm in the robot's base.
+
+use super::page::escaped;
+use crate::geometry::{Base, Point};
+use std::fmt::Write;
+
+/// A place with what is left there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Left {
+    /// Its name: the picture, or the corner that was touched.
+    pub name: String,
+    /// The place.
+    pub place: Point<Base>,
+    /// What is left, mm.
+    pub error_mm: f64,
+}
+
+const SIDE_PX: f64 = 420.0;
+const MARGIN_PX: f64 = 60.0;
+const TOP_PX: f64 = 70.0;
+/// The radius of the limit's circle, px.
+const LIMIT_PX: f64 = 16.0;
+const MOST_PX: f64 = 32.0;
+/// Colours that colour-blind people tell apart; those beyond the limit have a thick rim, too.
+const WITHIN: &str = "#0072b2";
+const BEYOND: &str = "#d55e00";
+
+/// Two views of the same places: x over y, and x over z. The larger the circle, the larger the error.
+pub fn error_map(title: &str, places: &[Left], limit_mm: f64) -> String {
+    let width = 2.0 * (SIDE_PX + MARGIN_PX) + MARGIN_PX;
+    let height = TOP_PX + SIDE_PX + MARGIN_PX;
+    let worst_mm = places.iter().map(|left| left.error_mm).fold(0.0, f64::max);
+    let rms_mm = (places.iter().map(|left| left.error_mm.powi(2)).sum::<f64>() / places.len().max(1) as f64).sqrt();
+    let mut svg = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width:.0} {height:.0}\" font-family=\"sans-serif\" \
+         font-size=\"13\"><rect width=\"100%\" height=\"100%\" fill=\"white\"/><text x=\"{MARGIN_PX}\" y=\"24\" \
+         font-size=\"16\">{}</text><text x=\"{MARGIN_PX}\" y=\"46\">{} places, {rms_mm:.3} mm rms, {worst_mm:.3} mm at most; \
+         blue: at most {limit_mm} mm, orange with a rim: more; a circle's radius is its error</text>",
+        escaped(title),
+        places.len(),
+    );
+    // One scale for all axes, so that a view is true to shape.
+    let of = |axis: usize| places.iter().map(move |left| left.place.mm[axis]);
+    let bounds = [0, 1, 2].map(|axis| {
+        let (low, high) = of(axis).fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mm| (a.min(mm), b.max(mm)));
+        if low <= high { (low, high) } else { (0.0, 0.0) }
+    });
+    let span_mm = bounds.iter().map(|(low, high)| high - low).fold(50.0, f64::max) * 1.2;
+    for (view, (across, name)) in [(1, "y"), (2, "z")].into_iter().enumerate() {
+        let left_px = MARGIN_PX + view as f64 * (SIDE_PX + MARGIN_PX);
+        let middle = |axis: usize| (bounds[axis].0 + bounds[axis].1) / 2.0;
+        let x = |mm: f64| left_px + SIDE_PX * (0.5 + (mm - middle(0)) / span_mm);
+        let y = |mm: f64| TOP_PX + SIDE_PX * (0.5 - (mm - middle(across)) / span_mm);
+        frame(&mut svg, (left_px, name), (middle(0), middle(across)), span_mm);
+        for left in places {
+            let (cx, cy) = (x(left.place.mm.x), y(left.place.mm[across]));
+            circle(&mut svg, left, (cx, cy), limit_mm);
+        }
+    }
+    svg + "</svg>\n"
+}
+
+/// A view's frame with its axes: ends and middle in mm.
+fn frame(svg: &mut String, (left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64), span_mm: f64) {
+    // Writing to a `String` cannot fail.
+    let _ = write!(
+        svg,
+        "<rect x=\"{left_px}\" y=\"{TOP_PX}\" width=\"{SIDE_PX}\" height=\"{SIDE_PX}\" fill=\"none\" stroke=\"#888888\"/>"
+    );
+    let bottom = TOP_PX + SIDE_PX;
+    for (share, anchor) in [(0.0, "start"), (0.5, "middle"), (1.0, "end")] {
+        let mm = x_mm + span_mm * (share - 0.5);
+        let label = if share == 0.5 { format!("x {mm:.0} mm") } else { format!("{mm:.0}") };
+        let at = left_px + share * SIDE_PX;
+        let _ = write!(svg, "<text x=\"{at}\" y=\"{}\" text-anchor=\"{anchor}\">{label}</text>", bottom + 20.0);
+        let mm = y_mm + span_mm * (share - 0.5);
+        let label = if share == 0.5 { format!("{name} {mm:.0}") } else { format!("{mm:.0}") };
+        let at = bottom - share * (SIDE_PX - 12.0);
+        let _ = write!(svg, "<text x=\"{}\" y=\"{at}\" text-anchor=\"end\">{label}</text>", left_px - 6.0);
+    }
+}
+
+fn circle(svg: &mut String, left: &Left, (cx, cy): (f64, f64), limit_mm: f64) {
+    let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MOST_PX);
+    let is_beyond = !(left.error_mm <= limit_mm);
+    let (color, rim) = if is_beyond { (BEYOND, 3) } else { (WITHIN, 1) };
+    let _ = write!(
+        svg,
+        "<circle cx=\"{cx:.1}\" cy=\"{cy:.1}\" r=\"{radius:.1}\" fill=\"{color}\" fill-opacity=\"0.45\" stroke=\"{color}\" \
+         stroke-width=\"{rim}\"><title>{}: {:.3} mm</title></circle><text x=\"{:.1}\" y=\"{:.1}\" font-size=\"11\">{:.2}</text>",
+        escaped(&left.name),
+        left.error_mm,
+        cx + radius + 2.0,
+        cy + 4.0,
+        left.error_mm
+    );
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: the limit has 16 px; half of it 8 px, and three times it 32 px, the most, in the other colour.
+    #[test]
+    fn an_error_is_as_large_as_its_circle() {
+        let left =
+            |name: &str, x, error_mm| Left { name: name.to_owned(), place: Point::at(x, 0.0, 300.0), error_mm };
+        let svg = error_map("a & b", &[left("1.png", 400.0, 0.25), left("2.png", 600.0, 1.5)], 0.5);
+        assert!(svg.contains("a &amp; b") && svg.contains("2 places, 1.075 mm rms, 1.500 mm at most"), "{svg}");
+        assert_eq!(svg.matches("r=\"8.0\" fill=\"#0072b2\"").count(), 2, "in both views");
+        assert_eq!(svg.matches("r=\"32.0\" fill=\"#d55e00\"").count(), 2);
+        // 200 mm apart, drawn 1.2 times smaller than the whole: 420 px / 240 mm.
+        assert!(svg.contains("cx=\"95.0\"") && svg.contains("cx=\"445.0\""), "{svg}");
+    }
+}

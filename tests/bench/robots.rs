@@ -1,0 +1,87 @@
+//! The live demo with arms that are not as they are drawn, with and without the arm's calibration, against the simulator's
+//! truth: a table, and exit code 1 where a corrected arm misses a floor or an uncorrected one is trusted and misses it.
+//! `cargo bench --bench robots -- [SEEDS] [REDUCTION]`
+
+use serde_json::Value;
+use std::process::{Command, ExitCode};
+
+/// Robots, by how far the tool is off its drawing, rms, mm: repeatable, good, usual, bad.
+const ARMS_MM: [f64; 4] = [0.02, 0.1, 0.5, 1.6];
+/// What a corrected arm must reach.
+const TOUCH_MAX_MM: f64 = 0.3;
+const SURFACE_MAX_MM: f64 = 0.5;
+const REFINED_MAX_MM: f64 = 0.5;
+const COVERAGE_MIN: f64 = 0.95;
+
+fn demo(seed: u64, reduction: u64, arm_mm: f64, uncorrected: bool) -> Value {
+    let folder = std::env::temp_dir().join(format!("panelprep-robots-{}", std::process::id()));
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(["demo", "--json", "--seed", &seed.to_string(), "--reduction", &reduction.to_string()])
+        .args(["--arm-error-mm", &arm_mm.to_string()])
+        .args(uncorrected.then_some("--uncorrected"))
+        .arg("--out")
+        .arg(&folder)
+        .output()
+        .expect("the program starts");
+    // Best effort: what stays behind is in the system's own folder for such things.
+    let _ = std::fs::remove_dir_all(&folder);
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|_| {
+        println!("{}", String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default());
+        Value::Null
+    })
+}
+
+/// Prints a row; false where it misses a floor.
+fn row(seed: u64, arm_mm: f64, uncorrected: bool, result: &Value) -> bool {
+    let number = |pointer: &str| result.pointer(pointer).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    let abrade = result["abrade"].as_array().cloned().unwrap_or_default();
+    let of = |name: &str| abrade.iter().map(|pass| pass[name].as_f64().unwrap_or(f64::NAN)).collect::<Vec<_>>();
+    let largest = |name: &str| of(name).into_iter().fold(f64::NAN, f64::max);
+    let coverage = of("coverage").into_iter().fold(f64::NAN, f64::min);
+    let (touch, refined) = (number("/verified/tool_mm"), number("/refine/error_max_mm"));
+    let surface = largest("surface_error_max_mm");
+    let is_right = touch <= TOUCH_MAX_MM
+        && refined <= REFINED_MAX_MM
+        && surface <= SURFACE_MAX_MM
+        && coverage >= COVERAGE_MIN
+        && result["verdict"] == "pass";
+    // An arm that its own verifications refuse has harmed nothing.
+    let is_refused = uncorrected && result["verdict"] == "reject" && abrade.is_empty();
+    let state = if is_right {
+        "ok"
+    } else if is_refused {
+        "refused"
+    } else {
+        "MISSED"
+    };
+    println!(
+        "{seed:4}  {arm_mm:6.2}  {:11}  {:7}  {:8.3} {:8.3} {touch:8.3}  {:8.3} {refined:8.3}  {surface:8.3} {:8.3} {coverage:8.3}  {state}",
+        if uncorrected { "no" } else { "yes" },
+        result["verdict"].as_str().unwrap_or("none"),
+        number("/verified/scanner_mm"),
+        number("/verified/flange_camera_mm"),
+        number("/locate/error_max_mm"),
+        largest("normal_error_max_deg"),
+    );
+    is_right || is_refused
+}
+
+fn main() -> ExitCode {
+    let mut numbers = std::env::args().skip(1).filter_map(|argument| argument.parse::<u64>().ok());
+    let (seeds, reduction) = (numbers.next().unwrap_or(5), numbers.next().unwrap_or(2));
+    println!(
+        "seed  arm mm  calibrated   verdict  verified mm: scanner, flange camera, touch  located, refined mm  contact: surface mm, \
+         normal deg, coverage"
+    );
+    let (mut missed, mut all) = (0, 0);
+    for arm_mm in ARMS_MM {
+        for seed in 1..=seeds {
+            for uncorrected in [true, false] {
+                all += 1;
+                missed += usize::from(!row(seed, arm_mm, uncorrected, &demo(seed, reduction, arm_mm, uncorrected)));
+            }
+        }
+    }
+    println!("{missed} of {all} missed a floor");
+    if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
