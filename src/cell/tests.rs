@@ -283,7 +283,7 @@ fn a_mount_is_not_taken_for_another() {
         problems(MountedPose::<FlangeCameraMount>::check("f", &format!("{camera}{axis}"))),
         [
             "8: flange_from_camera.axis_measured: unknown key; known here: x_mm, y_mm, z_mm, a_deg, b_deg, c_deg, date, rms_mm, uncertainty_mm, \
-             serial, program, pictures, residuals_mm"
+             serial, robot_correction, program, pictures, residuals_mm"
         ]
     );
     let tool = format!("[flange_from_tool]\n{MOUNT}{axis}");

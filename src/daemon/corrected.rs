@@ -218,7 +218,7 @@ mod tests {
         }
     }
 
-    const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, 30.0, 0.0];
+    const HOME: [f64; 6] = [0.0, -90.0, 90.0, 0.0, -30.0, 0.0];
 
     /// An arm whose axis 1 stands 0.001 rad on from where it says.
     fn turned() -> cell::Arm {
@@ -229,7 +229,7 @@ mod tests {
     }
 
     fn pose(y_mm: f64) -> KukaPose {
-        KukaPose { x_mm: 480.0, y_mm, z_mm: 700.0, b_deg: 120.0, ..KukaPose::default() }
+        KukaPose { x_mm: 480.0, y_mm, z_mm: 700.0, b_deg: 60.0, ..KukaPose::default() }
     }
 
     fn point(y_mm: f64) -> MoveLin {

@@ -5,7 +5,7 @@ mod happened;
 use super::page::{Figure, Page, Row, Section};
 use crate::cell::Date;
 use crate::geometry::KukaPose;
-use crate::record::{Budget, Clock, CycleRecord, Finding, Kind, Limit, Number, name};
+use crate::record::{Clock, CycleRecord, Finding, Kind, Limit, Number, name};
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::{apart, fixed, plain};
 use serde_json::Value;
