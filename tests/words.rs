@@ -23,7 +23,9 @@ const FOR_MACHINES: [(&str, &str); 22] = [
     ("daemon/abrasion.rs", "{:?}"),
     ("cell/lens_extent.rs", "supported_error_px = {"),
     ("cell/robot_correction.rs", "numbers = {"),
-    ("cell/robot_correction.rs", "{key} = {place:?}"),
+    ("cell/robot_correction.rs", "middle_mm = {middle_mm:?}"),
+    ("cli/render_boards.rs", "axes_deg = {"),
+    ("cli/render_boards.rs", "p{number}_axes_deg = {"),
     ("cell/robot_correction.rs", "left_out_before_mm = {"),
     ("cell/robot_correction.rs", "left_out_after_mm = {"),
     // What `Debug` itself prints.

@@ -62,6 +62,12 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
         let named = cell.replace(NAMED, &format!("{NAMED}robot_correction = \"{CORRECTION}\"\n"));
         disk::write(&common.cell, named)?;
     }
+    // Where the boards stand is known as this cell sees them: nobody measures the base of a robot from outside.
+    for camera in [asked::CameraName::Scanner, asked::CameraName::FlangeCamera] {
+        let look = asked::Verify { learn: true, ..rendered.verification(camera) };
+        let target = look.target.clone().unwrap_or_default();
+        made(asked::What::Verify(look), &common, &target)?;
+    }
     Ok(())
 }
 
