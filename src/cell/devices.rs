@@ -67,10 +67,25 @@ impl Choice for RobotKind {
     const WORDS: &'static [(&'static str, Self)] = &[("mock", RobotKind::Mock), ("eki", RobotKind::Eki)];
 }
 
+/// What a mock controller does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MockController {
+    /// Executes the controller's programs as they ship.
+    Programs,
+    /// A model of them, written by hand.
+    Model,
+}
+
+impl Choice for MockController {
+    const WORDS: &'static [(&'static str, Self)] =
+        &[("programs", MockController::Programs), ("model", MockController::Model)];
+}
+
 /// The robot's controller: a TCP server with one port for commands and one for its state.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Robot {
     kind: RobotKind,
+    controller: MockController,
     host: String,
     command_port: u16,
     state_port: u16,
@@ -80,6 +95,11 @@ impl Robot {
     /// Which controller.
     pub fn kind(&self) -> RobotKind {
         self.kind
+    }
+
+    /// What a mock controller does.
+    pub fn controller(&self) -> MockController {
+        self.controller
     }
 
     /// Name or address of the controller; this machine for the mock.
@@ -126,11 +146,13 @@ const THIS_MACHINE: &str = "127.0.0.1";
 
 pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
     let kind = section.take("kind", (), Some(RobotKind::Mock));
+    let controller = section.take("controller", (), Some(MockController::Programs));
     let host = section.take::<Option<String>>("host", (), Some(None));
     let command_port = section.take("command_port", PORTS, Some(54_600));
     let state_port = section.take("state_port", PORTS, Some(54_601));
     section.done();
-    let (kind, host, command_port, state_port) = (kind?, host?, command_port?, state_port?);
+    let (kind, controller, host) = (kind?, controller?, host?);
+    let (command_port, state_port) = (command_port?, state_port?);
     if command_port == state_port {
         section.problem("state_port", format!("found {state_port}, allowed is any port but command_port's"));
         return None;
@@ -155,5 +177,5 @@ pub(super) fn take_robot(section: &Section<'_, '_>) -> Option<Robot> {
         }
         (_, host) => host.unwrap_or(THIS_MACHINE.to_owned()),
     };
-    Some(Robot { kind, host, command_port, state_port })
+    Some(Robot { kind, controller, host, command_port, state_port })
 }

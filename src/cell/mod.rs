@@ -28,7 +28,7 @@ pub use calibration::{
     ToolMount,
 };
 pub use date::Date;
-pub use devices::{Camera, Robot, RobotKind};
+pub use devices::{Camera, MockController, Robot, RobotKind};
 pub use gige::{Gige, PIXEL_FORMATS};
 pub use keep::{Keep, KeepFor};
 pub use lens_extent::{LensExtent, Supported};

@@ -474,6 +474,9 @@ pub struct MockRobot {
     /// What goes wrong, and when: see below.
     #[arg(long, value_name = "SPEC")]
     pub fault: Option<FaultSpec>,
+    /// Execute the controller's KRL programs as they ship, in place of the model of them.
+    #[arg(long)]
+    pub programs: bool,
     /// Address to listen at.
     #[arg(long, value_name = "ADDRESS", default_value = "127.0.0.1")]
     pub host: std::net::IpAddr,

@@ -9,7 +9,7 @@ use super::fault::Fault;
 #[cfg(feature = "gige")]
 use super::load::calibrated_serial;
 use super::zivid;
-use crate::cell::{self, Cell, RobotKind};
+use crate::cell::{self, Cell, MockController, RobotKind};
 use crate::daemon::{Calibrations, Cameras, LinkedRobot};
 use crate::devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
@@ -17,7 +17,7 @@ use crate::devices::cameras::{
 };
 #[cfg(feature = "gige")]
 use crate::devices::cameras::{GigeFlangeCamera, LoopbackFlangeCamera};
-use crate::devices::mock::{self, ChannelFile, Controller, MockServer};
+use crate::devices::mock::{self, ChannelFile, Controller, MockServer, Programs, Setup};
 use crate::devices::robot::{Address, BlockingLink, link_limits};
 use crate::devices::world::{Follower, SimulatedWorld};
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
@@ -209,11 +209,22 @@ fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result
     })
 }
 
+/// The programs that the cell's mock controller executes; `None` for the model of them.
+///
+/// # Errors
+/// Never for programs that this program was built with.
+fn programs(cell: &Cell) -> Result<Option<Programs>, Fault> {
+    match cell.robot().controller() {
+        MockController::Programs => Programs::shipped().map(Some).map_err(Fault::stage),
+        MockController::Model => Ok(None),
+    }
+}
+
 impl Simulated {
     fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
         let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
         let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
-        let setup = world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);
+        let setup = Setup { programs: programs(cell)?, ..world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?) };
         let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
         let server = MockServer::start(controller, mock::Ports::free()).map_err(Fault::stage)?;
         Ok(Simulated { world, server })

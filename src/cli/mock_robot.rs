@@ -6,7 +6,7 @@ use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::cell::{Cell, RobotKind};
-use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Setup};
+use crate::devices::mock::{ChannelFile, Clock, Controller, MockServer, Ports, Programs, Setup};
 use crate::devices::world::SimulatedWorld;
 use crate::eki::{CELLCMD, CELLSTAT};
 use crate::requirements::Purpose;
@@ -37,8 +37,10 @@ pub fn run(args: &MockRobot, common: &Common, tell: &dyn Fn(&str)) -> Result<Out
     // Only its water, light and tool matter here: no camera looks at it.
     let world = SimulatedWorld::new(sim::Cell::new(1, sim::Scene::Good, 8), &files.cell).map_err(Fault::stage)?;
     let faults = args.fault.clone().unwrap_or_default();
-    let setup = Setup { clock: Clock::Free, faults, ..world.setup(&files.cell, commands, states) };
-    let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
+    let programs = if args.programs { Some(Programs::shipped().map_err(Fault::stage)?) } else { None };
+    let setup = Setup { clock: Clock::Free, faults, programs, ..world.setup(&files.cell, commands, states) };
+    let mut controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
+    controller.boot();
     let server = MockServer::start(controller, ports).map_err(Fault::stage)?;
     tell(&format!(
         "mock controller: commands at {}, state at {}; end it with Ctrl-C",

@@ -2,6 +2,7 @@
 //!
 //! Between two statements another interpreter may run, an interrupt may come; within one nothing does.
 
+use super::condense::Condensed;
 use super::syntax::{Approximation, Binary, Motion};
 use super::system::Builtin;
 
@@ -210,6 +211,8 @@ pub struct Program {
     pub texts: Vec<String>,
     /// The files' names.
     pub files: Vec<String>,
+    /// Steps that are taken together.
+    pub(super) condensed: Condensed,
 }
 
 impl Program {

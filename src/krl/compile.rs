@@ -12,6 +12,7 @@ mod place;
 mod value;
 
 use super::code::{Cell, Entry, LocalVariable, Location, Op, Program};
+use super::condense::Condensed;
 use super::syntax::{Declared, File, Routine};
 use super::system::Kss;
 use super::types::{Type, Types};
@@ -57,7 +58,8 @@ pub fn analyse(files: &[File], kss: Kss) -> Analysis {
     compiler.declare_data();
     compiler.declare_routines();
     compiler.compile_routines();
-    let Compiler { mut problems, mut warnings, program, .. } = compiler;
+    let Compiler { mut problems, mut warnings, mut program, .. } = compiler;
+    program.condensed = Condensed::new(&program.code);
     for found in problems.iter_mut().chain(&mut warnings) {
         found.sort_by(|a, b| (a.line, &a.key, &a.message).cmp(&(b.line, &b.key, &b.message)));
         found.dedup();

@@ -5,6 +5,7 @@
 //! interrupted where it waits. An invalid value, an index outside of its array, a division by zero stop the interpreter.
 
 mod calculate;
+mod expression;
 mod interrupt;
 mod robot;
 mod step;
@@ -14,7 +15,6 @@ use super::syntax::{Approximation, Motion};
 use super::system::Builtin;
 pub use interrupt::INTERRUPT_DEPTH;
 use interrupt::Interrupt;
-use std::sync::Arc;
 
 /// What public documents leave open. Each may be one or the other on a controller; the programs must work with both.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -63,6 +63,7 @@ impl Memory {
     }
 
     /// A shared INT; 0 where it holds none.
+    #[inline]
     pub fn int(&self, cell: Option<u32>) -> i32 {
         match cell.and_then(|cell| self.cells.get(cell as usize)) {
             Some(Cell::Int(number)) => *number,
@@ -71,6 +72,7 @@ impl Memory {
     }
 
     /// A shared BOOL; FALSE where it holds none.
+    #[inline]
     pub fn bool(&self, cell: Option<u32>) -> bool {
         matches!(cell.and_then(|cell| self.cells.get(cell as usize)), Some(Cell::Bool(true)))
     }
@@ -168,6 +170,7 @@ pub trait Host {
 
 /// Who asks for a motion: the interpreter's frames, for logs that say which command it was.
 pub struct Caller<'a> {
+    program: &'a Program,
     interpreter: &'a Interpreter,
     memory: &'a Memory,
 }
@@ -175,7 +178,7 @@ pub struct Caller<'a> {
 impl Caller<'_> {
     /// So many cells of the innermost local variable of this name.
     pub fn local(&self, name: &str, cells: usize) -> Option<Vec<Cell>> {
-        self.interpreter.local(self.memory, name, cells)
+        self.interpreter.local(self.program, self.memory, name, cells)
     }
 }
 
@@ -213,10 +216,32 @@ struct BrokeIn {
     braked: Option<bool>,
 }
 
-/// One interpreter.
+/// How a step can go wrong: a message, behind a pointer so that what goes right stays small.
+#[derive(Debug)]
+#[allow(clippy::box_collection, reason = "a result is twice as large with the text itself")]
+struct Wrong(Box<String>);
+
+impl From<String> for Wrong {
+    fn from(message: String) -> Self {
+        Wrong(Box::new(message))
+    }
+}
+
+impl From<&str> for Wrong {
+    fn from(message: &str) -> Self {
+        Wrong(Box::new(message.to_owned()))
+    }
+}
+
+impl From<Wrong> for String {
+    fn from(wrong: Wrong) -> Self {
+        *wrong.0
+    }
+}
+
+/// One interpreter: the state of a run. The program is handed over with each call, always the same one.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
-    program: Arc<Program>,
     meaning: Meaning,
     /// The robot interpreter: it moves the arm, waits for it, has interrupts.
     moves: bool,
@@ -248,9 +273,8 @@ pub struct Interpreter {
 
 impl Interpreter {
     /// An interpreter without a program to run; `moves` for the robot's.
-    pub fn new(program: Arc<Program>, meaning: Meaning, moves: bool) -> Self {
+    pub fn new(meaning: Meaning, moves: bool) -> Self {
         Interpreter {
-            program,
             meaning,
             moves,
             at: 0,
@@ -272,42 +296,55 @@ impl Interpreter {
     }
 
     /// Forgets everything and begins at this routine, which takes no arguments.
-    pub fn begin(&mut self, routine: u32) {
-        *self = Interpreter::new(self.program.clone(), self.meaning, self.moves);
-        self.enter(routine, usize::MAX, 0);
+    pub fn begin(&mut self, program: &Program, routine: u32) {
+        self.clear();
+        self.enter(program, routine, usize::MAX, 0);
     }
 
     /// Forgets everything.
     pub fn clear(&mut self) {
-        *self = Interpreter::new(self.program.clone(), self.meaning, self.moves);
+        let Interpreter { stack, cells, frames, interrupts, armed, saved, .. } = self;
+        // What was reserved is used again: a cycle begins 83 times a second.
+        stack.clear();
+        cells.clear();
+        frames.clear();
+        interrupts.clear();
+        armed.clear();
+        saved.clear();
+        (self.at, self.statement, self.statement_height) = (0, 0, 0);
+        (self.waits_until_ms, self.braked, self.planned, self.keeps_going) = (None, None, false, None);
+        (self.proceeds, self.condition_base) = (0, None);
     }
 
     /// Whether there is something to execute.
+    #[inline]
     pub fn is_idle(&self) -> bool {
         self.frames.is_empty()
     }
 
     /// The file and line that is executed.
-    pub fn place(&self) -> String {
-        let location = self.program.statements.get(self.statement);
-        location.map_or(String::new(), |at| format!("{}:{}", self.program.files[at.file], at.line))
+    pub fn place(&self, program: &Program) -> String {
+        let location = program.statements.get(self.statement);
+        location.map_or(String::new(), |at| format!("{}:{}", program.files[at.file], at.line))
     }
 
-    fn enter(&mut self, routine: u32, return_to: usize, height: usize) {
-        let entry = &self.program.routines[routine as usize];
+    fn enter(&mut self, program: &Program, routine: u32, return_to: usize, height: usize) {
+        let entry = &program.routines[routine as usize];
         let base = self.cells.len();
         self.cells.resize(base + entry.frame_cells as usize, Cell::Unset);
         let parameters = entry.parameter_cells as usize;
-        for cell in (0..parameters).rev() {
-            self.cells[base + cell] = self.stack.pop().unwrap_or(Cell::Unset);
+        let given = self.stack.len().saturating_sub(parameters);
+        for (cell, value) in self.cells[base..].iter_mut().zip(&self.stack[given..]) {
+            *cell = *value;
         }
+        self.stack.truncate(given);
         self.at = entry.start as usize;
         self.frames.push(Frame { routine, return_to, base, height, broke_in: None });
     }
 
-    fn local(&self, memory: &Memory, name: &str, cells: usize) -> Option<Vec<Cell>> {
+    fn local(&self, program: &Program, memory: &Memory, name: &str, cells: usize) -> Option<Vec<Cell>> {
         for frame in self.frames.iter().rev().filter(|frame| frame.broke_in.is_none()) {
-            let entry = &self.program.routines[frame.routine as usize];
+            let entry = &program.routines[frame.routine as usize];
             let Some(local) = entry.locals.iter().find(|local| local.name == name) else { continue };
             let at = frame.base + local.offset as usize;
             if !local.by_reference {

@@ -3,13 +3,14 @@
 //!
 //! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree)
 //! - the meaning: `types` (and how much memory each takes), `system` (the controller's own variables and routines),
-//!   `compile` (names, types, steps), `code` (the steps), `machine` (executes them)
+//!   `compile` (names, types, steps), `code` (the steps), `condense` (several of them as one), `machine` (executes them)
 //!
 //! Left out, and told as such with file and line: GOTO, CIRC and spline motions, relative motions, PULSE, SIGNAL,
 //! analog inputs and outputs, CREAD and its kin.
 
 mod code;
 mod compile;
+mod condense;
 mod expression;
 mod lex;
 mod machine;

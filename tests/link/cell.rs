@@ -3,7 +3,7 @@
 //!
 //! Time jumps from one event to the next: a tick of the controller, a deadline of the session, bytes that arrive.
 
-use panelprep::devices::mock::{self, Clock, Controller, Executed, Setup, Unwired};
+use panelprep::devices::mock::{self, Clock, Controller, Executed, Setup, Unwired, World};
 use panelprep::eki::{
     CELLCMD, CELLSTAT, Channel, ChannelFile, Command, LinkLimits, LinkLoss, MoveLin, Pace, Report, Session,
     SetAccSpeed, SetTcp, TcpKind, Time, Wire,
@@ -161,9 +161,14 @@ pub struct Cell {
 impl Cell {
     /// Not yet connected.
     pub fn new(setup: Setup, limits: LinkLimits, seed: u64) -> Self {
+        Cell::within(setup, limits, seed, Box::new(Unwired))
+    }
+
+    /// Not yet connected; the controller's terminals lead to this world.
+    pub fn within(setup: Setup, limits: LinkLimits, seed: u64, world: Box<dyn World>) -> Self {
         Cell {
             session: Session::new(wire(), limits, Pace::Wall),
-            controller: Controller::new(setup, Box::new(Unwired)).expect("the shipped files fit"),
+            controller: Controller::new(setup, world).expect("the shipped files fit"),
             now_ms: 0,
             delay_ms: (1, 1),
             fragment: false,

@@ -23,7 +23,7 @@ const WINDOW_MS: f64 = 1_000.0;
 const OFF_AFTER_MS: [(u16, u64); 4] = [(1, 60_000), (2, 0), (4, 30_000), (TOOL_OUTPUT, 0)];
 
 /// What the programs may take longer than the model, which stops in one act: cycles of a scheduler that starves them.
-const PROGRAMS_MS: u64 = 250;
+const PROGRAMS_MS: u64 = 300;
 /// So much later a starved robot interpreter begins to brake.
 const STARVED_MS: u64 = 60;
 /// Without its link the arm goes on so long at most, where the programs are executed.
@@ -188,15 +188,16 @@ impl Oracles {
         let now_ms = sample.time_ms;
         let last_stop = cell.controller.stops().last();
         let stopped = cell.controller.is_stopped();
+        let low = height_mm(cell.controller) < 1.0;
         if (stopped && last_stop.is_some_and(|stop| stop.cause.is_at_once())) || !cell.controller.can_move() {
             self.left_there = true;
-        } else if !stopped {
+        } else if !stopped && !low {
+            // Whoever jogs it off, or the next path: an epoch that is merely opened moves nothing.
             self.left_there = false;
         }
         if self.left_there {
             return;
         }
-        let low = height_mm(cell.controller) < 1.0;
         let more_ms = if is_program(cell) { PROGRAMS_MS } else { 0 };
         if low && now_ms > self.moved_ms + DWELL_MS + more_ms {
             self.wrong(now_ms, "the tool stands on the panel".to_owned());

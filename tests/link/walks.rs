@@ -205,13 +205,13 @@ impl Walk {
                 Report::Standstill { .. } | Report::LinkLost { .. } | Report::Rebooted { .. } => true,
                 _ => false,
             };
-            let patience_ms = self.draw.random_range(500..4_000);
+            let patience_ms = self.draw.random_range(500..if self.is_program { 2_500 } else { 4_000 });
             if !self.until(patience_ms, over)? {
                 // The person in front of it has seen enough.
                 let _ = self.cell.session.abort();
             }
         }
-        let pause_ms = self.draw.random_range(100..2_500);
+        let pause_ms = self.draw.random_range(100..if self.is_program { 800 } else { 2_500 });
         self.pass_time(pause_ms)
     }
 

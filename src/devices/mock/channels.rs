@@ -107,7 +107,10 @@ impl Controller {
     pub fn command_bytes(&mut self, bytes: &[u8]) {
         let Some(documents) = self.receive(Channel::Command, bytes) else { return };
         if documents > 0 && self.running.is_some() {
-            self.count_arrived(u64::from(documents));
+            // In lock step they were counted when they arrived.
+            if self.setup.clock == Clock::Free {
+                self.count_arrived(u64::from(documents));
+            }
         } else if documents > 0 {
             match self.command_places.newest_order(&self.commands.memory) {
                 Some(newest) => self.arrived = self.arrived.max(newest),
@@ -131,10 +134,14 @@ impl Controller {
             self.troubles.behind_cable[channel as usize].extend_from_slice(bytes);
             return None;
         }
-        let link = self.link(channel);
-        if !link.connected {
+        if !self.is_connected(channel) {
             return None;
         }
+        if self.holds() {
+            self.hold(channel, bytes);
+            return None;
+        }
+        let link = self.link(channel);
         let received = link.memory.receive(bytes);
         let raised = link.memory.take_raised();
         self.note_change();

@@ -83,7 +83,7 @@ impl Controller {
     pub fn new(setup: Setup, world: Box<dyn World>) -> Result<Self, MockError> {
         let (commands, states) = (Memory::new(setup.commands.clone()), Memory::new(setup.states.clone()));
         let of = |channel: &'static str| move |problem: FileProblem| MockError::File { channel, problem };
-        Ok(Controller {
+        let mut controller = Controller {
             command_places: CommandPlaces::new(&commands).map_err(of("CELLCMD"))?,
             request_places: RequestPlaces::new(&states).map_err(of("CELLSTAT"))?,
             commands: Link::new(commands, &setup.commands),
@@ -118,7 +118,12 @@ impl Controller {
             running: setup.programs.clone().map(|programs| Box::new(Running::new(programs, &setup))),
             templates: [None, None],
             setup,
-        })
+        };
+        // Nobody else would let that time pass.
+        if controller.setup.clock == Clock::LockStep {
+            controller.boot();
+        }
+        Ok(controller)
     }
 
     /// Lets time pass: as many ticks as are whole, the rest is kept for the next time.

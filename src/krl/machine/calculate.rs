@@ -2,57 +2,58 @@
 
 use super::super::code::Cell;
 use super::super::syntax::Binary;
+use super::Wrong;
 
 /// The result of an operator between two values of one type.
-pub(super) fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, String> {
+pub(super) fn binary(operator: Binary, left: Cell, right: Cell) -> Result<Cell, Wrong> {
     match (left, right) {
         (Cell::Int(left), Cell::Int(right)) => int(operator, left, right),
         (Cell::Real(left), Cell::Real(right)) => real(operator, left, right),
         (Cell::Bool(left), Cell::Bool(right)) => bool(operator, left, right),
         (Cell::Word(left), Cell::Word(right)) => compare(operator, left.cmp(&right)),
         (Cell::Char(left), Cell::Char(right)) => compare(operator, left.cmp(&right)),
-        _ => Err("a value is invalid: it was never assigned".to_owned()),
+        _ => Err("a value is invalid: it was never assigned".into()),
     }
 }
 
-fn int(operator: Binary, left: i32, right: i32) -> Result<Cell, String> {
+fn int(operator: Binary, left: i32, right: i32) -> Result<Cell, Wrong> {
     let result = match operator {
         Binary::Plus => left.checked_add(right),
         Binary::Minus => left.checked_sub(right),
         Binary::Times => left.checked_mul(right),
-        Binary::By if right == 0 => return Err("division by zero".to_owned()),
+        Binary::By if right == 0 => return Err("division by zero".into()),
         Binary::By => left.checked_div(right),
         Binary::BitAnd => Some(left & right),
         Binary::BitOr => Some(left | right),
         Binary::BitExor => Some(left ^ right),
         _ => return compare(operator, left.cmp(&right)),
     };
-    result.map(Cell::Int).ok_or_else(|| format!("the result of {left} and {right} does not fit into an INT"))
+    result.map(Cell::Int).ok_or_else(|| format!("the result of {left} and {right} does not fit into an INT").into())
 }
 
-fn real(operator: Binary, left: f32, right: f32) -> Result<Cell, String> {
+fn real(operator: Binary, left: f32, right: f32) -> Result<Cell, Wrong> {
     let result = match operator {
         Binary::Plus => left + right,
         Binary::Minus => left - right,
         Binary::Times => left * right,
-        Binary::By if right == 0.0 => return Err("division by zero".to_owned()),
+        Binary::By if right == 0.0 => return Err("division by zero".into()),
         Binary::By => left / right,
         _ => return compare(operator, left.partial_cmp(&right).unwrap_or(std::cmp::Ordering::Less)),
     };
-    if result.is_finite() { Ok(Cell::Real(result)) } else { Err("the result does not fit into a REAL".to_owned()) }
+    if result.is_finite() { Ok(Cell::Real(result)) } else { Err("the result does not fit into a REAL".into()) }
 }
 
-fn bool(operator: Binary, left: bool, right: bool) -> Result<Cell, String> {
+fn bool(operator: Binary, left: bool, right: bool) -> Result<Cell, Wrong> {
     Ok(Cell::Bool(match operator {
         Binary::And => left && right,
         Binary::Or => left || right,
         Binary::Exor | Binary::Unequal => left != right,
         Binary::Equal => left == right,
-        _ => return Err("this operator does not go with BOOL".to_owned()),
+        _ => return Err("this operator does not go with BOOL".into()),
     }))
 }
 
-fn compare(operator: Binary, order: std::cmp::Ordering) -> Result<Cell, String> {
+fn compare(operator: Binary, order: std::cmp::Ordering) -> Result<Cell, Wrong> {
     Ok(Cell::Bool(match operator {
         Binary::Equal => order.is_eq(),
         Binary::Unequal => order.is_ne(),
@@ -60,16 +61,21 @@ fn compare(operator: Binary, order: std::cmp::Ordering) -> Result<Cell, String> 
         Binary::AtMost => order.is_le(),
         Binary::Greater => order.is_gt(),
         Binary::AtLeast => order.is_ge(),
-        _ => return Err("this operator does not go with these values".to_owned()),
+        _ => return Err("this operator does not go with these values".into()),
     }))
 }
 
+/// The opposite.
+pub(super) fn negated(number: i32) -> Result<Cell, Wrong> {
+    number.checked_neg().map(Cell::Int).ok_or_else(|| "the result does not fit into an INT".into())
+}
+
 /// REAL to INT, rounded to the nearest.
-pub(super) fn round(number: f32) -> Result<Cell, String> {
+pub(super) fn round(number: f32) -> Result<Cell, Wrong> {
     let rounded = f64::from(number).round();
     if rounded.abs() <= 2_147_483_647.0 {
         Ok(Cell::Int(rounded as i32))
     } else {
-        Err(format!("{number} does not fit into an INT"))
+        Err(format!("{number} does not fit into an INT").into())
     }
 }

@@ -2,9 +2,9 @@
 //!
 //! A smaller number breaks into a larger one. A trigger has the lowest priority of all.
 
-use super::super::code::Op;
+use super::super::code::{Op, Program};
 use super::step::Flow;
-use super::{BrokeIn, Frame, Host, Interpreter, Memory};
+use super::{BrokeIn, Frame, Host, Interpreter, Memory, Wrong};
 
 /// Of a trigger with PRIO=-1: the controller takes one of those that programs may not use.
 const TRIGGER_PRIORITY: i32 = 80;
@@ -34,15 +34,15 @@ pub(super) struct Trigger {
 }
 
 impl Interpreter {
-    pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), String> {
+    pub(super) fn declare(&mut self, number: i32, global: bool, call: u32) -> Result<(), Wrong> {
         let allowed = (1..=39).contains(&number) || (81..=128).contains(&number);
         if !allowed {
-            return Err(format!("interrupt {number} does not exist; 1 to 39 and 81 to 128 do"));
+            return Err(format!("interrupt {number} does not exist; 1 to 39 and 81 to 128 do").into());
         }
         let declared_in = self.frames.len() - 1;
         self.interrupts.retain(|interrupt| interrupt.number != number);
         if self.interrupts.len() >= INTERRUPT_DEPTH {
-            return Err("more than 32 interrupts are declared".to_owned());
+            return Err("more than 32 interrupts are declared".into());
         }
         self.interrupts.push(Interrupt {
             number,
@@ -62,17 +62,20 @@ impl Interpreter {
         &mut self,
         number: Option<i32>,
         on: bool,
+        program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), String> {
-        let meant: Vec<usize> = (0..self.interrupts.len())
-            .filter(|&index| number.is_none_or(|number| self.interrupts[index].number == number))
-            .collect();
-        if meant.is_empty() && number.is_some() {
-            return Err(format!("interrupt {} is not declared at this level", number.unwrap_or_default()));
+    ) -> Result<(), Wrong> {
+        let is_meant = |of: &Interrupt| number.is_none_or(|number| of.number == number);
+        if number.is_some() && !self.interrupts.iter().any(is_meant) {
+            let number = number.unwrap_or_default();
+            return Err(format!("interrupt {number} is not declared at this level").into());
         }
-        for index in meant {
-            let was = on && self.condition(index, memory, host)?;
+        for index in 0..self.interrupts.len() {
+            if !is_meant(&self.interrupts[index]) {
+                continue;
+            }
+            let was = on && self.condition(index, program, memory, host)?;
             let fires = was && !self.interrupts[index].on && self.meaning.on_fires_at_once;
             let interrupt = &mut self.interrupts[index];
             interrupt.pending = on && (interrupt.pending || fires);
@@ -82,7 +85,13 @@ impl Interpreter {
     }
 
     /// The value of an interrupt's condition.
-    fn condition(&mut self, index: usize, memory: &mut Memory, host: &mut dyn Host) -> Result<bool, String> {
+    fn condition(
+        &mut self,
+        index: usize,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<bool, Wrong> {
         let (at, height) = (self.at, self.stack.len());
         let interrupt = &self.interrupts[index];
         let (start, level) = (interrupt.condition, interrupt.declared_in);
@@ -90,13 +99,13 @@ impl Interpreter {
         self.condition_base = self.frames.get(level).map(|frame| (frame.base, self.frames.len()));
         self.at = start;
         let value = loop {
-            match self.program.code.get(self.at).copied() {
+            match program.code.get(self.at) {
                 Some(Op::EndCondition) => break self.pop_bool(),
-                Some(op) => match self.condition_op(op, memory, host) {
+                Some(op) => match self.condition_op(op, program, memory, host) {
                     Ok(()) => {}
                     Err(message) => break Err(message),
                 },
-                None => break Err("a condition without end".to_owned()),
+                None => break Err("a condition without end".into()),
             }
         };
         self.condition_base = None;
@@ -105,7 +114,16 @@ impl Interpreter {
         value
     }
 
-    fn condition_op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+    fn condition_op(
+        &mut self,
+        op: &Op,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), Wrong> {
+        if self.condensed(program, memory, host)? {
+            return Ok(());
+        }
         if let Op::Load = op {
             // The condition never waits for the arm.
             let address = self.pop_address()?;
@@ -114,9 +132,9 @@ impl Interpreter {
             self.at += 1;
             return Ok(());
         }
-        match self.op(op, memory, host)? {
+        match self.op(op, program, memory, host)? {
             Flow::Next => Ok(()),
-            Flow::Wait | Flow::Ended => Err("an interrupt's condition may not wait".to_owned()),
+            Flow::Wait | Flow::Ended => Err("an interrupt's condition may not wait".into()),
         }
     }
 
@@ -124,12 +142,12 @@ impl Interpreter {
     ///
     /// # Errors
     /// Where a condition cannot be told.
-    pub fn look(&mut self, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+    pub fn look(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
         for index in 0..self.interrupts.len() {
             if !self.interrupts[index].on {
                 continue;
             }
-            let now = self.condition(index, memory, host)?;
+            let now = self.condition(index, program, memory, host)?;
             let interrupt = &mut self.interrupts[index];
             interrupt.pending |= now && !interrupt.was;
             interrupt.was = now;
@@ -195,9 +213,9 @@ impl Interpreter {
         self.frames.iter().any(|frame| frame.broke_in.is_some())
     }
 
-    pub(super) fn end_interrupt(&mut self) -> Result<Flow, String> {
+    pub(super) fn end_interrupt(&mut self) -> Result<Flow, Wrong> {
         if self.braked == Some(true) {
-            return Err("the program would go on with the motion that was braked, which is not modelled".to_owned());
+            return Err("the program would go on with the motion that was braked, which is not modelled".into());
         }
         let frame = self.frames.pop().ok_or("no interrupt runs")?;
         self.stack.truncate(frame.height);
@@ -216,12 +234,12 @@ impl Interpreter {
     }
 
     /// Leaves everything above the level that declared the interrupt, and goes on there.
-    pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, String> {
+    pub(super) fn resume(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
         let innermost = self.frames.iter().rposition(|frame| frame.broke_in.is_some());
         let innermost = innermost.ok_or("RESUME stands in an interrupt program only")?;
         let declared_in = self.frames[innermost].broke_in.as_ref().map_or(0, |broke_in| broke_in.declared_in);
         if self.meaning.resume_needs_advance_0 && host.advance() != 0 {
-            return Err("RESUME with $ADVANCE other than 0".to_owned());
+            return Err("RESUME with $ADVANCE other than 0".into());
         }
         let below = self.frames.get(declared_in + 1).filter(|frame| frame.broke_in.is_none()).cloned();
         let below = below.ok_or("RESUME: the program stands at the level that declared the interrupt")?;

@@ -1,17 +1,23 @@
 //! Steps that touch the controller: motions, waiting, braking, its own routines.
 
-use super::super::code::{Address, Cell, Op};
+use super::super::code::{Address, Cell, Op, Program};
 use super::super::system::Builtin;
 use super::interrupt::Trigger;
 use super::step::Flow;
-use super::{Caller, Host, Interpreter, Memory, MotionRequest};
+use super::{Caller, Host, Interpreter, Memory, MotionRequest, Wrong};
 
 impl Interpreter {
-    pub(super) fn robot_op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Result<Flow, String> {
+    pub(super) fn robot_op(
+        &mut self,
+        op: &Op,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<Flow, Wrong> {
         if !self.moves && !matches!(op, Op::WaitSeconds | Op::Continue) {
-            return Err("the submit interpreter has no motions and no interrupts".to_owned());
+            return Err("the submit interpreter has no motions and no interrupts".into());
         }
-        match op {
+        match *op {
             Op::WaitSeconds => return self.wait_seconds(host),
             Op::WaitFor(start) => {
                 if self.stops_advance_run(host) {
@@ -28,11 +34,11 @@ impl Interpreter {
                         return Ok(Flow::Wait);
                     }
                     if self.in_interrupt() {
-                        return Err("a motion inside of an interrupt is not modelled".to_owned());
+                        return Err("a motion inside of an interrupt is not modelled".into());
                     }
                     let target = numbers(self.pop_block()?)?;
                     let request = MotionRequest { motion, axes, target, approximates };
-                    let planned = host.plan(&request, &Caller { interpreter: self, memory });
+                    let planned = host.plan(&request, &Caller { program, interpreter: self, memory });
                     if planned.is_err() {
                         // Started again, the program tries this motion once more.
                         self.stack.extend(target.map(Cell::Real));
@@ -54,13 +60,13 @@ impl Interpreter {
             }
             Op::InterruptSwitch { on } => {
                 let number = self.pop_int()?;
-                self.switch(Some(number), on, memory, host)?;
+                self.switch(Some(number), on, program, memory, host)?;
             }
-            Op::InterruptSwitchAll { on } => self.switch(None, on, memory, host)?,
+            Op::InterruptSwitchAll { on } => self.switch(None, on, program, memory, host)?,
             Op::Trigger { after } => {
                 let (_priority, delay, distance) = (self.pop_int()?, self.pop_real()?, self.pop_int()?);
                 if distance != 1 || delay != 0.0 {
-                    return Err("only TRIGGER WHEN DISTANCE=1 DELAY=0 is modelled".to_owned());
+                    return Err("only TRIGGER WHEN DISTANCE=1 DELAY=0 is modelled".into());
                 }
                 let base = self.frames.last().map_or(0, |frame| frame.base);
                 self.armed.push(Trigger { sequence: None, call: self.at + 1, base });
@@ -70,7 +76,7 @@ impl Interpreter {
             Op::EndInterrupt => return self.end_interrupt(),
             Op::Brake { fast } => {
                 if !self.in_interrupt() {
-                    return Err("BRAKE stands in an interrupt program only".to_owned());
+                    return Err("BRAKE stands in an interrupt program only".into());
                 }
                 if self.braked.is_none() {
                     self.braked = Some(!host.arm_stands());
@@ -81,15 +87,15 @@ impl Interpreter {
                 }
             }
             Op::Resume => return self.resume(host),
-            Op::Halt => return Err("HALT: the program waits for Start, which is not modelled".to_owned()),
-            Op::Continue => self.keeps_going = Some(self.program.statements[self.statement].line),
-            _ => return Err("a step that is not known".to_owned()),
+            Op::Halt => return Err("HALT: the program waits for Start, which is not modelled".into()),
+            Op::Continue => self.keeps_going = Some(program.statements[self.statement].line),
+            _ => return Err("a step that is not known".into()),
         }
         self.at += 1;
         Ok(Flow::Next)
     }
 
-    fn wait_seconds(&mut self, host: &mut dyn Host) -> Result<Flow, String> {
+    fn wait_seconds(&mut self, host: &mut dyn Host) -> Result<Flow, Wrong> {
         if self.waits_until_ms.is_none() {
             if self.stops_advance_run(host) {
                 return Ok(Flow::Wait);
@@ -109,9 +115,10 @@ impl Interpreter {
     pub(super) fn controller_call(
         &mut self,
         builtin: Builtin,
+        program: &Program,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), String> {
+    ) -> Result<(), Wrong> {
         match builtin {
             Builtin::InvPos => {
                 let frame = numbers(self.pop_block()?)?;
@@ -121,7 +128,7 @@ impl Interpreter {
                 self.pop_real()?;
                 let what = self.pop()?;
                 if what != Cell::Word(0) {
-                    return Err("only BAS(#INITMOV,0) is modelled".to_owned());
+                    return Err("only BAS(#INITMOV,0) is modelled".into());
                 }
                 host.init_motion();
             }
@@ -131,26 +138,32 @@ impl Interpreter {
             }
             Builtin::OnErrorProceed => self.proceeds = 2,
             Builtin::Varstate => {
-                let name = self.pop_text()?.to_uppercase();
+                let name = self.pop_text(program)?.to_uppercase();
                 let known = name.starts_with('$') && host.is_initialized(&name);
                 self.stack.push(Cell::Word(if known { 1 } else { 0 }));
             }
             Builtin::Cwrite => {
-                let text = self.pop_text()?;
+                let text = self.pop_text(program)?;
                 let mode = self.pop_address()?;
                 self.pop_address()?;
                 self.pop()?;
                 if self.read(mode, memory, host)? == Cell::Unset {
-                    return Err("MODE was never assigned".to_owned());
+                    return Err("MODE was never assigned".into());
                 }
-                host.command(&text)?;
+                host.command(text)?;
             }
-            _ => self.eki(builtin, memory, host)?,
+            _ => self.eki(builtin, program, memory, host)?,
         }
         Ok(())
     }
 
-    fn eki(&mut self, builtin: Builtin, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+    fn eki(
+        &mut self,
+        builtin: Builtin,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), Wrong> {
         use Builtin::*;
         let mut into: Option<Address> = None;
         let mut value = [Cell::Unset; 6];
@@ -158,7 +171,7 @@ impl Interpreter {
             EkiGetBool | EkiGetInt | EkiGetReal | EkiGetFrame => {
                 let address = self.pop_address()?;
                 if self.read(address, memory, host)? == Cell::Unset {
-                    return Err("the variable of EKI_Get must hold a value before".to_owned());
+                    return Err("the variable of EKI_Get must hold a value before".into());
                 }
                 into = Some(address);
             }
@@ -174,7 +187,7 @@ impl Interpreter {
         let has_tag = !matches!(builtin, EkiInit | EkiOpen | EkiClose | EkiClear | EkiLock | EkiUnlock);
         let tag = if has_tag { Some(self.pop_text_index()?) } else { None };
         let channel = self.pop_text_index()?;
-        let text = |index: usize| self.program.texts.get(index).map_or("", String::as_str);
+        let text = |index: usize| program.texts.get(index).map_or("", String::as_str);
         let answer = host.eki(builtin, text(channel), tag.map_or("", text), &value)?;
         if let Some(address) = into.filter(|_| answer.msg_no == 0) {
             let cells = if builtin == EkiGetFrame { 6 } else { 1 };
@@ -194,12 +207,12 @@ impl Interpreter {
 }
 
 /// Six REAL; an invalid one is an error.
-pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], String> {
+pub(super) fn numbers(cells: [Cell; 6]) -> Result<[f32; 6], Wrong> {
     let mut found = [0.0; 6];
     for (number, cell) in found.iter_mut().zip(cells) {
         match cell {
             Cell::Real(value) => *number = value,
-            _ => return Err("a component of the frame or of the axes is invalid: it was never assigned".to_owned()),
+            _ => return Err("a component of the frame or of the axes is invalid: it was never assigned".into()),
         }
     }
     Ok(found)

@@ -1,8 +1,8 @@
 //! One statement: step after step until the next one begins, or until it must wait.
 
-use super::super::code::{Address, Cell, Op, Space};
+use super::super::code::{Address, Cell, Op, Program, Space};
 use super::super::system::{Builtin, SYSTEM_VARIABLES};
-use super::{Host, Interpreter, Memory, Pause, calculate};
+use super::{Host, Interpreter, Memory, Pause, Wrong, calculate};
 
 /// What a step comes to.
 pub(super) enum Flow {
@@ -12,88 +12,95 @@ pub(super) enum Flow {
     Ended,
 }
 
-type Stepped = Result<Flow, String>;
+type Stepped = Result<Flow, Wrong>;
 
-const INVALID: &str = "a value is invalid: it was never assigned";
+pub(super) const INVALID: &str = "a value is invalid: it was never assigned";
 
 impl Interpreter {
     /// Executes the statement that comes next, or goes on with one that waits.
-    pub fn step(&mut self, memory: &mut Memory, host: &mut dyn Host) -> Pause {
+    pub fn step(&mut self, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Pause {
         if self.frames.is_empty() {
             return Pause::Ended;
         }
         loop {
-            let Some(op) = self.program.code.get(self.at).copied() else { return Pause::Ended };
+            let Some(op) = program.code.get(self.at) else { return Pause::Ended };
             if let Op::Statement(index) = op {
-                self.begin_statement(index as usize, memory);
+                self.begin_statement(*index as usize, program, memory);
                 self.at += 1;
             } else {
-                match self.op(op, memory, host) {
+                let stepped = match self.condensed(program, memory, host) {
+                    Ok(true) => Ok(Flow::Next),
+                    Ok(false) => self.op(op, program, memory, host),
+                    Err(wrong) => Err(wrong),
+                };
+                match stepped {
                     Ok(Flow::Next) => {}
                     Ok(Flow::Wait) => return Pause::Waits,
                     Ok(Flow::Ended) => return Pause::Ended,
-                    Err(_) if self.proceeds > 0 => self.skip_statement(),
-                    Err(message) => return Pause::Fault(format!("{}: {message}", self.place())),
+                    Err(_) if self.proceeds > 0 => self.skip_statement(program),
+                    Err(wrong) => {
+                        return Pause::Fault(format!("{}: {}", self.place(program), String::from(wrong)));
+                    }
                 }
             }
-            if matches!(self.program.code.get(self.at), Some(Op::Statement(_))) {
+            if matches!(program.code.get(self.at), Some(Op::Statement(_))) {
                 return Pause::Statement;
             }
         }
     }
 
-    fn begin_statement(&mut self, index: usize, memory: &mut Memory) {
+    fn begin_statement(&mut self, index: usize, program: &Program, memory: &mut Memory) {
         memory.hits[index] += 1;
         self.statement = index;
         self.statement_height = self.stack.len();
         self.proceeds = self.proceeds.saturating_sub(1);
         self.planned = false;
-        if self.keeps_going.is_some_and(|line| line + 1 < self.program.statements[index].line) {
+        if self.keeps_going.is_some_and(|line| line + 1 < program.statements[index].line) {
             self.keeps_going = None;
         }
     }
 
     /// ON_ERROR_PROCEED: the statement is left where it is.
-    fn skip_statement(&mut self) {
+    fn skip_statement(&mut self, program: &Program) {
         self.stack.truncate(self.statement_height);
-        let behind = &self.program.code[self.at..];
+        let behind = &program.code[self.at..];
         self.at += behind.iter().position(|op| matches!(op, Op::Statement(_))).unwrap_or(behind.len());
     }
 
-    pub(super) fn pop(&mut self) -> Result<Cell, String> {
-        self.stack.pop().ok_or_else(|| "the stack is empty".to_owned())
+    pub(super) fn pop(&mut self) -> Result<Cell, Wrong> {
+        self.stack.pop().ok_or_else(|| "the stack is empty".into())
     }
 
-    pub(super) fn pop_int(&mut self) -> Result<i32, String> {
+    pub(super) fn pop_int(&mut self) -> Result<i32, Wrong> {
         match self.pop()? {
             Cell::Int(number) => Ok(number),
-            _ => Err(INVALID.to_owned()),
+            _ => Err(INVALID.into()),
         }
     }
 
-    pub(super) fn pop_real(&mut self) -> Result<f32, String> {
+    pub(super) fn pop_real(&mut self) -> Result<f32, Wrong> {
         match self.pop()? {
             Cell::Real(number) => Ok(number),
-            _ => Err(INVALID.to_owned()),
+            _ => Err(INVALID.into()),
         }
     }
 
-    pub(super) fn pop_bool(&mut self) -> Result<bool, String> {
+    pub(super) fn pop_bool(&mut self) -> Result<bool, Wrong> {
         match self.pop()? {
             Cell::Bool(value) => Ok(value),
-            _ => Err(INVALID.to_owned()),
+            _ => Err(INVALID.into()),
         }
     }
 
-    pub(super) fn pop_address(&mut self) -> Result<Address, String> {
+    pub(super) fn pop_address(&mut self) -> Result<Address, Wrong> {
         match self.pop()? {
             Cell::Address(address) => Ok(address),
-            _ => Err("an address is missing".to_owned()),
+            _ => Err("an address is missing".into()),
         }
     }
 
     /// The newest cells of the stack, taken off.
-    pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], String> {
+    pub(super) fn pop_block<const N: usize>(&mut self) -> Result<[Cell; N], Wrong> {
         let at = self.stack.len().checked_sub(N).ok_or("the stack is empty")?;
         let mut cells = [Cell::Unset; N];
         cells.copy_from_slice(&self.stack[at..]);
@@ -101,7 +108,7 @@ impl Interpreter {
         Ok(cells)
     }
 
-    fn base(&self) -> usize {
+    pub(super) fn base(&self) -> usize {
         match self.condition_base {
             Some((base, frames)) if frames == self.frames.len() => base,
             _ => self.frames.last().map_or(0, |frame| frame.base),
@@ -125,14 +132,14 @@ impl Interpreter {
         true
     }
 
-    pub(super) fn read(&self, address: Address, memory: &Memory, host: &mut dyn Host) -> Result<Cell, String> {
+    pub(super) fn read(&self, address: Address, memory: &Memory, host: &mut dyn Host) -> Result<Cell, Wrong> {
         let at = address.offset as usize;
         let cell = match address.space {
             Space::Global => memory.cells.get(at).copied(),
             Space::Frame => self.cells.get(at).copied(),
-            Space::System(index) => return host.read(index, address.offset),
+            Space::System(index) => return Ok(host.read(index, address.offset)?),
         };
-        cell.ok_or_else(|| "outside of memory".to_owned())
+        cell.ok_or_else(|| "outside of memory".into())
     }
 
     pub(super) fn write(
@@ -141,14 +148,14 @@ impl Interpreter {
         value: Cell,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), String> {
+    ) -> Result<(), Wrong> {
         let at = address.offset as usize;
         let cell = match address.space {
             Space::Global => memory.cells.get_mut(at),
             Space::Frame => self.cells.get_mut(at),
-            Space::System(index) => return host.write(index, address.offset, value),
+            Space::System(index) => return Ok(host.write(index, address.offset, value)?),
         };
-        *cell.ok_or_else(|| "outside of memory".to_owned())? = value;
+        *cell.ok_or("outside of memory")? = value;
         Ok(())
     }
 
@@ -156,12 +163,12 @@ impl Interpreter {
         self.stack.push(Cell::Address(Address { space, offset }));
     }
 
-    fn valid(cell: Cell) -> Result<Cell, String> {
-        if cell == Cell::Unset { Err(INVALID.to_owned()) } else { Ok(cell) }
+    fn valid(cell: Cell) -> Result<Cell, Wrong> {
+        if cell == Cell::Unset { Err(INVALID.into()) } else { Ok(cell) }
     }
 
-    pub(super) fn op(&mut self, op: Op, memory: &mut Memory, host: &mut dyn Host) -> Stepped {
-        match op {
+    pub(super) fn op(&mut self, op: &Op, program: &Program, memory: &mut Memory, host: &mut dyn Host) -> Stepped {
+        match *op {
             Op::Push(cell) => self.stack.push(cell),
             Op::Global(offset) => self.push_address(Space::Global, offset),
             Op::Local(offset) => self.push_address(Space::Frame, self.base() as u32 + offset),
@@ -207,7 +214,7 @@ impl Interpreter {
             Op::StoreAggregate(cells) => {
                 self.store(cells as usize, self.meaning.aggregate_keeps_rest, memory, host)?
             }
-            Op::StoreText(cells) => self.store_text(cells, memory, host)?,
+            Op::StoreText(cells) => self.store_text(cells, program, memory, host)?,
             Op::Jump(to) => {
                 self.at = to as usize;
                 return Ok(Flow::Next);
@@ -228,17 +235,17 @@ impl Interpreter {
                 }
             }
             Op::Call(routine) => {
-                let parameters = self.program.routines[routine as usize].parameter_cells as usize;
+                let parameters = program.routines[routine as usize].parameter_cells as usize;
                 let height = self.stack.len().saturating_sub(parameters);
                 if self.frames.len() > 100 {
-                    return Err("too many calls inside each other".to_owned());
+                    return Err("too many calls inside each other".into());
                 }
-                self.enter(routine, self.at + 1, height);
+                self.enter(program, routine, self.at + 1, height);
                 return Ok(Flow::Next);
             }
-            Op::Builtin(builtin) => self.builtin(builtin, memory, host)?,
+            Op::Builtin(builtin) => self.builtin(builtin, program, memory, host)?,
             Op::Return(cells) => return self.leave(cells as usize),
-            Op::NoReturn => return Err("a function ended without RETURN".to_owned()),
+            Op::NoReturn => return Err("a function ended without RETURN".into()),
             Op::Drop(cells) => self.stack.truncate(self.stack.len().saturating_sub(cells as usize)),
             Op::Keep { first, of } => {
                 let dropped = (of - first) as usize;
@@ -246,7 +253,7 @@ impl Interpreter {
             }
             _ => match self.value_op(op)? {
                 true => {}
-                false => return self.robot_op(op, memory, host),
+                false => return self.robot_op(op, program, memory, host),
             },
         }
         self.at += 1;
@@ -254,8 +261,8 @@ impl Interpreter {
     }
 
     /// Steps that take and give values alone; false where this is none.
-    fn value_op(&mut self, op: Op) -> Result<bool, String> {
-        match op {
+    fn value_op(&mut self, op: &Op) -> Result<bool, Wrong> {
+        match *op {
             Op::Binary(operator) => {
                 let right = self.pop()?;
                 let left = self.pop()?;
@@ -266,7 +273,7 @@ impl Interpreter {
                 match self.stack[at] {
                     Cell::Int(number) => self.stack[at] = Cell::Real(number as f32),
                     Cell::Real(_) => {}
-                    _ => return Err(INVALID.to_owned()),
+                    _ => return Err(INVALID.into()),
                 }
             }
             Op::ToInt => {
@@ -274,12 +281,9 @@ impl Interpreter {
                 self.stack.push(calculate::round(number)?);
             }
             Op::Negate => match self.pop()? {
-                Cell::Int(number) => {
-                    let negated = number.checked_neg().ok_or("the result does not fit into an INT")?;
-                    self.stack.push(Cell::Int(negated));
-                }
+                Cell::Int(number) => self.stack.push(calculate::negated(number)?),
                 Cell::Real(number) => self.stack.push(Cell::Real(-number)),
-                _ => return Err(INVALID.to_owned()),
+                _ => return Err(INVALID.into()),
             },
             Op::Not => {
                 let value = self.pop_bool()?;
@@ -316,7 +320,7 @@ impl Interpreter {
             self.stack.push(value);
         }
         if !any {
-            return Err(INVALID.to_owned());
+            return Err(INVALID.into());
         }
         self.at += 1;
         Ok(Flow::Next)
@@ -328,23 +332,41 @@ impl Interpreter {
         keeps_rest: bool,
         memory: &mut Memory,
         host: &mut dyn Host,
-    ) -> Result<(), String> {
-        let at = self.stack.len().checked_sub(cells).ok_or("the stack is empty")?;
-        let values = self.stack.split_off(at);
-        let address = self.pop_address()?;
-        for (offset, value) in (address.offset..).zip(values) {
+    ) -> Result<(), Wrong> {
+        let at = self.stack.len().checked_sub(cells).filter(|at| *at > 0).ok_or("the stack is empty")?;
+        let Cell::Address(address) = self.stack[at - 1] else { return Err("an address is missing".into()) };
+        let to = address.offset as usize..address.offset as usize + cells;
+        let plain = match address.space {
+            Space::Global if !keeps_rest => memory.cells.get_mut(to),
+            Space::Frame if !keeps_rest => self.cells.get_mut(to),
+            _ => None,
+        };
+        if let Some(plain) = plain {
+            plain.copy_from_slice(&self.stack[at..]);
+            self.stack.truncate(at - 1);
+            return Ok(());
+        }
+        for (index, offset) in (at..self.stack.len()).zip(address.offset..) {
+            let value = self.stack[index];
             if value != Cell::Unset || !keeps_rest {
                 self.write(Address { offset, ..address }, value, memory, host)?;
             }
         }
+        self.stack.truncate(at - 1);
         Ok(())
     }
 
-    fn store_text(&mut self, cells: u32, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
-        let text = self.pop_text()?;
+    fn store_text(
+        &mut self,
+        cells: u32,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), Wrong> {
+        let text = self.pop_text(program)?;
         let address = self.pop_address()?;
         if text.len() > cells as usize {
-            return Err(format!("the text has {} characters, the variable {cells}", text.len()));
+            return Err(format!("the text has {} characters, the variable {cells}", text.len()).into());
         }
         for cell in 0..cells {
             let value = text.as_bytes().get(cell as usize).map_or(Cell::Unset, |byte| Cell::Char(*byte));
@@ -353,16 +375,16 @@ impl Interpreter {
         Ok(())
     }
 
-    pub(super) fn pop_text(&mut self) -> Result<String, String> {
+    pub(super) fn pop_text<'a>(&mut self, program: &'a Program) -> Result<&'a str, Wrong> {
         let index = self.pop_text_index()?;
-        self.program.texts.get(index).cloned().ok_or_else(|| "a text is missing".to_owned())
+        program.texts.get(index).map(String::as_str).ok_or_else(|| "a text is missing".into())
     }
 
     /// The place of a text among the program's texts.
-    pub(super) fn pop_text_index(&mut self) -> Result<usize, String> {
+    pub(super) fn pop_text_index(&mut self) -> Result<usize, Wrong> {
         match self.pop()? {
             Cell::Text(index) => Ok(index as usize),
-            _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".to_owned()),
+            _ => Err("a text in quotation marks is needed here; CHAR variables are not executed".into()),
         }
     }
 
@@ -370,16 +392,27 @@ impl Interpreter {
     fn leave(&mut self, cells: usize) -> Stepped {
         let Some(frame) = self.frames.pop() else { return Ok(Flow::Ended) };
         let level = self.frames.len();
-        self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
-        let value = self.stack.split_off(self.stack.len().saturating_sub(cells));
-        self.stack.truncate(frame.height);
-        self.stack.extend(value);
+        if !self.interrupts.is_empty() {
+            self.interrupts.retain(|interrupt| interrupt.global || interrupt.declared_in < level);
+        }
+        let value = self.stack.len().saturating_sub(cells);
+        let above = self.stack.len();
+        if value > frame.height {
+            self.stack.copy_within(value..above, frame.height);
+            self.stack.truncate(frame.height + above - value);
+        }
         self.cells.truncate(frame.base);
         self.at = frame.return_to;
         if self.frames.is_empty() { Ok(Flow::Ended) } else { Ok(Flow::Next) }
     }
 
-    fn builtin(&mut self, builtin: Builtin, memory: &mut Memory, host: &mut dyn Host) -> Result<(), String> {
+    fn builtin(
+        &mut self,
+        builtin: Builtin,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<(), Wrong> {
         let one = |value: f32, f: fn(f64) -> f64| Cell::Real(f(f64::from(value)) as f32);
         let result = match builtin {
             Builtin::Abs => one(self.pop_real()?, f64::abs),
@@ -392,11 +425,11 @@ impl Interpreter {
                 let (x, y) = (self.pop_real()?, self.pop_real()?);
                 Cell::Real(f64::from(y).atan2(f64::from(x)).to_degrees() as f32)
             }
-            _ => return self.controller_call(builtin, memory, host),
+            _ => return self.controller_call(builtin, program, memory, host),
         };
         match result {
             Cell::Real(number) if number.is_finite() => self.stack.push(result),
-            _ => return Err("the result is no number".to_owned()),
+            _ => return Err("the result is no number".into()),
         }
         Ok(())
     }

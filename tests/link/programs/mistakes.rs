@@ -5,8 +5,8 @@ use super::{load, meaning, texts, walk};
 use panelprep::devices::mock::Programs;
 use rayon::prelude::*;
 
-/// So many of them, at least, are found.
-const FOUND: usize = 38;
+/// So many of them, at least, are found: all.
+const FOUND: usize = 40;
 
 /// A mistake: the file, the text that ships, the text in its place, and a walk that finds it; where none is
 /// known the scenes must.
@@ -40,19 +40,19 @@ const MISTAKES: [Mistake; 40] = [
         "a stop raises the flag of a halt", "cell_submit.src",
         "    $FLAG[CELL_F_STOP]=TRUE\n  ENDIF\nEND",
         "    $FLAG[CELL_F_HALT]=TRUE\n  ENDIF\nEND",
-        Some(3),
+        Some(0),
     ),
     mistake(
         "a stop raises no flag", "cell_submit.src",
         "  ELSE\n    $FLAG[CELL_F_STOP]=TRUE\n  ENDIF\nEND",
         "  ENDIF\nEND",
-        Some(31),
+        Some(13),
     ),
     mistake(
         "a foreign program is reset", "cell_submit.src",
         "CELL_RESET_DUE=CELL_READY",
         "CELL_RESET_DUE=TRUE",
-        Some(3),
+        Some(14),
     ),
     mistake(
         "counts are told for another epoch", "cell_submit.src",
@@ -64,7 +64,7 @@ const MISTAKES: [Mistake; 40] = [
         "a program that is gone leaves its epoch open", "cell_submit.src",
         "    IF CELL_OPEN AND (CELL_READY OR CELL_BUSY( )) THEN\n      CELL_STOP(FALSE)\n    ENDIF\n",
         "",
-        None,
+        Some(277),
     ),
     mistake(
         "the queue of a program that is gone is kept", "cell_submit.src",
@@ -88,7 +88,7 @@ const MISTAKES: [Mistake; 40] = [
         "the watchdog is ten times as patient", "cell_submit.src",
         "($TIMER[CELL_T_HEARD]>=CELL_WATCHDOG_MS)",
         "($TIMER[CELL_T_HEARD]>=10*CELL_WATCHDOG_MS)",
-        None,
+        Some(20),
     ),
     mistake(
         "nobody watches a contact without motion", "cell_submit.src",
@@ -98,7 +98,7 @@ const MISTAKES: [Mistake; 40] = [
     ),
     mistake(
         "a late trigger hides a contact", "cell_submit.src",
-        "  FOR I=0 TO CELL_ADVANCE\n",
+        "  FOR I=0 TO CELL_Q_N-1\n",
         "  FOR I=0 TO 0\n",
         None,
     ),
@@ -106,7 +106,7 @@ const MISTAKES: [Mistake; 40] = [
         "an index of the queue is one too high", "cell_submit.src",
         "      K=K-(K/CELL_Q_N)*CELL_Q_N+1\n      IF CELL_Q_TOUCH",
         "      K=K-(K/CELL_Q_N)*CELL_Q_N+2\n      IF CELL_Q_TOUCH",
-        Some(0),
+        Some(3),
     ),
     mistake(
         "the submit interpreter shows no sign of life", "cell_submit.src",
@@ -124,19 +124,19 @@ const MISTAKES: [Mistake; 40] = [
         "a lost link ends no epoch", "cell_link.src",
         "  IF CELL_OPEN THEN\n    CELL_STOP(FALSE)\n  ENDIF\nEND",
         "END",
-        Some(7),
+        Some(123),
     ),
     mistake(
         "a lost command channel is not opened again", "cell_link.src",
         "(NOT $FLAG[CELL_F_CMD_ALIVE]) THEN\n    CELL_LOST( )\n    CELL_OPEN_CMD( )\n",
         "(NOT $FLAG[CELL_F_CMD_ALIVE]) THEN\n    CELL_LOST( )\n",
-        Some(1),
+        Some(18),
     ),
     mistake(
         "silence opens one channel only", "cell_link.src",
         "    CELL_OPEN_CMD( )\n    CELL_OPEN_STAT( )\n  ENDIF\n  CELL_TRY",
         "    CELL_OPEN_CMD( )\n  ENDIF\n  CELL_TRY",
-        None,
+        Some(583),
     ),
     mistake(
         "a channel is initialised without being cleared", "cell_link.src",
@@ -148,19 +148,19 @@ const MISTAKES: [Mistake; 40] = [
         "a channel that did not open is not tried again", "cell_link.src",
         "  CELL_TRY_OPEN( )\nEND",
         "END",
-        None,
+        Some(128),
     ),
     mistake(
         "one request may use the epoch up", "cell_link.src",
         "RETURN ((NUMBER-CELL_EP)<=CELL_EPOCH_STEP)",
         "RETURN TRUE",
-        None,
+        Some(289),
     ),
     mistake(
         "an epoch replaces one that moves without a stop", "cell_link.src",
         "    IF CELL_OPEN AND CELL_BUSY( ) THEN\n      CELL_STOP(FALSE)\n    ENDIF\n    CELL_OPEN=FALSE\n",
         "",
-        Some(1),
+        Some(39),
     ),
     mistake(
         "a reset forgets to allow commands", "cell_link.src",
@@ -178,7 +178,7 @@ const MISTAKES: [Mistake; 40] = [
         "a command of an ended epoch is judged", "cell_link.src",
         "  IF CMD.EP<CELL_EP THEN\n    RETURN\n  ENDIF\n",
         "",
-        None,
+        Some(27),
     ),
     mistake(
         "a place of the ring is one too high", "cell_link.src",
@@ -196,7 +196,7 @@ const MISTAKES: [Mistake; 40] = [
         "what is left in the memory is forgotten", "cell_link.src",
         "  CELL_CMD_MORE=(RET.Buff>0)\n",
         "  CELL_CMD_MORE=FALSE\n",
-        None,
+        Some(125),
     ),
     mistake(
         "an abort stops nothing", "cell_link.src",
@@ -208,13 +208,13 @@ const MISTAKES: [Mistake; 40] = [
         "a command may follow a missing one", "cell_judge.src",
         "  IF CMD.ID<>CELL_RX+1 THEN\n    RETURN CELL_E_ID_GAP\n  ENDIF\n",
         "",
-        Some(30),
+        Some(100),
     ),
     mistake(
         "a speed is not judged", "cell_judge.src",
         "(CMD.R1>0.0) AND (CMD.R1<=CELL_VEL_MAX) AND",
         "(CMD.R1>0.0) AND",
-        None,
+        Some(165),
     ),
     mistake(
         "an epoch of before the program's start is begun", "cell_motion.src",
@@ -232,7 +232,7 @@ const MISTAKES: [Mistake; 40] = [
         "a retract is asked for and not made", "cell_motion.src",
         "      CELL_RETREAT( )\n",
         "",
-        Some(3),
+        Some(0),
     ),
     mistake(
         "an epoch that has ended is begun again", "cell_motion.src",
@@ -244,7 +244,7 @@ const MISTAKES: [Mistake; 40] = [
         "the interrupt of a stop is off", "cell_motion.src",
         "  INTERRUPT ON 20\n  INTERRUPT ON 21\n  INTERRUPT ON 22\n",
         "  INTERRUPT ON 20\n  INTERRUPT ON 22\n",
-        Some(1),
+        Some(13),
     ),
     mistake(
         "the base is not told back", "cell_motion.src",
@@ -256,7 +256,7 @@ const MISTAKES: [Mistake; 40] = [
         "a contact is not noted", "cell_motion.src",
         "  CELL_Q_TOUCH[K]=TOUCH\n",
         "  CELL_Q_TOUCH[K]=FALSE\n",
-        Some(3),
+        Some(0),
     ),
     mistake(
         "another motion's command is told as executed", "cell_motion.src",
@@ -268,7 +268,7 @@ const MISTAKES: [Mistake; 40] = [
         "the retract goes into the panel", "cell_motion.src",
         "  AWAY.Z=-CELL_RETRACT_MM\n",
         "  AWAY.Z=CELL_RETRACT_MM\n",
-        Some(3),
+        Some(0),
     ),
 ];
 
@@ -288,13 +288,14 @@ fn finds(programs: &Programs, seeds: std::ops::Range<u64>) -> Option<(u64, Strin
 }
 
 /// Each is found by a walk in which the programs that ship violate no rule, or by a scene. `KRL_FIND=400` looks for such
-/// walks anew.
+/// walks anew, `KRL_NAME=speed` for those of the mistakes that are named so.
 #[test]
 fn mistakes_that_are_planted_are_found() {
     let anew: Option<u64> = std::env::var("KRL_FIND").ok().and_then(|walks| walks.parse().ok());
     let ships = load(&texts("config/kuka"));
     let mut missed = Vec::new();
-    for mistake in &MISTAKES {
+    let named = std::env::var("KRL_NAME").unwrap_or_default();
+    for mistake in MISTAKES.iter().filter(|mistake| anew.is_none() || mistake.name.contains(&named)) {
         let programs = planted(mistake);
         let seeds = match (anew, mistake.seed) {
             (Some(walks), _) => 0..walks,

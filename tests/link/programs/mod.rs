@@ -1,12 +1,13 @@
 //! The programs as they ship, executed: seeded walks of the real client, in every meaning that public documents leave open.
 
 mod before;
+mod both;
 mod coverage;
 mod mistakes;
 mod raw;
 mod scenes;
 
-use super::cell::Cell;
+use super::cell::{Cell, height_mm};
 use super::walks::{Weak, walk_over};
 use coverage::Coverage;
 use panelprep::devices::mock::Programs;
@@ -15,7 +16,7 @@ use rayon::prelude::*;
 use std::path::Path;
 
 /// Walks in every run of the tests.
-const WALKS: u64 = 700;
+const WALKS: u64 = 1_300;
 /// From so many walks on every statement must have been executed.
 const ALL_STATEMENTS: u64 = 5_000;
 
@@ -109,6 +110,10 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
         for stop in controller.stops().iter().rev().take(3) {
             println!("{stop:?}");
         }
+        for step in controller.executed().iter().rev().take(3) {
+            println!("{} ms: {} of epoch {}, contact {}", step.time_ms, step.id, step.epoch, step.contact);
+        }
+        println!("{:.2} mm above the panel", height_mm(controller));
         for name in [
             "CELL_EP",
             "CELL_OPEN",

@@ -44,10 +44,11 @@ impl Host for Around<'_> {
     }
 
     fn plan(&mut self, request: &MotionRequest, caller: &Caller<'_>) -> Result<u64, String> {
-        if std::mem::take(&mut self.values.refuses) {
+        let command = Command::of(caller);
+        // A motion of a command: the retract is none.
+        if command.is_some() && std::mem::take(&mut self.values.refuses) {
             return self.give_up("the controller was told to give up this motion".to_owned());
         }
-        let command = Command::of(caller);
         let planned = match (request.motion, request.axes) {
             (Motion::Ptp, true) => self.ptp(request, command.as_ref()),
             (Motion::Ptp, false) => Err("PTP to a pose is not modelled; use axes".to_owned()),

@@ -17,6 +17,8 @@ const FAILED: i32 = 6;
 const EXISTS: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
+/// Where the programs tell their checksum.
+const CHECKSUM_TAG: &str = "St/@Sum";
 /// Within this time after EKI_Clear an EKI_Open may fail.
 const REOPEN_MS: u64 = 24;
 
@@ -77,7 +79,8 @@ pub(super) fn call(
         _ if !state.initialised => NOT_AVAILABLE,
         Builtin::EkiSend => send(controller, values, channel, tag),
         Builtin::EkiSetBool | Builtin::EkiSetInt | Builtin::EkiSetReal => {
-            set(controller, values, channel, tag, value[0])
+            let checksum = values.checksum.filter(|_| tag == CHECKSUM_TAG).map(Cell::Int);
+            set(controller, values, channel, tag, checksum.unwrap_or(value[0]))
         }
         Builtin::EkiSetFrame => return Err("EKI_SetFrame is not modelled".to_owned()),
         _ => return Ok(read(controller, channel, what, tag)),
@@ -128,14 +131,19 @@ fn read(controller: &mut Controller, channel: Channel, what: Builtin, tag: &str)
 
 fn set(controller: &Controller, values: &mut Values, channel: Channel, tag: &str, value: Cell) -> i32 {
     let sent = controller.sent(channel);
-    let Some(place) = sent.iter().position(|element| element.tag == tag) else { return NO_ELEMENT };
+    let state = &mut values.channels[channel as usize];
+    // Programs set them in the file's order: the next one is looked for behind the last.
+    let (before, behind) = sent.split_at(state.set_next.min(sent.len()));
+    let Some(place) = behind.iter().chain(before).position(|element| element.tag == tag) else { return NO_ELEMENT };
+    let place = (place + before.len()) % sent.len();
+    state.set_next = place + 1;
     let value = match value {
         Cell::Int(number) => Value::Int(number),
         Cell::Real(number) => Value::Real(number),
         Cell::Bool(value) => Value::Bool(value),
         _ => Value::Unset,
     };
-    values.channels[channel as usize].set[place] = value;
+    state.set[place] = value;
     0
 }
 
@@ -167,6 +175,7 @@ fn send(controller: &mut Controller, values: &Values, channel: Channel, tag: &st
 impl Controller {
     /// A client wants to connect; true where the program has opened the channel and nobody is there.
     pub(in super::super) fn connect_interpreted(&mut self, channel: Channel) -> bool {
+        self.open_in_lock_step(channel);
         let listens =
             self.running.as_ref().is_some_and(|running| running.values.channels[channel as usize].listens);
         if !listens || self.is_connected(channel) {
@@ -188,6 +197,7 @@ impl Controller {
         }
         (link.connected, link.fault) = (false, Some(fault));
         link.out.clear();
+        self.forget_held(channel);
         self.show_alive(channel);
         if let Some(running) = &mut self.running {
             running.values.channels[channel as usize].listens = false;

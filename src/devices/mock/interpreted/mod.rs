@@ -6,7 +6,8 @@
 //! must be good.
 //!
 //! - `values` (system variables), `around` (what a program touches), `ethernet` (the EKI functions)
-//! - `states` (selected, started, stopped, reset), `schedule` (one tick), `seen` (what tests look at)
+//! - `states` (selected, started, stopped, reset), `schedule` (one tick), `lock_step` (what lets time pass), `seen` (what
+//!   tests look at)
 //!
 //! Not modelled: motions inside of interrupt programs, going on with a braked motion, triggers other than at a motion's
 //! end, HALT.
@@ -15,6 +16,7 @@
 
 mod around;
 mod ethernet;
+mod lock_step;
 mod schedule;
 mod seen;
 mod states;
@@ -23,7 +25,7 @@ mod values;
 pub use states::RobotState;
 
 use super::error::MockError;
-use super::setup::Setup;
+use super::setup::{CHECKSUM, Setup};
 use crate::krl::{Cell, Interpreter, Kss, Meaning, Memory, Program, analyse, parse};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -47,7 +49,21 @@ pub struct Programs {
     pub uptime_ms: u64,
     /// The submit interpreter begins its next cycle at once where one ends without waiting; else with the next tick.
     pub busy_submit: bool,
+    /// Told in place of the checksum that the programs make, so that no client takes a mock controller for a real one.
+    pub checksum: Option<i32>,
 }
+
+/// Programs and data lists as they ship.
+const SHIPPED: [(&str, &str); 8] = [
+    ("cell_config.dat", include_str!("../../../../config/kuka/cell_config.dat")),
+    ("cell_data.dat", include_str!("../../../../config/kuka/cell_data.dat")),
+    ("cell_judge.src", include_str!("../../../../config/kuka/cell_judge.src")),
+    ("cell_link.src", include_str!("../../../../config/kuka/cell_link.src")),
+    ("cell_motion.src", include_str!("../../../../config/kuka/cell_motion.src")),
+    ("cell_submit.src", include_str!("../../../../config/kuka/cell_submit.src")),
+    ("cell_tell.src", include_str!("../../../../config/kuka/cell_tell.src")),
+    ("cell_user.src", include_str!("../../../../config/kuka/cell_user.src")),
+];
 
 impl Programs {
     /// Reads programs and data lists, each a name and a text.
@@ -79,7 +95,16 @@ impl Programs {
             cold_start: false,
             uptime_ms: 0,
             busy_submit: false,
+            checksum: None,
         })
+    }
+
+    /// The programs that ship, as a mock controller executes them: told by its own checksum.
+    ///
+    /// # Errors
+    /// Never for the files that this program was built with; they are read as every other.
+    pub fn shipped() -> Result<Self, MockError> {
+        Ok(Programs { checksum: Some(CHECKSUM), ..Programs::load(&SHIPPED)? })
     }
 
     /// The program, for what a test says of its statements.
@@ -118,6 +143,8 @@ pub(super) struct Running {
     stops_at_ms: Option<u64>,
     /// When the foreign program that a person selects begins.
     foreign_at_ms: Option<u64>,
+    /// In lock step, what has arrived and is not yet handed over.
+    held: lock_step::Held,
 }
 
 /// Shared variables that are looked at from outside.
@@ -131,6 +158,13 @@ struct Cells {
     run_epoch: Option<u32>,
     dead_epoch: Option<u32>,
     behind: Option<u32>,
+    retract: Option<u32>,
+    /// Of the motions that the robot program has planned: the next to be executed, the next to be planned, and whether
+    /// each ends in contact.
+    queue_read: Option<u32>,
+    queue_write: Option<u32>,
+    queue_touch: Option<u32>,
+    queue_places: Option<u32>,
     under_air: Option<u32>,
     under_touch: Option<u32>,
     sequence: Option<u32>,
@@ -151,13 +185,18 @@ impl Running {
             run_epoch: cell("CELL_RUN_EP"),
             dead_epoch: cell("CELL_DEAD_EP"),
             behind: cell("CELL_BEHIND"),
+            retract: cell("CELL_RETRACT"),
+            queue_read: cell("CELL_QR"),
+            queue_write: cell("CELL_QW"),
+            queue_touch: cell("CELL_Q_TOUCH"),
+            queue_places: cell("CELL_Q_N"),
             under_air: cell("CELL_UNDER_AIR"),
             under_touch: cell("CELL_UNDER_TOUCH"),
             sequence: cell("CELL_SEQ"),
         };
         Running {
-            robot: Interpreter::new(program.clone(), programs.meaning, true),
-            submit: Interpreter::new(program, programs.meaning, false),
+            robot: Interpreter::new(programs.meaning, true),
+            submit: Interpreter::new(programs.meaning, false),
             values: Values::new(setup),
             memory,
             cells,
@@ -175,6 +214,7 @@ impl Running {
             reset_since_ms: None,
             stops_at_ms: None,
             foreign_at_ms: None,
+            held: lock_step::Held::new(setup),
             programs,
         }
     }

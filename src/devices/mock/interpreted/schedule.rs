@@ -19,6 +19,8 @@ pub(super) enum Mood {
 
 /// Statements of one tick: so many that a cycle of the submit interpreter ends, and a loop of the robot's goes round.
 const SUBMIT_STATEMENTS: u32 = 2_000;
+/// Where a cycle begins as soon as the last one has ended.
+const BUSY_SUBMIT_STATEMENTS: u32 = 600;
 const ROBOT_STATEMENTS: u32 = 60;
 
 /// One of the two in a tick.
@@ -90,6 +92,7 @@ impl Running {
         let submit_runs = controller.now_ms >= self.boots_at_ms && !controller.troubles.stalled();
         let submit = match self.mood {
             Mood::StarvesSubmit => self.draw.random_range(40..200),
+            _ if self.programs.busy_submit => BUSY_SUBMIT_STATEMENTS,
             _ => SUBMIT_STATEMENTS,
         };
         let robot = match self.mood {
@@ -124,7 +127,7 @@ impl Running {
             let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
             let meaning = programs.meaning;
             let mut around = Around { controller, values, sequences, next_sequence, meaning };
-            if let Err(message) = robot.look(memory, &mut around) {
+            if let Err(message) = robot.look(&programs.program, memory, &mut around) {
                 self.faults.push(message);
                 return false;
             }
@@ -137,12 +140,12 @@ impl Running {
         if self.submit.is_idle() {
             let name = if self.initialised { "CELL_CYCLE" } else { "CELL_INIT" };
             let Some(routine) = self.programs.program.routine(name) else { return true };
-            self.submit.begin(routine);
+            self.submit.begin(&self.programs.program, routine);
         }
         let Running { submit, memory, values, sequences, next_sequence, programs, .. } = self;
         let meaning = programs.meaning;
         let mut around = Around { controller, values, sequences, next_sequence, meaning };
-        match submit.step(memory, &mut around) {
+        match submit.step(&programs.program, memory, &mut around) {
             Pause::Statement => false,
             Pause::Waits => true,
             Pause::Ended => {
@@ -167,7 +170,7 @@ impl Running {
         let Running { robot, memory, values, sequences, next_sequence, programs, .. } = self;
         let meaning = programs.meaning;
         let mut around = Around { controller, values, sequences, next_sequence, meaning };
-        match robot.step(memory, &mut around) {
+        match robot.step(&programs.program, memory, &mut around) {
             Pause::Statement => false,
             Pause::Waits => true,
             Pause::Ended => {

@@ -35,7 +35,9 @@ impl Controller {
 
     /// File and line where each interpreter is, the robot's first.
     pub fn program_places(&self) -> Option<[String; 2]> {
-        self.running.as_ref().map(|running| [running.robot.place(), running.submit.place()])
+        self.running
+            .as_ref()
+            .map(|running| [&running.robot, &running.submit].map(|it| it.place(&running.programs.program)))
     }
 
     /// How often each statement of the programs was executed; empty for the hand-written model.
@@ -61,11 +63,27 @@ impl Running {
     /// The robot program has ended the present epoch.
     pub(super) fn robot_has_ended(&self) -> bool {
         let epoch = self.epoch();
-        [self.cells.run_epoch, self.cells.dead_epoch].into_iter().all(|cell| self.memory.int(cell) == epoch)
+        self.memory.int(self.cells.dead_epoch) == epoch && self.memory.int(self.cells.run_epoch) == epoch
+    }
+
+    /// The tool is on the panel, or a motion that the robot program has planned ends there, as far as that program
+    /// knows: it retracts where it cannot know better, since a trigger may be late.
+    pub(super) fn is_near(&self) -> bool {
+        let [read, write, places] =
+            [self.cells.queue_read, self.cells.queue_write, self.cells.queue_places].map(|it| self.memory.int(it));
+        let touches = |motion: i32| {
+            let place = u32::try_from(motion.checked_rem(places).unwrap_or(0)).unwrap_or(0);
+            self.memory.bool(self.cells.queue_touch.map(|first| first + place))
+        };
+        self.memory.bool(self.cells.behind) || (read..write).any(touches)
     }
 
     /// The last command received, and the last executed.
     pub(in super::super) fn counts(&self) -> (i32, i32) {
+        // What was received before a start of the controller is forgotten with it.
+        if !self.initialised {
+            return (0, 0);
+        }
         let of_this_epoch = self.memory.int(self.cells.run_epoch) == self.epoch();
         let done = if of_this_epoch { self.memory.int(self.cells.done) } else { 0 };
         (self.memory.int(self.cells.received), done)

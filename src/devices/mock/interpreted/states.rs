@@ -28,6 +28,8 @@ const RESTART_MS: u64 = 300;
 /// So long after a stop that nobody resets.
 const GO_ON_MS: u64 = 1_500;
 
+/// Within this time after a stop its retract is decided on.
+const RETRACT_BEGINS_MS: u64 = 500;
 /// So long a person takes to select another program.
 const SELECT_MS: u64 = 1_000;
 
@@ -85,7 +87,7 @@ impl Controller {
                 }
                 RobotState::Reset | RobotState::Ended => {
                     if let Some(routine) = running.programs.program.routine("CELL_MOTION") {
-                        running.robot.begin(routine);
+                        running.robot.begin(&running.programs.program, routine);
                     }
                     controller.stop_arm_for_good();
                     running.sequences.clear();
@@ -224,7 +226,18 @@ impl Running {
     pub(super) fn note_stop(&mut self, controller: &mut Controller) {
         // The robot program ends an epoch by itself where the submit interpreter is dead.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
-        if self.was_open && !is_open {
+        if is_open == self.was_open {
+            // A line to the panel that was planned while the stop began: only the retract tells of it.
+            if !is_open
+                && self.memory.bool(self.cells.retract)
+                && let Some(last) = controller.stops.last_mut()
+                && controller.now_ms < last.time_ms + RETRACT_BEGINS_MS
+            {
+                last.contact |= self.is_near();
+            }
+            return;
+        }
+        if !is_open {
             let halted = self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true);
             let pressed = self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + 1_000);
             let cause = match (halted, pressed) {
@@ -232,8 +245,7 @@ impl Running {
                 (true, None) => StopCause::Halted,
                 _ => StopCause::Program,
             };
-            // The programs retract where they cannot know better: a trigger may be late.
-            let near = controller.mover.is_near_contact() || self.memory.bool(self.cells.behind);
+            let near = controller.mover.is_near_contact() || self.is_near();
             let contact = controller.contact.touches(controller.mover.front()) || near;
             let epoch = self.memory.int(self.cells.epoch);
             let (time_ms, detail) = (controller.now_ms, self.values.gave_up.clone().unwrap_or_default());

@@ -3,7 +3,9 @@
 use super::super::model::Controller;
 use super::super::setup::{Mode, Setup};
 use super::states::RobotState;
+use crate::geometry::Joints;
 use crate::krl::{Cell, SYSTEM_VARIABLES};
+use std::sync::LazyLock;
 
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s²; a larger value stops the program.
 const MOST: [f32; 2] = [2.0, 10.0];
@@ -29,6 +31,14 @@ pub(super) struct WrittenFrame {
     parts: [f32; 6],
 }
 
+/// What $POS_ACT depends on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct PoseOf {
+    joints: Joints,
+    base: Option<[f32; 6]>,
+    tool: Option<[f32; 6]>,
+}
+
 /// A channel as the program sees it.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ChannelState {
@@ -36,6 +46,8 @@ pub(super) struct ChannelState {
     pub(super) listens: bool,
     pub(super) cleared_ms: u64,
     pub(super) set: Vec<super::super::codec::Value>,
+    /// Behind the element that was set last.
+    pub(super) set_next: usize,
 }
 
 /// What the controller holds beside the data lists.
@@ -70,6 +82,10 @@ pub(in super::super) struct Values {
     pub(super) reset_asked: bool,
     /// What `$ROB_TIMER` counted at the start.
     pub(super) uptime_ms: u64,
+    /// Told in place of the programs' own.
+    pub(super) checksum: Option<i32>,
+    /// The last $POS_ACT that was asked for.
+    pose: Option<(PoseOf, [f64; 6])>,
 }
 
 impl Values {
@@ -100,6 +116,8 @@ impl Values {
             refuses: false,
             reset_asked: false,
             uptime_ms: setup.programs.as_ref().map_or(0, |programs| programs.uptime_ms),
+            checksum: setup.programs.as_ref().and_then(|programs| programs.checksum),
+            pose: None,
         }
     }
 
@@ -115,6 +133,87 @@ impl Values {
     }
 }
 
+/// A system variable that is modelled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Known {
+    Flag,
+    Output,
+    Input,
+    Timer,
+    TimerFlag,
+    TimerStop,
+    DrivesReady,
+    NoAlarm,
+    GuardClosed,
+    Mode,
+    RobotState,
+    Active,
+    CouldStart,
+    Moves,
+    StopMessage,
+    Uptime,
+    Advance,
+    NullFrame,
+    Base,
+    Tool,
+    MeasuredAxes,
+    Pose,
+    Velocity,
+    Acceleration,
+    Approximation,
+    AxisVelocity,
+    AxisAcceleration,
+    Date,
+    Command,
+    Interpolation,
+    Orientation,
+    Override,
+    /// Holds what a program writes.
+    Other,
+}
+
+/// Beside each entry of [`SYSTEM_VARIABLES`]: names are not compared while a program runs.
+static KNOWN: LazyLock<Vec<Known>> =
+    LazyLock::new(|| SYSTEM_VARIABLES.iter().map(|variable| known(variable.name)).collect());
+
+fn known(name: &str) -> Known {
+    match name {
+        "$FLAG" => Known::Flag,
+        "$OUT" => Known::Output,
+        "$IN" => Known::Input,
+        "$TIMER" => Known::Timer,
+        "$TIMER_FLAG" => Known::TimerFlag,
+        "$TIMER_STOP" => Known::TimerStop,
+        "$PERI_RDY" => Known::DrivesReady,
+        "$ALARM_STOP" | "$ALARM_STOP_INTERN" => Known::NoAlarm,
+        "$USER_SAF" => Known::GuardClosed,
+        "$MODE_OP" => Known::Mode,
+        "$PRO_STATE1" | "$PRO_STATE" => Known::RobotState,
+        "$PRO_ACT" => Known::Active,
+        "$COULD_START_MOTION" => Known::CouldStart,
+        "$PRO_MOVE" => Known::Moves,
+        "$STOPMESS" => Known::StopMessage,
+        "$ROB_TIMER" => Known::Uptime,
+        "$ADVANCE" => Known::Advance,
+        "$NULLFRAME" | "$WORLD" | "$ROBROOT" => Known::NullFrame,
+        "$BASE" => Known::Base,
+        "$TOOL" => Known::Tool,
+        "$AXIS_ACT_MEAS" | "$AXIS_ACT" => Known::MeasuredAxes,
+        "$POS_ACT" | "$POS_ACT_MES" => Known::Pose,
+        "$VEL" => Known::Velocity,
+        "$ACC" => Known::Acceleration,
+        "$APO" => Known::Approximation,
+        "$VEL_AXIS" => Known::AxisVelocity,
+        "$ACC_AXIS" => Known::AxisAcceleration,
+        "$DATE" => Known::Date,
+        "$CMD" => Known::Command,
+        "$IPO_MODE" => Known::Interpolation,
+        "$ORI_TYPE" => Known::Orientation,
+        "$OV_PRO" => Known::Override,
+        _ => Known::Other,
+    }
+}
+
 fn bool(value: bool) -> Result<Cell, String> {
     Ok(Cell::Bool(value))
 }
@@ -127,70 +226,82 @@ fn real(value: f64) -> Result<Cell, String> {
     Ok(Cell::Real(value as f32))
 }
 
-pub(super) fn read(controller: &Controller, values: &Values, variable: u16, offset: u32) -> Result<Cell, String> {
-    let name = SYSTEM_VARIABLES[variable as usize].name;
+/// $POS_ACT. Programs read its components one by one while neither arm nor frames change.
+fn pose(controller: &Controller, values: &mut Values) -> [f64; 6] {
+    let of = PoseOf { joints: controller.mover.joints(), base: values.base.now, tool: values.tool.now };
+    match values.pose {
+        Some((known, pose)) if known == of => pose,
+        _ => {
+            let pose = super::around::tcp(controller, values);
+            values.pose = Some((of, pose));
+            pose
+        }
+    }
+}
+
+pub(super) fn read(
+    controller: &Controller,
+    values: &mut Values,
+    variable: u16,
+    offset: u32,
+) -> Result<Cell, String> {
     let at = offset as usize;
     let number = u16::try_from(offset + 1).unwrap_or(u16::MAX);
     let safety = &controller.safety;
-    match name {
-        "$FLAG" => bool(controller.flags.get(&number).copied().unwrap_or(false)),
-        "$OUT" => bool(controller.outputs.get(&number).copied().unwrap_or(false)),
-        "$IN" => bool(controller.inputs.get(&number).copied().unwrap_or(number == 1025)),
-        "$TIMER" => int(values.timers[at].value(controller.now_ms)),
-        "$TIMER_FLAG" => bool(values.timers[at].value(controller.now_ms) > 0),
-        "$TIMER_STOP" => bool(!values.timers[at].runs),
-        "$PERI_RDY" => bool(safety.drives_on),
-        "$ALARM_STOP" | "$ALARM_STOP_INTERN" => bool(!safety.e_stop),
-        "$USER_SAF" => bool(safety.guard_closed),
-        "$MODE_OP" => Ok(Cell::Word(match safety.mode {
+    let name = || SYSTEM_VARIABLES[variable as usize].name;
+    match KNOWN[variable as usize] {
+        Known::Flag => bool(controller.flags.get(&number).copied().unwrap_or(false)),
+        Known::Output => bool(controller.outputs.get(&number).copied().unwrap_or(false)),
+        Known::Input => bool(controller.inputs.get(&number).copied().unwrap_or(number == 1025)),
+        Known::Timer => int(values.timers[at].value(controller.now_ms)),
+        Known::TimerFlag => bool(values.timers[at].value(controller.now_ms) > 0),
+        Known::TimerStop => bool(!values.timers[at].runs),
+        Known::DrivesReady => bool(safety.drives_on),
+        Known::NoAlarm => bool(!safety.e_stop),
+        Known::GuardClosed => bool(safety.guard_closed),
+        Known::Mode => Ok(Cell::Word(match safety.mode {
             Mode::T1 => 0,
             Mode::T2 => 1,
             Mode::Aut => 2,
             Mode::Ext => 3,
         })),
-        "$PRO_STATE1" | "$PRO_STATE" => Ok(Cell::Word(values.state as u16)),
-        "$PRO_ACT" => bool(values.state == RobotState::Active),
-        "$COULD_START_MOTION" => bool(safety.may_start()),
-        "$PRO_MOVE" => bool(controller.mover.is_in_motion()),
-        "$STOPMESS" => bool(values.stop_message),
+        Known::RobotState => Ok(Cell::Word(values.state as u16)),
+        Known::Active => bool(values.state == RobotState::Active),
+        Known::CouldStart => bool(safety.may_start()),
+        Known::Moves => bool(controller.mover.is_in_motion()),
+        Known::StopMessage => bool(values.stop_message),
         // Turns over as an INT of 32 bits does.
-        "$ROB_TIMER" => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
-        "$ADVANCE" => int(i64::from(values.advance)),
-        "$NULLFRAME" | "$WORLD" | "$ROBROOT" => real(0.0),
-        "$BASE" => values.base.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
-        "$TOOL" => values.tool.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
-        "$AXIS_ACT_MEAS" | "$AXIS_ACT" => {
+        Known::Uptime => Ok(Cell::Int((controller.now_ms - controller.started_ms + values.uptime_ms) as i32)),
+        Known::Advance => int(i64::from(values.advance)),
+        Known::NullFrame => real(0.0),
+        Known::Base => values.base.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
+        Known::Tool => values.tool.now.map_or(Ok(Cell::Unset), |frame| Ok(Cell::Real(frame[at]))),
+        Known::MeasuredAxes => {
             real(super::super::kinematics::angles_deg(&controller.mover.joints()).get(at).copied().unwrap_or(0.0))
         }
-        "$POS_ACT" | "$POS_ACT_MES" => {
+        Known::Pose => {
             if !values.knows_tcp() {
-                return Err(format!("{name} has no value: no program has set $BASE and $TOOL"));
+                return Err(format!("{} has no value: no program has set $BASE and $TOOL", name()));
             }
-            let pose = super::around::tcp(controller, values);
             match at {
-                0..6 => real(pose[at]),
+                0..6 => real(pose(controller, values)[at]),
                 6..8 => int(0),
                 _ => real(0.0),
             }
         }
-        "$VEL" | "$ACC" | "$APO" => {
-            let [first, own] = match name {
-                "$VEL" => [values.velocity, values.velocity],
-                "$ACC" => [values.acceleration, values.acceleration],
-                _ => [values.distance, values.distance],
-            };
-            Ok(if at == 0 { Cell::Real(first) } else { Cell::Real(own) })
-        }
-        "$VEL_AXIS" => int(values.axis_velocity.get(at).copied().map_or(100, i64::from)),
-        "$ACC_AXIS" => int(values.axis_acceleration.get(at).copied().map_or(100, i64::from)),
-        "$DATE" => int(date(i64::from(controller.setup.boot), at)),
-        "$CMD" => int(1),
-        "$IPO_MODE" => Ok(Cell::Word(values.words[0])),
-        "$ORI_TYPE" => Ok(Cell::Word(values.words[1])),
-        "$OV_PRO" => int(100),
-        _ => {
+        Known::Velocity => Ok(Cell::Real(values.velocity)),
+        Known::Acceleration => Ok(Cell::Real(values.acceleration)),
+        Known::Approximation => Ok(Cell::Real(values.distance)),
+        Known::AxisVelocity => int(values.axis_velocity.get(at).copied().map_or(100, i64::from)),
+        Known::AxisAcceleration => int(values.axis_acceleration.get(at).copied().map_or(100, i64::from)),
+        Known::Date => int(date(i64::from(controller.setup.boot), at)),
+        Known::Command => int(1),
+        Known::Interpolation => Ok(Cell::Word(values.words[0])),
+        Known::Orientation => Ok(Cell::Word(values.words[1])),
+        Known::Override => int(100),
+        Known::Other => {
             let written = values.others.get(&(variable, offset)).copied();
-            written.ok_or_else(|| format!("{name} is not modelled"))
+            written.ok_or_else(|| format!("{} is not modelled", name()))
         }
     }
 }
@@ -219,21 +330,21 @@ pub(super) fn write(
     let number = u16::try_from(offset + 1).unwrap_or(u16::MAX);
     values.changed = true;
     let now_ms = controller.now_ms;
-    match (name, value) {
+    match (KNOWN[variable as usize], value) {
         (_, Cell::Unset) => return Err(format!("an invalid value cannot be written to {name}")),
-        ("$FLAG", Cell::Bool(value)) => drop(controller.flags.insert(number, value)),
-        ("$OUT", Cell::Bool(value)) => controller.set_output(number, value),
-        ("$TIMER", Cell::Int(value)) => {
+        (Known::Flag, Cell::Bool(value)) => drop(controller.flags.insert(number, value)),
+        (Known::Output, Cell::Bool(value)) => controller.set_output(number, value),
+        (Known::Timer, Cell::Int(value)) => {
             let timer = &mut values.timers[at];
             (timer.value, timer.set_ms) = (i64::from(value), now_ms);
         }
-        ("$TIMER_STOP", Cell::Bool(stops)) => {
+        (Known::TimerStop, Cell::Bool(stops)) => {
             let timer = &mut values.timers[at];
             (timer.value, timer.set_ms, timer.runs) = (timer.value(now_ms), now_ms, !stops);
         }
-        ("$ADVANCE", Cell::Int(count)) if (0..=5).contains(&count) => values.advance = count,
-        ("$ADVANCE", _) => return Err("$ADVANCE is 0 to 5".to_owned()),
-        ("$BASE" | "$TOOL", Cell::Real(part)) => {
+        (Known::Advance, Cell::Int(count)) if (0..=5).contains(&count) => values.advance = count,
+        (Known::Advance, _) => return Err("$ADVANCE is 0 to 5".to_owned()),
+        (Known::Base | Known::Tool, Cell::Real(part)) => {
             let is_base = name == "$BASE";
             let frame = if is_base { &mut values.base } else { &mut values.tool };
             frame.parts[at] = part;
@@ -245,10 +356,10 @@ pub(super) fn write(
                 }
             }
         }
-        ("$VEL", Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MOST[0])?,
-        ("$ACC", Cell::Real(rate)) if at == 0 => values.acceleration = in_range(name, rate, MOST[1])?,
-        ("$APO", Cell::Real(distance)) if at == 0 => values.distance = distance,
-        ("$VEL_AXIS" | "$ACC_AXIS", Cell::Int(percent)) => {
+        (Known::Velocity, Cell::Real(speed)) if at == 0 => values.velocity = in_range(name, speed, MOST[0])?,
+        (Known::Acceleration, Cell::Real(rate)) if at == 0 => values.acceleration = in_range(name, rate, MOST[1])?,
+        (Known::Approximation, Cell::Real(distance)) if at == 0 => values.distance = distance,
+        (Known::AxisVelocity | Known::AxisAcceleration, Cell::Int(percent)) => {
             if !(1..=100).contains(&percent) {
                 return Err(format!("{name} is 1 to 100 percent, not {percent}"));
             }
@@ -257,8 +368,8 @@ pub(super) fn write(
                 *axis = percent;
             }
         }
-        ("$IPO_MODE", Cell::Word(word)) => values.words[0] = word,
-        ("$ORI_TYPE", Cell::Word(word)) => values.words[1] = word,
+        (Known::Interpolation, Cell::Word(word)) => values.words[0] = word,
+        (Known::Orientation, Cell::Word(word)) => values.words[1] = word,
         _ => drop(values.others.insert((variable, offset), value)),
     }
     Ok(())

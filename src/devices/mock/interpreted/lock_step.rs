@@ -1,0 +1,212 @@
+//! Lock step: the client's requests let time pass, and nothing reaches a program before its time.
+//!
+//! What arrives waits here, outside of the channels' memories. A request is handed over in its order and gets the cycles
+//! that its answer takes; a heartbeat lets 100 ms pass first, once every command up to the one that it names is there, and
+//! only those are handed over. So the result does not depend on when bytes arrive: a client hears of what a grant has
+//! brought before it says anything more, the answer last.
+
+use super::super::codec::{Value, decode};
+use super::super::error::EkiFault;
+use super::super::framer::Framer;
+use super::super::model::{Controller, TICK_MS};
+use super::super::setup::{Clock, Setup};
+use super::super::wire::{self, Channel};
+use std::collections::VecDeque;
+
+/// Time that a heartbeat grants.
+const GRANT_MS: u64 = 100;
+/// From the controller's start until its programs run.
+const BOOT_MS: u64 = 600;
+/// So long an answer, or a channel that is to be opened, is waited for.
+const PATIENCE_MS: u64 = 10_000;
+
+/// A document and what it says of itself; `None` where it does not.
+#[derive(Debug)]
+struct Document {
+    bytes: Vec<u8>,
+    epoch: Option<i32>,
+    id: Option<i32>,
+    operation: Option<i32>,
+    number: Option<i32>,
+}
+
+/// What waits.
+#[derive(Debug)]
+pub(super) struct Held {
+    framers: [Framer; 2],
+    commands: VecDeque<Document>,
+    requests: VecDeque<Document>,
+    /// Epoch and id of the newest command that arrived.
+    arrived: (i32, i32),
+    /// Commands that a heartbeat names may still arrive: their channel was not lost.
+    awaits_commands: bool,
+    /// A request is being served.
+    pub(super) serves: bool,
+}
+
+impl Held {
+    pub(super) fn new(setup: &Setup) -> Self {
+        Held {
+            framers: [&setup.commands, &setup.states].map(|file| Framer::new(file.limit_bytes)),
+            commands: VecDeque::new(),
+            requests: VecDeque::new(),
+            arrived: (0, 0),
+            awaits_commands: true,
+            serves: false,
+        }
+    }
+
+    fn of(&mut self, channel: Channel) -> &mut VecDeque<Document> {
+        match channel {
+            Channel::Command => &mut self.commands,
+            Channel::State => &mut self.requests,
+        }
+    }
+
+    fn is_delivered(&self, heartbeat: &Document, epoch: i32) -> bool {
+        let (Some(of), Some(last)) = (heartbeat.epoch, heartbeat.number) else { return true };
+        last <= 0 || !self.awaits_commands || of < epoch || self.arrived >= (of, last)
+    }
+
+    /// The commands up to the one that a heartbeat names.
+    fn up_to(&mut self, heartbeat: &Document) -> Vec<Document> {
+        let named = heartbeat.epoch.zip(heartbeat.number);
+        let is_later = |command: &Document| match (command.epoch.zip(command.id), named) {
+            (Some(key), Some(named)) => key > named,
+            _ => false,
+        };
+        let count = self.commands.iter().position(is_later).unwrap_or(self.commands.len());
+        self.commands.drain(..count).collect()
+    }
+}
+
+impl Controller {
+    /// What arrives is held back.
+    pub(in super::super) fn holds(&self) -> bool {
+        self.setup.clock == Clock::LockStep && self.running.as_ref().is_some_and(|running| !running.held.serves)
+    }
+
+    /// Lets the time pass that the programs take to start, so that whoever connects finds them at work; nothing for the
+    /// hand-written model.
+    pub fn boot(&mut self) {
+        if self.running.is_some() {
+            self.advance_ms(BOOT_MS);
+        }
+    }
+
+    /// Bytes that have arrived are kept until their time.
+    pub(in super::super) fn hold(&mut self, channel: Channel, bytes: &[u8]) {
+        let file = match channel {
+            Channel::Command => &self.setup.commands,
+            Channel::State => &self.setup.states,
+        };
+        let Some(running) = &mut self.running else { return };
+        let mut read = Vec::new();
+        let held = &mut running.held;
+        held.framers[channel as usize].push(bytes);
+        let broken = loop {
+            match held.framers[channel as usize].next() {
+                Ok(Some(bytes)) => read.push(Document::new(bytes, &file.received)),
+                Ok(None) => break None,
+                Err(fault) => break Some(fault),
+            }
+        };
+        let arrived = read.len() as u64;
+        if channel == Channel::Command {
+            let newest = read.iter().filter_map(|command| command.epoch.zip(command.id)).max();
+            held.arrived = held.arrived.max(newest.unwrap_or_default());
+        }
+        held.of(channel).extend(read);
+        if channel == Channel::Command && arrived > 0 {
+            self.count_arrived(arrived);
+        }
+        match broken {
+            Some(fault) => self.close(channel, fault),
+            None => self.serve_held(),
+        }
+    }
+
+    /// Nothing is left of a client that is gone.
+    pub(super) fn forget_held(&mut self, channel: Channel) {
+        let limit_bytes = match channel {
+            Channel::Command => self.setup.commands.limit_bytes,
+            Channel::State => self.setup.states.limit_bytes,
+        };
+        let Some(running) = &mut self.running else { return };
+        running.held.framers[channel as usize] = Framer::new(limit_bytes);
+        running.held.of(channel).clear();
+        running.held.awaits_commands &= channel != Channel::Command;
+    }
+
+    /// A client wants to connect: the programs get the time to open their channel.
+    pub(super) fn open_in_lock_step(&mut self, channel: Channel) {
+        if !self.holds() || self.is_connected(channel) {
+            return;
+        }
+        self.forget_held(channel);
+        let listens = |controller: &Controller| {
+            controller.running.as_ref().is_some_and(|running| running.values.channels[channel as usize].listens)
+        };
+        if !listens(self) {
+            self.let_pass(listens);
+        }
+        if let Some(running) = &mut self.running {
+            running.held.awaits_commands = true;
+        }
+    }
+
+    /// Ticks until this holds, one at least.
+    fn let_pass(&mut self, holds: impl Fn(&Controller) -> bool) {
+        for _ in 0..PATIENCE_MS / TICK_MS {
+            self.advance_ms(TICK_MS);
+            if holds(self) {
+                return;
+            }
+        }
+    }
+
+    fn serve_held(&mut self) {
+        loop {
+            let epoch = self.epoch();
+            let Some(held) = self.running.as_mut().map(|running| &mut running.held) else { return };
+            let Some(next) = held.requests.front() else { return };
+            let is_delivered = held.is_delivered(next, epoch);
+            let is_heartbeat = next.operation == Some(wire::HEARTBEAT);
+            // What has come behind it, an abort, is not held up by it.
+            if held.serves || (is_heartbeat && !is_delivered && held.requests.len() == 1) {
+                return;
+            }
+            let Some(request) = held.requests.pop_front() else { return };
+            held.serves = true;
+            if is_heartbeat && is_delivered {
+                let commands = held.up_to(&request);
+                commands.iter().for_each(|command| self.command_bytes(&command.bytes));
+                self.advance_ms(GRANT_MS - TICK_MS);
+            }
+            self.state_bytes(&request.bytes);
+            self.let_pass(|controller| {
+                let answered = controller.shared("CELL_RE");
+                !controller.is_connected(Channel::State) || answered == request.id.map(crate::krl::Cell::Int)
+            });
+            if let Some(running) = &mut self.running {
+                running.held.serves = false;
+            }
+        }
+    }
+}
+
+impl Document {
+    fn new(bytes: Vec<u8>, elements: &[super::super::channel_file::Element]) -> Self {
+        let arrived: Result<_, EkiFault> = decode(elements, &bytes);
+        let arrived = arrived.unwrap_or_default();
+        let int = |ending: &str| {
+            arrived.iter().find_map(|arrival| {
+                match (&arrival.value, elements[arrival.element].tag.ends_with(ending)) {
+                    (Some(Value::Int(number)), true) => Some(*number),
+                    _ => None,
+                }
+            })
+        };
+        Document { epoch: int("/@Ep"), id: int("/@Id"), operation: int("/@Op"), number: int("/@N1"), bytes }
+    }
+}

@@ -1,0 +1,240 @@
+//! Steps that are taken together, for speed: an expression without calls, a jump on it, an assignment of it.
+//!
+//! The list of steps stays as it is: it says what a program means, and where one of them may wait for the arm it is
+//! followed. Beside each step stands what begins there and how far it reaches, so that jumps lead where they did.
+
+use super::code::{Cell, Op, Space};
+use super::syntax::Binary;
+use super::system::SYSTEM_VARIABLES;
+
+/// What the steps from a place on come to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Together {
+    /// Nothing but themselves.
+    Nothing,
+    /// A value on the stack.
+    Value { value: u32, next: u32 },
+    /// A jump where the value is FALSE; `at` is its step.
+    Branch { value: u32, at: u32, to: u32, next: u32 },
+    /// The value of a place.
+    Assign { place: u32, value: u32, next: u32 },
+}
+
+/// A value, made of others by their places in the list.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Value {
+    Fixed(Cell),
+    Global(u32),
+    Local(u32),
+    At(u32),
+    Binary(Binary, u32, u32),
+    /// AND or OR, whose right side may be left out.
+    Decided {
+        operator: Binary,
+        left: u32,
+        right: u32,
+    },
+    ToReal(u32),
+    ToInt(u32),
+    Negate(u32),
+    Not(u32),
+    BitNot(u32),
+    ForTest([u32; 3]),
+}
+
+/// Where a place begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Start {
+    Space(Space),
+    /// At the address in this local cell.
+    Referred(u32),
+}
+
+/// A variable, a component or an element.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Place {
+    pub(super) start: Start,
+    pub(super) offset: u32,
+    pub(super) index: Option<Index>,
+}
+
+/// An element of so many, of so many cells each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Index {
+    pub(super) value: u32,
+    pub(super) count: u32,
+    pub(super) size: u32,
+}
+
+/// All of a program.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct Condensed {
+    /// Beside each step, and whether what begins there may wait for the arm.
+    pub(super) steps: Vec<(Together, bool)>,
+    pub(super) values: Vec<Value>,
+    pub(super) places: Vec<Place>,
+}
+
+/// What a step would have put on the stack.
+#[derive(Debug, Clone, Copy)]
+enum Item {
+    Place(Place),
+    Value(u32),
+}
+
+/// Steps from one place on, as far as they are understood.
+struct Reading<'a> {
+    all: &'a mut Condensed,
+    stack: Vec<Item>,
+    /// Where the right sides of AND and OR end that have begun.
+    decided: Vec<u32>,
+    waits: bool,
+}
+
+impl Condensed {
+    pub(super) fn new(code: &[Op]) -> Self {
+        let mut all = Condensed::default();
+        for at in 0..code.len() {
+            let (values, places) = (all.values.len(), all.places.len());
+            let mut reading = Reading { all: &mut all, stack: Vec::new(), decided: Vec::new(), waits: false };
+            let found = reading.read(code, at);
+            if found.0 == Together::Nothing {
+                all.values.truncate(values);
+                all.places.truncate(places);
+            }
+            all.steps.push(found);
+        }
+        all
+    }
+
+    fn add(&mut self, value: Value) -> u32 {
+        self.values.push(value);
+        self.values.len() as u32 - 1
+    }
+}
+
+impl Reading<'_> {
+    /// The longest run of steps that is one value, or the jump or assignment that it ends with.
+    fn read(&mut self, code: &[Op], from: usize) -> (Together, bool) {
+        let mut found = (Together::Nothing, false);
+        for (at, op) in code.iter().enumerate().skip(from) {
+            let next = at as u32 + 1;
+            match (*op, self.stack.as_slice()) {
+                (Op::JumpIfNot(to), &[Item::Value(value)]) if self.decided.is_empty() && at > from => {
+                    return (Together::Branch { value, at: at as u32, to, next }, self.waits);
+                }
+                (Op::Store, &[Item::Place(place), Item::Value(value)]) if self.decided.is_empty() => {
+                    self.waits |= may_wait(&place);
+                    let place = self.place(place);
+                    return (Together::Assign { place, value, next }, self.waits);
+                }
+                _ => {}
+            }
+            if self.take(op, next).is_none() {
+                return found;
+            }
+            if let (&[Item::Value(value)], true) = (self.stack.as_slice(), self.decided.is_empty() && at > from) {
+                found = (Together::Value { value, next }, self.waits);
+            }
+        }
+        found
+    }
+
+    fn place(&mut self, place: Place) -> u32 {
+        self.all.places.push(place);
+        self.all.places.len() as u32 - 1
+    }
+
+    fn value(&mut self) -> Option<u32> {
+        match self.stack.pop()? {
+            Item::Value(value) => Some(value),
+            Item::Place(_) => None,
+        }
+    }
+
+    fn push(&mut self, value: Value) -> Option<()> {
+        let value = self.all.add(value);
+        self.stack.push(Item::Value(value));
+        Some(())
+    }
+
+    fn start(&mut self, start: Start, offset: u32) -> Option<()> {
+        self.stack.push(Item::Place(Place { start, offset, index: None }));
+        Some(())
+    }
+
+    /// One step; `None` where it is none of an expression.
+    fn take(&mut self, op: &Op, next: u32) -> Option<()> {
+        match *op {
+            Op::Push(cell) => self.push(Value::Fixed(cell)),
+            Op::LoadGlobal(cell) => self.push(Value::Global(cell)),
+            Op::LoadLocal(cell) => self.push(Value::Local(cell)),
+            Op::Global(offset) => self.start(Start::Space(Space::Global), offset),
+            Op::Local(offset) => self.start(Start::Space(Space::Frame), offset),
+            Op::System(index) => self.start(Start::Space(Space::System(index)), 0),
+            Op::Referred(cell) => self.start(Start::Referred(cell), 0),
+            Op::Component(cells) => match self.stack.last_mut()? {
+                Item::Place(place) => {
+                    place.offset += cells;
+                    Some(())
+                }
+                Item::Value(_) => None,
+            },
+            Op::Index { count, size } => {
+                let value = self.value()?;
+                match self.stack.last_mut()? {
+                    Item::Place(place) if place.index.is_none() => {
+                        place.index = Some(Index { value, count, size });
+                        Some(())
+                    }
+                    _ => None,
+                }
+            }
+            Op::Load => {
+                let Item::Place(place) = self.stack.pop()? else { return None };
+                self.waits |= may_wait(&place);
+                let place = self.place(place);
+                self.push(Value::At(place))
+            }
+            Op::JumpDecided { to, .. } => {
+                self.decided.push(to);
+                Some(())
+            }
+            _ => self.operate(op, next),
+        }
+    }
+
+    fn operate(&mut self, op: &Op, next: u32) -> Option<()> {
+        let last = self.value()?;
+        match *op {
+            Op::ToReal(0) => self.push(Value::ToReal(last)),
+            Op::ToInt => self.push(Value::ToInt(last)),
+            Op::Negate => self.push(Value::Negate(last)),
+            Op::Not => self.push(Value::Not(last)),
+            Op::BitNot => self.push(Value::BitNot(last)),
+            Op::Binary(operator) => {
+                let left = self.value()?;
+                if !matches!(operator, Binary::And | Binary::Or) {
+                    return self.push(Value::Binary(operator, left, last));
+                }
+                // Both sides of this one, and no other's, are here.
+                (self.decided.pop()? == next).then_some(())?;
+                self.push(Value::Decided { operator, left, right: last })
+            }
+            Op::ForTest => {
+                let (end, now) = (self.value()?, self.value()?);
+                self.push(Value::ForTest([now, end, last]))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Reading or writing it stops the advance run; what the caller handed over may do so.
+fn may_wait(place: &Place) -> bool {
+    match place.start {
+        Start::Space(Space::System(index)) => SYSTEM_VARIABLES[index as usize].stops_advance,
+        Start::Space(_) => false,
+        Start::Referred(_) => true,
+    }
+}

@@ -1,0 +1,175 @@
+//! What [`condense`](super::super::condense) has put together, executed at once.
+
+use super::super::code::{Address, Cell, Program, Space};
+use super::super::condense::{Start, Together, Value};
+use super::super::syntax::Binary;
+use super::step::INVALID;
+use super::{Host, Interpreter, Memory, Wrong, calculate};
+
+impl Interpreter {
+    /// Executes what begins here; false where that is to be done step by step.
+    pub(super) fn condensed(
+        &mut self,
+        program: &Program,
+        memory: &mut Memory,
+        host: &mut dyn Host,
+    ) -> Result<bool, Wrong> {
+        let (together, waits) = match program.condensed.steps.get(self.at) {
+            None | Some((Together::Nothing, _)) => return Ok(false),
+            Some((together, waits)) => (together, *waits),
+        };
+        // The robot program may have to wait for the arm in the midst of it.
+        let may_not = self.condition_base.is_none() || matches!(together, Together::Assign { .. });
+        if waits && self.moves && may_not {
+            return Ok(false);
+        }
+        let base = self.base();
+        match *together {
+            Together::Nothing => return Ok(false),
+            Together::Value { value, next } => {
+                let cell = self.part(value, base, program, memory, host)?;
+                self.stack.push(cell);
+                self.at = next as usize;
+            }
+            Together::Branch { value, at, to, next } => {
+                let Cell::Bool(holds) = self.part(value, base, program, memory, host)? else {
+                    return Err(INVALID.into());
+                };
+                memory.branches[at as usize][usize::from(holds)] = true;
+                self.at = if holds { next } else { to } as usize;
+            }
+            Together::Assign { place, value, next } => {
+                let address = self.address(place, base, program, memory, host)?;
+                let cell = self.part(value, base, program, memory, host)?;
+                self.write(address, cell, memory, host)?;
+                self.at = next as usize;
+            }
+        }
+        Ok(true)
+    }
+
+    fn address(
+        &self,
+        place: u32,
+        base: usize,
+        program: &Program,
+        memory: &Memory,
+        host: &mut dyn Host,
+    ) -> Result<Address, Wrong> {
+        let place = &program.condensed.places[place as usize];
+        let mut address = match place.start {
+            Start::Space(Space::Frame) => Address { space: Space::Frame, offset: base as u32 + place.offset },
+            Start::Space(space) => Address { space, offset: place.offset },
+            Start::Referred(cell) => match self.cells.get(base + cell as usize) {
+                Some(Cell::Address(address)) => Address { offset: address.offset + place.offset, ..*address },
+                _ => return Err("an address is missing".into()),
+            },
+        };
+        if let Some(index) = place.index {
+            let Cell::Int(number) = self.part(index.value, base, program, memory, host)? else {
+                return Err(INVALID.into());
+            };
+            let count = index.count;
+            if number < 1 || number.cast_unsigned() > count {
+                return Err(format!("the index {number} is outside of the array, 1 to {count}").into());
+            }
+            address.offset += (number.cast_unsigned() - 1) * index.size;
+        }
+        Ok(address)
+    }
+
+    /// A value within another one: most are constants and variables.
+    #[inline(always)]
+    fn part(
+        &self,
+        value: u32,
+        base: usize,
+        program: &Program,
+        memory: &Memory,
+        host: &mut dyn Host,
+    ) -> Result<Cell, Wrong> {
+        let cell = match program.condensed.values[value as usize] {
+            Value::Fixed(cell) => cell,
+            Value::Global(at) => memory.cells[at as usize],
+            Value::Local(at) => self.cells[base + at as usize],
+            _ => Cell::Unset,
+        };
+        // What was never assigned is told there, too.
+        if cell == Cell::Unset { self.value(value, base, program, memory, host) } else { Ok(cell) }
+    }
+
+    fn value(
+        &self,
+        value: u32,
+        base: usize,
+        program: &Program,
+        memory: &Memory,
+        host: &mut dyn Host,
+    ) -> Result<Cell, Wrong> {
+        let cell = match program.condensed.values[value as usize] {
+            Value::Fixed(cell) => return Ok(cell),
+            Value::Global(at) => memory.cells.get(at as usize).copied().unwrap_or(Cell::Unset),
+            Value::Local(at) => self.cells.get(base + at as usize).copied().unwrap_or(Cell::Unset),
+            Value::At(place) => {
+                let address = self.address(place, base, program, memory, host)?;
+                self.read(address, memory, host)?
+            }
+            Value::Binary(operator, left, right) => {
+                let left = self.part(left, base, program, memory, host)?;
+                let right = self.part(right, base, program, memory, host)?;
+                return calculate::binary(operator, left, right);
+            }
+            Value::Decided { operator, left, right } => {
+                let left = self.part(left, base, program, memory, host)?;
+                if self.meaning.short_circuit && left == Cell::Bool(operator == Binary::Or) {
+                    return Ok(left);
+                }
+                let right = self.part(right, base, program, memory, host)?;
+                return calculate::binary(operator, left, right);
+            }
+            Value::ForTest(parts) => return self.for_test(parts, base, program, memory, host),
+            Value::ToReal(of) => match self.value(of, base, program, memory, host)? {
+                Cell::Int(number) => return Ok(Cell::Real(number as f32)),
+                real @ Cell::Real(_) => return Ok(real),
+                _ => Cell::Unset,
+            },
+            Value::ToInt(of) => match self.value(of, base, program, memory, host)? {
+                Cell::Real(number) => return calculate::round(number),
+                _ => Cell::Unset,
+            },
+            Value::Negate(of) => match self.value(of, base, program, memory, host)? {
+                Cell::Int(number) => return calculate::negated(number),
+                Cell::Real(number) => return Ok(Cell::Real(-number)),
+                _ => Cell::Unset,
+            },
+            Value::Not(of) => match self.value(of, base, program, memory, host)? {
+                Cell::Bool(value) => return Ok(Cell::Bool(!value)),
+                _ => Cell::Unset,
+            },
+            Value::BitNot(of) => match self.value(of, base, program, memory, host)? {
+                Cell::Int(number) => return Ok(Cell::Int(!number)),
+                _ => Cell::Unset,
+            },
+        };
+        if cell == Cell::Unset { Err(INVALID.into()) } else { Ok(cell) }
+    }
+
+    fn for_test(
+        &self,
+        parts: [u32; 3],
+        base: usize,
+        program: &Program,
+        memory: &Memory,
+        host: &mut dyn Host,
+    ) -> Result<Cell, Wrong> {
+        let mut numbers = [0; 3];
+        for (number, part) in numbers.iter_mut().zip(parts) {
+            match self.part(part, base, program, memory, host)? {
+                Cell::Int(found) => *number = found,
+                _ => return Err(INVALID.into()),
+            }
+        }
+        let [now, last, step] = numbers;
+        Ok(Cell::Bool(if step >= 0 { now <= last } else { now >= last }))
+    }
+}

@@ -1,0 +1,148 @@
+//! What may differ between the model and the programs, and what of it is meant.
+
+use super::Seen;
+use super::script::{Disturbance, Part, STEP_MM};
+use panelprep::devices::mock::{Executed, Fault};
+
+/// So many motions more or fewer until a stop: 0.3 s at most, from the watchdogs' different last messages.
+const LATER: usize = 8;
+/// Motions that the client sends ahead.
+const WINDOW: usize = 50;
+/// A corner that was not planned in time is gone through exactly, else this far off.
+const CORNER_MM: f64 = 0.4 * STEP_MM + 0.01;
+
+/// What may differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Kind {
+    Opened,
+    Finished,
+    Why,
+    HarmfulOutput,
+    OnPanel,
+    Connected,
+    /// Of the motions that both have executed.
+    Order,
+    /// How many motions were executed.
+    Executed,
+    Outputs,
+    /// Where a motion ended.
+    Place,
+}
+
+/// An epoch of a script on both.
+pub struct Both<'a> {
+    pub part: &'a Part,
+    /// The scheduler starves the interpreters.
+    pub adverse: bool,
+    pub model: Seen,
+    pub programs: Seen,
+}
+
+impl Both<'_> {
+    pub fn differences(&self) -> Vec<Kind> {
+        let Both { model, programs, .. } = self;
+        let mut found = Vec::new();
+        let mut differ = |kind: Kind, differs: bool| found.extend(differs.then_some(kind));
+        differ(Kind::Opened, model.opened != programs.opened);
+        differ(Kind::Finished, model.finished != programs.finished);
+        differ(Kind::Why, model.why != programs.why);
+        differ(Kind::HarmfulOutput, model.harmful != programs.harmful);
+        differ(Kind::OnPanel, model.on_panel != programs.on_panel);
+        differ(Kind::Connected, model.connected != programs.connected);
+        let (one, other) = (&model.executed, &programs.executed);
+        differ(Kind::Order, one.iter().zip(other).any(|(one, other)| one.id != other.id));
+        let apart = one.len().abs_diff(other.len());
+        let both_finished = model.finished && programs.finished;
+        differ(Kind::Executed, apart > if both_finished { 0 } else { LATER });
+        differ(
+            Kind::Outputs,
+            both_finished && model.before == programs.before && model.outputs != programs.outputs,
+        );
+        let off_mm = |(one, other): (&Executed, &Executed)| {
+            one.base_from_flange.origin().distance_mm(other.base_from_flange.origin())
+        };
+        differ(Kind::Place, one.iter().zip(other).map(off_mm).fold(0.0, f64::max) > CORNER_MM);
+        found
+    }
+
+    fn is_wrong(&self, which: impl Fn(Disturbance) -> bool) -> bool {
+        self.part.wrong.is_some_and(|(_, disturbance)| which(disturbance))
+    }
+
+    /// One side hears nothing of the other for a while.
+    fn is_silent(&self) -> bool {
+        use Fault::{Mute, NoAcks, Stall, Unplug};
+        self.is_wrong(|disturbance| match disturbance {
+            Disturbance::Deaf(_) | Disturbance::Stalls(_) => true,
+            Disturbance::Happens(fault) => {
+                matches!(fault, Mute { .. } | NoAcks { .. } | Stall { .. } | Unplug { .. })
+            }
+            _ => false,
+        })
+    }
+
+    fn whys(&self, allowed: &[&str]) -> bool {
+        let is_allowed = |why: Option<&str>| why.is_some_and(|why| allowed.contains(&why));
+        is_allowed(self.model.why) && is_allowed(self.programs.why)
+    }
+}
+
+/// A difference that is meant.
+pub struct Meant {
+    pub name: &'static str,
+    /// A script that shows it.
+    pub shown_by: u64,
+    pub reason: &'static str,
+    pub kinds: &'static [Kind],
+    pub is_it: fn(&Both<'_>) -> bool,
+}
+
+/// All that may differ beside the time at which something happens.
+pub const MEANT: [Meant; 4] = [
+    Meant {
+        name: "which message tells of a stop first",
+        shown_by: 3,
+        reason: "one stop is told by an acknowledgement that refuses and by a state; the model sends both in one act, the \
+                 programs by two statements of a cycle, and the client gives the reason that reaches it first",
+        kinds: &[Kind::Why],
+        is_it: |both| {
+            both.whys(&["refused: stopped", "refused: no motion", "safety", "by the program"])
+                && both.is_wrong(|disturbance| {
+                    use Fault::{Deselect, Drives, EStop, Guard, Mode};
+                    matches!(
+                        disturbance,
+                        Disturbance::Happens(
+                            EStop { .. } | Guard { .. } | Drives { .. } | Mode { .. } | Deselect { .. }
+                        )
+                    )
+                })
+        },
+    },
+    Meant {
+        name: "whose watchdog ends the epoch",
+        shown_by: 26,
+        reason: "client and controller both count 400 ms of silence, each from the last message that it has heard",
+        kinds: &[Kind::Why],
+        is_it: |both| both.whys(&["watchdog", "by the program"]) && both.is_silent(),
+    },
+    Meant {
+        name: "what was sent before the silence",
+        shown_by: 464,
+        reason: "the client sends a second of motion ahead by what it was told last; in a silence the robot executes what it has",
+        kinds: &[Kind::Executed],
+        is_it: |both| {
+            both.is_silent() && both.model.executed.len().abs_diff(both.programs.executed.len()) <= WINDOW
+        },
+    },
+    Meant {
+        name: "a starved interpreter comes too late",
+        shown_by: 715,
+        reason: "the scheduler gives it a few statements a tick for up to 1.5 s: the client's watchdog misses an answer, or \
+                 the programs miss the next point in contact. The model always has the time for its cycle",
+        kinds: &[Kind::Finished, Kind::Why, Kind::Executed],
+        is_it: |both| {
+            let in_contact = both.part.contact && both.programs.why == Some("by the program");
+            both.adverse && (in_contact || both.programs.why == Some("watchdog"))
+        },
+    },
+];
