@@ -82,7 +82,7 @@ fn frame(svg: &mut String, (left_px, name): (f64, &str), (x_mm, y_mm): (f64, f64
 
 fn circle(svg: &mut String, left: &Left, (cx, cy): (f64, f64), limit_mm: f64) {
     let radius = (LIMIT_PX * left.error_mm / limit_mm).clamp(2.0, MOST_PX);
-    let is_beyond = !(left.error_mm <= limit_mm);
+    let is_beyond = left.error_mm.is_nan() || left.error_mm > limit_mm;
     let (color, rim) = if is_beyond { (BEYOND, 3) } else { (WITHIN, 1) };
     let _ = write!(
         svg,
