@@ -63,20 +63,17 @@ pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, Imagi
     for times in reductions(picture) {
         for found in look(picture, times)? {
             let seen = found.seen();
-            match found.turned_to(board.columns(), board.rows()) {
-                Some(grid) if grid.share() >= SEEN_SHARE => {
-                    if best.as_ref().is_none_or(|best| best.seen() < seen) && !goes_on(picture, &grid) {
-                        best = Some(grid);
-                    }
+            let own = found.turned_to(board.columns(), board.rows());
+            if let Some(grid) = own.filter(|grid| grid.share() >= SEEN_SHARE) {
+                if best.as_ref().is_none_or(|best| best.seen() < seen) && !goes_on(picture, &grid) {
+                    best = Some(grid);
                 }
-                _ if found.columns.min(found.rows) >= SMALLEST
-                    && found.share() >= OTHER_SHARE
-                    && found.has_whole_sides()
-                    && other.is_none_or(|(_, most)| most < seen) =>
-                {
-                    other = Some((found.sides(), seen));
-                }
-                _ => {}
+            } else if found.columns.min(found.rows) >= SMALLEST
+                && found.share() >= OTHER_SHARE
+                && found.has_whole_sides()
+                && other.is_none_or(|(_, most)| most < seen)
+            {
+                other = Some((found.sides(), seen));
             }
         }
         if best.as_ref().is_some_and(|best| best.seen() == board.count()) {
