@@ -11,6 +11,7 @@ mod in_use;
 mod intrinsics;
 mod over_volume;
 mod robot;
+mod robot_advice;
 mod sight;
 mod target;
 mod taught_corner;

@@ -1,7 +1,8 @@
 use super::*;
 use crate::cycle::{Id, Motion, Outcome, Path, Request};
 use crate::record::{
-    Answer, Asked, Budget, Contact, ContactPath, CycleId, Front, KeptFile, MotionRecord, Picture, Reached, Wanted, Who,
+    Answer, Asked, Budget, Contact, ContactPath, CycleId, Front, KeptFile, MotionRecord, Picture, Reached, Wanted,
+    Who,
 };
 
 fn finding(kind: Kind, pass: u8, numbers: Vec<Number>) -> Finding {
