@@ -99,11 +99,14 @@ $(OPENCV_DOC):
 	mkdir -p target/opencv-doc
 	cd target/opencv-doc && apt-get download opencv-doc && dpkg -x opencv-doc_*.deb . && rm opencv-doc_*.deb
 
-# Calibrations against the renderer's truth and on a real camera's pictures.
+# Calibrations against the renderer's truth and on a real camera's pictures, simulated arms, and boards in poor pictures beside
+# OpenCV's detectors; the last two alone: cargo bench --bench arms, cargo bench --bench boards.
 bench-calib: setup
 	@$(MAKE) $(OPENCV_DOC) || echo 'opencv-doc could not be fetched; its pictures are skipped' >&2
 	cargo test --locked --test all -- --nocapture real_pictures
 	cargo bench --locked --bench calib
+	cargo bench --locked --bench arms
+	cargo bench --locked --bench boards
 
 # Public pictures of real boards and robots: opencv-doc, and a copy of ros-industrial/industrial_calibration (Apache-2.0) by
 # REAL=FOLDER. A set that is not there is told as not run, and the bench does not pass.

@@ -1,5 +1,7 @@
 //! All integration tests: one binary, because each one links OpenCV.
 
+mod arm;
+mod board_pictures;
 mod boards;
 mod calib;
 mod camera_model;
@@ -16,6 +18,7 @@ mod layers;
 mod link;
 mod locate;
 mod patterns;
+mod poor_pictures;
 mod quiet;
 mod record;
 mod rehearsal;

@@ -1,34 +1,56 @@
 //! Where a picture shows a chessboard, to about a pixel, by work that does not depend on what the picture holds.
 //!
-//! `findChessboardCornersSB` looks at the picture several times, at a small size first: a large board is found there, and
-//! the last look sees at most [`MOST_PX`] pixels. (`findChessboardCorners` combines contours, and a picture with fine
-//! texture, or another board, can occupy it for minutes.) Each look asks for the board or a larger one, because a search
-//! for exactly so many corners takes a part of a larger board for the whole. What it finds may have grown beyond its board,
-//! since the outer squares' corners look a little like inner ones: only a grid in whose outer lines squares truly meet
-//! counts. Where none is found, one more look says which other board is there.
+//! The picture is looked at several times, at a small size first: a large board is found there, and the last look sees at
+//! most [`MOST_PX`] pixels. Each look joins crossings of edges to lattices (`crossings`, `lattice`). A lattice with the board's
+//! columns and rows is the board, also where a glare hides some of its corners; no outer line may be followed by another one,
+//! since a part of a larger board is no board. Neither a white rim nor light around the board is needed.
+//! (`findChessboardCorners` combines contours: fine texture, or a glare, can occupy it for minutes. `findChessboardCornersSB`
+//! misses boards in the dark, and with a glare; it has the last look, at a small size.)
 
 use super::board::Board;
-use super::foreign::{self, CornerGrid, Extent};
-use super::placing;
+use super::crossings::{Crossing, Smooth, crossings, noise};
+use super::foreign;
+use super::lattice::{Lattice, extent, lattices, trimmed};
+use super::saddle;
 use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// A larger picture is searched at half its size, or less.
 const MOST_PX: usize = 3_400_000;
-/// Another board is looked for in at most so many pixels.
-const OTHER_PX: usize = 850_000;
 /// A picture is not reduced below this length of its longer side, px.
 const LEAST_SIDE_PX: usize = 480;
+/// The last look sees at most so many pixels.
+const SECTOR_BASED_PX: usize = 850_000;
+/// An outer line of which less was seen is none: of a board with a glare, and of one beside which something looks like corners.
+const LINE_SHARES: [f64; 2] = [0.45, 0.65];
 /// The smallest chessboard that is called one, inner corners.
 const SMALLEST: usize = 3;
-/// Of each outer line of a grid so many corners must be corners of squares.
-const REAL_SHARE: f64 = 0.5;
+/// So many of the board's corners must be seen.
+const SEEN_SHARE: f64 = 0.65;
+/// … and of another board, before it is called one.
+const OTHER_SHARE: f64 = 0.8;
+/// A line beyond the board of which so many places are corners is one of a larger board.
+const REAL_SHARE: f64 = 0.4;
+/// The contrast of a corner by that of its neighbour.
+const HALF_CONTRAST: f64 = 0.7;
+/// A corner that is foretold is looked for in ± so much of the distance to its neighbour.
+const WINDOW_SHARE: f64 = 0.3;
+
+/// A corner of the board.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Node {
+    /// Where it is.
+    pub pixel: Pixel,
+    /// Was it seen, or is it where its neighbours foretell it?
+    pub is_seen: bool,
+}
 
 /// What a picture shows.
 #[derive(Debug, PartialEq)]
 pub(super) enum Search {
     /// The board: its corners row by row.
-    Board(Vec<Pixel>),
+    Board(Vec<Node>),
     /// Another one, by its inner corners, the longer side first.
     Other([usize; 2]),
     /// None.
@@ -37,31 +59,47 @@ pub(super) enum Search {
 
 /// Looks for a board.
 pub(super) fn find(picture: &GrayPicture, board: &Board) -> Result<Search, ImagingError> {
-    let (columns, rows) = (board.columns(), board.rows());
-    let all = reductions(picture);
-    for &times in &all {
-        let Some(grid) = look(picture, times, (columns, rows), Extent::OrLarger)? else { continue };
-        if is_real(picture, &grid)? {
-            return Ok(match grid.turned_to(columns, rows) {
-                Some(grid) => Search::Board(oriented(grid, picture, board)),
-                None => Search::Other(grid.sides()),
-            });
-        }
-        let exact = look(picture, times, (columns, rows), Extent::Exact)?;
-        match exact.and_then(|grid| grid.turned_to(columns, rows)) {
-            Some(grid) if is_real(picture, &grid)? => {
-                return Ok(Search::Board(oriented(grid, picture, board)));
+    let (mut best, mut other): (Option<Grid>, Option<([usize; 2], usize)>) = (None, None);
+    for times in reductions(picture) {
+        for found in look(picture, times)? {
+            let seen = found.seen();
+            let own = found.turned_to(board.columns(), board.rows());
+            if let Some(grid) = own.filter(|grid| grid.share() >= SEEN_SHARE) {
+                if best.as_ref().is_none_or(|best| best.seen() < seen) && !goes_on(picture, &grid) {
+                    best = Some(grid);
+                }
+            } else if found.columns.min(found.rows) >= SMALLEST
+                && found.share() >= OTHER_SHARE
+                && found.has_whole_sides()
+                && other.is_none_or(|(_, most)| most < seen)
+            {
+                other = Some((found.sides(), seen));
             }
-            _ => {}
+        }
+        if best.as_ref().is_some_and(|best| best.seen() == board.count()) {
+            break;
         }
     }
-    let small = |times: &&usize| picture.gray.len() / (*times * *times) <= OTHER_PX;
-    let times = all.iter().rev().find(small).or(all.first()).copied().unwrap_or(1);
-    let other = look(picture, times, (SMALLEST, SMALLEST), Extent::OrLarger)?;
-    match other.filter(|grid| grid.turned_to(columns, rows).is_none()) {
-        Some(grid) if is_real(picture, &grid)? => Ok(Search::Other(grid.sides())),
-        _ => Ok(Search::Nothing),
-    }
+    Ok(match (best, other) {
+        (Some(grid), _) => Search::Board(oriented(grid, picture, board)),
+        (None, Some((sides, _))) => Search::Other(sides),
+        (None, None) => sector_based(picture, board)?.map_or(Search::Nothing, Search::Board),
+    })
+}
+
+/// A last look by `findChessboardCornersSB`, at a size at which its time is short: it joins corners that are bent or dirty.
+fn sector_based(picture: &GrayPicture, board: &Board) -> Result<Option<Vec<Node>>, ImagingError> {
+    let small_enough = |times: &usize| picture.gray.len() / (times * times) <= SECTOR_BASED_PX;
+    let Some(times) = reductions(picture).into_iter().rfind(small_enough) else { return Ok(None) };
+    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+    let small = small.as_ref().unwrap_or(picture);
+    let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
+    let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
+    let (columns, rows) = (board.columns(), board.rows());
+    let Some(pixels) = foreign::chessboard(small, (columns, rows))? else { return Ok(None) };
+    let nodes = pixels.into_iter().map(|pixel| Node { pixel: whole(pixel), is_seen: true });
+    let grid = Grid { columns, rows, nodes: nodes.collect() };
+    Ok((!goes_on(picture, &grid)).then(|| oriented(grid, picture, board)))
 }
 
 /// By how much the picture is made smaller for each look, the smallest picture first.
@@ -76,99 +114,212 @@ pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
     all
 }
 
-/// A grid of so many corners, in pixels of the whole picture.
-fn look(
-    picture: &GrayPicture,
-    times: usize,
-    (columns, rows): (usize, usize),
-    extent: Extent,
-) -> Result<Option<CornerGrid>, ImagingError> {
-    if times == 1 {
-        return foreign::chessboard(picture, (columns, rows), extent);
+/// The lattices of a picture made smaller, in pixels of the whole one.
+fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
+    let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
+    let small = small.as_ref().unwrap_or(picture);
+    let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
+    let whole = |pixel: Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
+    let smooth = Smooth::of(small);
+    let all = crossings(&smooth);
+    let found = lattices(&smooth, &all);
+    // An outer line of which half is missing may be hidden, or be something beside the board.
+    let grids = found.into_iter().flat_map(|lattice| {
+        let [hidden, beside] = LINE_SHARES.map(|share| trimmed(lattice.clone(), share));
+        let is_same = hidden.len() == beside.len();
+        std::iter::once(hidden).chain((!is_same).then_some(beside))
+    });
+    let scaled = grids.filter_map(|lattice| Grid::of(&lattice, &all)).map(|mut grid| {
+        grid.nodes.iter_mut().for_each(|node| node.pixel = whole(node.pixel));
+        grid
+    });
+    Ok(scaled.collect())
+}
+
+/// Corners in rows.
+#[derive(Debug, Clone, PartialEq)]
+struct Grid {
+    columns: usize,
+    rows: usize,
+    /// Row by row.
+    nodes: Vec<Node>,
+}
+
+impl Grid {
+    /// A lattice with the corners that it lacks; `None` where it determines no plane.
+    fn of(lattice: &Lattice, crossings: &[Crossing]) -> Option<Self> {
+        let [(left, right), (low, high)] = extent(lattice);
+        let (columns, rows) = ((right - left + 1) as usize, (high - low + 1) as usize);
+        if columns < 2 || rows < 2 || columns * rows > 2 * lattice.len() {
+            return None;
+        }
+        let (places, pixels): (Vec<[f64; 2]>, Vec<Pixel>) = lattice
+            .iter()
+            .map(|((column, row), index)| {
+                ([f64::from(column - left), f64::from(row - low)], crossings[*index].pixel())
+            })
+            .unzip();
+        let plane = if pixels.len() < columns * rows { Some(foreign::homography(&places, &pixels)?) } else { None };
+        let node = |index: usize| {
+            let (column, row) = (index % columns, index / columns);
+            match (lattice.get(&(column as i32 + left, row as i32 + low)), &plane) {
+                (Some(found), _) => Some(Node { pixel: crossings[*found].pixel(), is_seen: true }),
+                (None, Some(plane)) => {
+                    let pixel = foretold(plane, [column as f64, row as f64], (&places, &pixels))?;
+                    Some(Node { pixel, is_seen: false })
+                }
+                (None, None) => None,
+            }
+        };
+        Some(Grid { columns, rows, nodes: (0..columns * rows).map(node).collect::<Option<_>>()? })
     }
-    let small = foreign::reduced(picture, times)?;
-    let across = picture.width as f64 / small.width as f64;
-    let down = picture.height as f64 / small.height as f64;
-    let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-    let grid = foreign::chessboard(&small, (columns, rows), extent)?;
-    Ok(grid.map(|grid| CornerGrid { pixels: grid.pixels.iter().map(whole).collect(), ..grid }))
-}
 
-/// Do squares meet in the corners of each of the four outer lines? A grid may have grown beyond its board, and texture
-/// has places that look like corners from afar.
-fn is_real(picture: &GrayPicture, grid: &CornerGrid) -> Result<bool, ImagingError> {
-    // Of the board only the counts matter here.
-    let Ok(board) = Board::parse(&format!("{}x{}", grid.columns, grid.rows), 1.0) else { return Ok(false) };
-    let placed = placing::refined(picture, &board, &grid.pixels, None)?;
-    let fits: Vec<bool> = placing::models(picture, &board, &placed).iter().map(Option::is_some).collect();
-    let row = |row: usize| (0..grid.columns).map(move |column| row * grid.columns + column).collect::<Vec<_>>();
-    let column = |column: usize| (0..grid.rows).map(|row| row * grid.columns + column).collect::<Vec<_>>();
-    let lines = [row(0), row(grid.rows - 1), column(0), column(grid.columns - 1)];
-    let share = |line: &Vec<usize>| line.iter().filter(|index| fits[**index]).count() as f64 / line.len() as f64;
-    Ok(lines.iter().all(|line| share(line) >= REAL_SHARE))
-}
+    fn seen(&self) -> usize {
+        self.nodes.iter().filter(|node| node.is_seen).count()
+    }
 
-impl CornerGrid {
+    fn share(&self) -> f64 {
+        self.seen() as f64 / self.nodes.len() as f64
+    }
+
+    /// Was enough seen of each outer line that it is one?
+    fn has_whole_sides(&self) -> bool {
+        let line = |first: usize, step: usize, count: usize| {
+            let seen = (0..count).filter(|index| self.nodes[first + index * step].is_seen).count();
+            seen as f64 >= SEEN_SHARE * count as f64
+        };
+        let (columns, rows) = (self.columns, self.rows);
+        line(0, 1, columns)
+            && line((rows - 1) * columns, 1, columns)
+            && line(0, columns, rows)
+            && line(columns - 1, columns, rows)
+    }
+
     /// Inner corners of both sides, the longer first.
     fn sides(&self) -> [usize; 2] {
         [self.columns.max(self.rows), self.columns.min(self.rows)]
     }
 
     /// The same corners with so many columns and rows; `None` where it has others.
-    fn turned_to(&self, columns: usize, rows: usize) -> Option<CornerGrid> {
+    fn turned_to(&self, columns: usize, rows: usize) -> Option<Grid> {
         if (self.columns, self.rows) == (columns, rows) {
             return Some(self.clone());
         }
-        let at = |row: usize, column: usize| self.pixels[column * self.columns + row];
+        let at = |row: usize, column: usize| self.nodes[column * self.columns + row];
         let across = || (0..rows).flat_map(|row| (0..columns).map(move |column| at(row, column))).collect();
-        ((self.rows, self.columns) == (columns, rows)).then(|| CornerGrid { columns, rows, pixels: across() })
+        ((self.rows, self.columns) == (columns, rows)).then(|| Grid { columns, rows, nodes: across() })
     }
+}
+
+/// Where a plane has a place, moved as the corners nearest to it are: a lens bends them.
+fn foretold(plane: &Matrix3<f64>, place: [f64; 2], (places, pixels): (&[[f64; 2]], &[Pixel])) -> Option<Pixel> {
+    let at = |[x, y]: [f64; 2]| {
+        let p = plane * Vector3::new(x, y, 1.0);
+        (p.z.abs() > 1e-12).then(|| Vector2::new(p.x / p.z, p.y / p.z))
+    };
+    let mut near: Vec<(f64, usize)> =
+        places.iter().enumerate().map(|(i, p)| ((p[0] - place[0]).hypot(p[1] - place[1]), i)).collect();
+    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let (mut sum, mut weights) = (Vector2::zeros(), 0.0);
+    for (away, index) in near.into_iter().take(6) {
+        let weight = away.max(0.5).powi(-2);
+        sum += (Vector2::new(pixels[index].u, pixels[index].v) - at(places[index])?) * weight;
+        weights += weight;
+    }
+    let there = at(place)? + sum / weights;
+    Some(Pixel::at(there.x, there.y))
+}
+
+/// Do corners of squares follow beyond one of the outer lines?
+fn goes_on(picture: &GrayPicture, grid: &Grid) -> bool {
+    let at = |column: usize, row: usize| {
+        let pixel = grid.nodes[row * grid.columns + column].pixel;
+        Vector2::new(pixel.u, pixel.v)
+    };
+    let (columns, rows) = (grid.columns, grid.rows);
+    let noise = noise(picture);
+    // Three corners of each line across, from the outer one inwards; and the neighbour along the outer line.
+    let inwards = |column: usize, row: usize, side: usize| match side {
+        0 => [at(0, row), at(1, row), at(2, row)],
+        1 => [at(columns - 1, row), at(columns - 2, row), at(columns - 3, row)],
+        2 => [at(column, 0), at(column, 1), at(column, 2)],
+        _ => [at(column, rows - 1), at(column, rows - 2), at(column, rows - 3)],
+    };
+    let is_corner = |side: usize, index: usize| {
+        let [outer, second, third] = inwards(index, index, side);
+        let next = match side {
+            0 | 1 => {
+                at(if side == 0 { 0 } else { columns - 1 }, if index + 1 < rows { index + 1 } else { index - 1 })
+            }
+            _ => at(if index + 1 < columns { index + 1 } else { index - 1 }, if side == 2 { 0 } else { rows - 1 }),
+        };
+        let beyond = outer * 3.0 - second * 3.0 + third;
+        let edges = [outer - second, next - outer];
+        let window = WINDOW_SHARE * edges[0].norm().min(edges[1].norm());
+        let fit = |at: Vector2<f64>| {
+            saddle::refine(picture, Pixel::at(at.x, at.y), edges, window.clamp(3.0, 11.0) as usize, noise)
+        };
+        // Where one black square ends alone there is half of a corner's contrast.
+        match (fit(outer), fit(beyond)) {
+            (Some(own), Some(next)) => next.contrast * own.contrast < -HALF_CONTRAST * own.contrast.powi(2),
+            _ => false,
+        }
+    };
+    (0..4).any(|side| {
+        let count = if side < 2 { rows } else { columns };
+        let corners = (0..count).filter(|index| is_corner(side, *index)).count();
+        corners as f64 >= REAL_SHARE * count as f64
+    })
 }
 
 /// The corners in the board's own order: never mirrored; a board with a unique first corner begins where the outer square
 /// is black, a square one in the upper left, another one with its upper end.
-fn oriented(grid: CornerGrid, picture: &GrayPicture, board: &Board) -> Vec<Pixel> {
-    let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.pixels);
-    let (first, right, below) = (corners[0], corners[columns - 1], corners[(rows - 1) * columns]);
+fn oriented(grid: Grid, picture: &GrayPicture, board: &Board) -> Vec<Node> {
+    let (columns, rows, mut corners) = (grid.columns, grid.rows, grid.nodes);
+    let [first, right, below] = [0, columns - 1, (rows - 1) * columns].map(|index| corners[index].pixel);
     let turn = (right.u - first.u) * (below.v - first.v) - (right.v - first.v) * (below.u - first.u);
     if turn < 0.0 {
-        corners.chunks_mut(columns).for_each(<[Pixel]>::reverse);
+        corners.chunks_mut(columns).for_each(<[Node]>::reverse);
     }
     if columns == rows {
         return upper_left_first(corners, columns);
     }
-    if is_upside_down(&corners, picture, board) {
+    let is_upside_down = match board.is_unique() {
+        true => begins_white(&corners, columns, picture),
+        false => corners[corners.len() - 1].pixel.v < corners[0].pixel.v,
+    };
+    if is_upside_down {
         corners.reverse();
     }
     corners
 }
 
 /// Of the four turns of a square grid the one whose first corner is nearest the picture's upper left.
-fn upper_left_first(corners: Vec<Pixel>, side: usize) -> Vec<Pixel> {
-    let turned = |corners: &Vec<Pixel>| -> Vec<Pixel> {
+fn upper_left_first(corners: Vec<Node>, side: usize) -> Vec<Node> {
+    let turned = |corners: &Vec<Node>| -> Vec<Node> {
         let at = |index: usize| corners[(side - 1 - index % side) * side + index / side];
         (0..side * side).map(at).collect()
     };
     let mut all = vec![corners];
     (0..3).for_each(|turn| all.push(turned(&all[turn])));
-    let away = |corners: &Vec<Pixel>| corners[0].u + corners[0].v;
+    let away = |corners: &Vec<Node>| corners[0].pixel.u + corners[0].pixel.v;
     all.into_iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default()
 }
 
-/// Is the outer square at the first corner white, or, where that decides nothing, the first corner below the last?
-fn is_upside_down(corners: &[Pixel], picture: &GrayPicture, board: &Board) -> bool {
-    let last = corners.len() - 1;
-    if !board.is_unique() {
-        return corners[last].v < corners[0].v;
+/// Is the outer square at the first corner white? All squares between corners that were seen say so.
+fn begins_white(corners: &[Node], columns: usize, picture: &GrayPicture) -> bool {
+    // Sum and count of the squares of the outer square's colour, and of the others.
+    let mut sums = [(0.0, 0.0); 2];
+    for index in (0..corners.len() - columns).filter(|index| index % columns + 1 < columns) {
+        let around = [index, index + 1, index + columns, index + columns + 1].map(|index| corners[index]);
+        let middle = |of: fn(&Node) -> f64| around.iter().map(of).sum::<f64>() / 4.0;
+        let gray = gray_at(picture, Pixel::at(middle(|n| n.pixel.u), middle(|n| n.pixel.v)));
+        let (Some(gray), true) = (gray, around.iter().all(|node| node.is_seen)) else { continue };
+        let sum = &mut sums[(index % columns + index / columns) % 2];
+        *sum = (sum.0 + gray, sum.1 + 1.0);
     }
-    let columns = board.columns();
-    let outer = |corner: usize, right: usize, below: usize| {
-        let (c, r, b) = (corners[corner], corners[right], corners[below]);
-        gray_at(picture, Pixel::at(c.u - (r.u - c.u + b.u - c.u) / 2.0, c.v - (r.v - c.v + b.v - c.v) / 2.0))
-    };
-    let first = outer(0, 1, columns);
-    let far = outer(last, last - 1, last - columns);
-    matches!((first, far), (Some(first), Some(far)) if first > far)
+    let [same, others] = sums.map(|(sum, count)| sum / f64::max(count, 1.0));
+    same > others
 }
 
 /// Mean of the nine pixels around a place.
@@ -200,28 +351,28 @@ mod tests {
     /// column c and row r is (c, r).
     #[test]
     fn any_order_of_the_corners_becomes_the_board_s() {
-        let pixel = |(u, v): (usize, usize)| Pixel::at(u as f64, v as f64);
-        let grid = |columns: usize, rows: usize, corners: &[(usize, usize)]| CornerGrid {
+        let node = |(u, v): (usize, usize)| Node { pixel: Pixel::at(u as f64, v as f64), is_seen: true };
+        let grid = |columns: usize, rows: usize, corners: &[(usize, usize)]| Grid {
             columns,
             rows,
-            pixels: corners.iter().copied().map(pixel).collect(),
+            nodes: corners.iter().copied().map(node).collect(),
         };
-        let right: Vec<Pixel> = (0..12).map(|i| pixel((i % 4, i / 4))).collect();
+        let right: Vec<Node> = (0..12).map(|i| node((i % 4, i / 4))).collect();
         let turned = grid(3, 4, &[0, 1, 2, 3].map(|u| [0, 1, 2].map(|v| (u, v))).concat());
-        assert_eq!(turned.turned_to(4, 3).map(|grid| grid.pixels), Some(right.clone()));
+        assert_eq!(turned.turned_to(4, 3).map(|grid| grid.nodes), Some(right.clone()));
         assert_eq!(turned.turned_to(5, 3), None);
         let picture = GrayPicture::filled(8, 8, 0);
         // Both sides even: the upper end comes first, whichever way the corners were found.
         let board = Board::parse("6x4", 1.0).expect("a board");
         let upright: Vec<(usize, usize)> = (0..24).map(|i| (i % 6, i / 6)).collect();
-        let expected: Vec<Pixel> = upright.iter().copied().map(pixel).collect();
+        let expected: Vec<Node> = upright.iter().copied().map(node).collect();
         let mirrored: Vec<_> = upright.iter().map(|&(u, v)| (5 - u, v)).collect();
         let upside: Vec<_> = upright.iter().rev().copied().collect();
         for found in [upright.clone(), mirrored, upside] {
             assert_eq!(oriented(grid(6, 4, &found), &picture, &board), expected, "{found:?}");
         }
         let square: Vec<(usize, usize)> = (0..9).map(|i| (2 - i / 3, i % 3)).collect();
-        let expected: Vec<Pixel> = (0..9).map(|i| pixel((i % 3, i / 3))).collect();
+        let expected: Vec<Node> = (0..9).map(|i| node((i % 3, i / 3))).collect();
         let board = Board::parse("3x3", 1.0).expect("a board");
         assert_eq!(oriented(grid(3, 3, &square), &picture, &board), expected);
     }

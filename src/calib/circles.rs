@@ -1,17 +1,19 @@
 //! Grids of circles: found as ellipses, ordered as a grid, each centre placed by its grey levels.
 //!
-//! `findCirclesGrid` orders candidates of [`super::blobs`]; it is given at most [`MOST_CANDIDATES`], since its time grows with
-//! their third power. A centre is the middle of what differs from the plane of grey levels around the circle, so that blur
-//! and falling light do not move it. The centre of the ellipse that a tilted circle shows is not where its centre is seen
-//! (Heikkilä, IEEE T-PAMI 22, 2000): with the board's homography and the circles' size that difference is taken off.
+//! Candidates are ordered by `circle_lattice`; it is given at most [`MOST_CANDIDATES`]. A centre is the middle of what differs
+//! from the plane of grey levels around the circle, so that blur and falling light do not move it. The centre of the ellipse
+//! that a tilted circle shows is not where its centre is seen (Heikkilä, IEEE T-PAMI 22, 2000): with the board's homography and
+//! the circles' size that difference is taken off. Where one of the outer four circles is larger than all others, it is the
+//! first: it tells how a board is turned that looks alike from several sides.
 
 use super::blobs::{Blob, blobs};
 use super::board::Board;
+use super::circle_lattice;
+use super::crossings::Smooth;
 use super::error::CalibError;
 use super::foreign;
-use super::placing::Detected;
+use super::placing::{Detected, without_strays};
 use crate::geometry::{GrayPicture, Pixel, median};
-use crate::imaging::ImagingError;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 /// Candidates beyond so many times the board's circles are not all looked at.
@@ -25,6 +27,12 @@ const GROUND: f64 = 0.40;
 /// A circle that is found farther from where its grid has it is none, as a share of the distance to its neighbour.
 const BENT: f64 = 0.2;
 
+/// A circle at a corner that is larger by this factor than all others marks the first.
+const MARK: f64 = 1.3;
+
+/// A circle's number on the board, and where it is.
+type Numbered = Vec<(usize, Pixel)>;
+
 /// Finds the circles of a board.
 pub(super) fn detect(
     name: &str,
@@ -33,80 +41,99 @@ pub(super) fn detect(
     asymmetric: bool,
     sizes: &[usize],
 ) -> Result<Detected, CalibError> {
+    let mut best: Option<Detected> = None;
     for &times in sizes {
         let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
+        let small = Smooth::of(&small).picture();
         for (lighter, parts) in [false, true].into_iter().flat_map(|lighter| REACHES.map(|parts| (lighter, parts)))
         {
             let found = blobs(&small, small.width.max(small.height) / parts, lighter)?;
-            let Some(rough) = grid(&found, board, asymmetric)? else { continue };
+            let Some(rough) = grid(&found, board) else { continue };
             let across = picture.width as f64 / small.width as f64;
             let down = picture.height as f64 / small.height as f64;
             let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-            let rough: Vec<Pixel> = rough.iter().map(whole).collect();
-            if let Some(placed) = placed(picture, board, &rough) {
-                return Ok(placed);
+            let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
+            let Some((placed, radii_mm)) = placed(picture, board, &rough) else { continue };
+            let turned = if asymmetric { None } else { marked_first(&rough, &radii_mm, board) };
+            let placed = match turned {
+                Some(turned) => self::placed(picture, board, &turned).map_or(placed, |(placed, _)| placed),
+                None => placed,
+            };
+            let is_whole = placed.corners.len() == board.count();
+            if best.as_ref().is_none_or(|best| best.corners.len() < placed.corners.len()) {
+                best = Some(placed);
+            }
+            if is_whole {
+                break;
             }
         }
+        if best.as_ref().is_some_and(|best| best.corners.len() == board.count()) {
+            break;
+        }
     }
-    Err(CalibError::NoCircles { picture: name.to_owned(), columns: board.columns(), rows: board.rows() })
+    let none = || CalibError::NoCircles { picture: name.to_owned(), columns: board.columns(), rows: board.rows() };
+    best.ok_or_else(none)
 }
 
-/// The candidates in the board's order; `None` where they are no such grid.
-fn grid(found: &[Blob], board: &Board, asymmetric: bool) -> Result<Option<Vec<Pixel>>, ImagingError> {
-    let count = board.count();
+/// The candidates that are circles of the board; `None` where they are no such grid.
+fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
+    let count = 2 * board.count() / 3;
     if found.len() < count {
-        return Ok(None);
+        return None;
     }
     let mut areas: Vec<f64> = found.iter().map(|blob| blob.area_px).collect();
     areas.sort_by(f64::total_cmp);
     // Circles are of one size, and so the most alike sizes are taken: the narrowest range that holds a board's worth.
-    let most = (CANDIDATES_EACH * count).min(MOST_CANDIDATES).max(count);
+    let most = (CANDIDATES_EACH * board.count()).min(MOST_CANDIDATES).max(board.count());
     let narrowest = areas.windows(count).min_by(|a, b| (a[count - 1] / a[0]).total_cmp(&(b[count - 1] / b[0])));
     let middle = narrowest.map_or(1.0, |window| (window[0] * window[count - 1]).sqrt());
-    let mut alike: Vec<&Blob> = found.iter().collect();
+    let mut alike: Vec<Blob> = found.to_vec();
     let away = |blob: &Blob| (blob.area_px / middle).ln().abs();
     alike.sort_by(|a, b| away(a).total_cmp(&away(b)));
     alike.truncate(most);
-    let pixels: Vec<Pixel> = alike.iter().map(|blob| blob.middle).collect();
-    let Some(pixels) = foreign::circles(&pixels, (board.columns(), board.rows()), asymmetric)? else {
-        return Ok(None);
+    let placed = circle_lattice::grid(&alike, board)?;
+    Some(placed.into_iter().map(|(index, blob)| (index, blob.middle)).collect())
+}
+
+/// The circles numbered so that the marked one is the first; `None` where none is marked, or it is the first already.
+fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Numbered> {
+    let usual = median(&mut radii_mm.to_vec())?;
+    let (columns, rows, last) = (board.columns(), board.rows(), board.count() - 1);
+    let radius = |number: usize| {
+        rough.iter().zip(radii_mm).find(|((index, _), _)| *index == number).map_or(0.0, |(_, radius)| *radius)
     };
-    Ok(Some(if asymmetric { unmirrored_asymmetric(pixels, board) } else { unmirrored(pixels, board.columns()) }))
-}
-
-/// A symmetric grid begins at its upper end and is never mirrored.
-fn unmirrored(mut pixels: Vec<Pixel>, columns: usize) -> Vec<Pixel> {
-    if turn(pixels[0], pixels[columns - 1], pixels[pixels.len() - columns]) < 0.0 {
-        pixels.chunks_mut(columns).for_each(<[Pixel]>::reverse);
+    let outer = [0, columns - 1, last, last + 1 - columns];
+    let marked = outer.into_iter().position(|number| radius(number) > MARK * usual)?;
+    let others = rough.iter().zip(radii_mm).filter(|((index, _), _)| *index != outer[marked]);
+    if marked == 0 || others.into_iter().any(|(_, radius)| *radius > MARK * usual) {
+        return None;
     }
-    if pixels[pixels.len() - 1].v < pixels[0].v {
-        pixels.reverse();
-    }
-    pixels
+    // A board that is not square has two ways, a square one four.
+    let turned = |number: usize| {
+        let (column, row) = (number % columns, number / columns);
+        match marked {
+            2 => Some(last - number),
+            1 if columns == rows => Some((columns - 1 - column) * columns + row),
+            3 if columns == rows => Some(column * columns + columns - 1 - row),
+            _ => None,
+        }
+    };
+    let mut all: Numbered =
+        rough.iter().map(|(number, pixel)| Some((turned(*number)?, *pixel))).collect::<Option<_>>()?;
+    all.sort_by_key(|(number, _)| *number);
+    Some(all)
 }
 
-/// An asymmetric grid is mirrored where its rows run against each other.
-fn unmirrored_asymmetric(mut pixels: Vec<Pixel>, board: &Board) -> Vec<Pixel> {
-    let columns = board.columns();
-    if turn(pixels[0], pixels[columns - 1], pixels[pixels.len() - columns]) < 0.0 {
-        // Turned upside down and read from the other end of each row, the same circles have the same places.
-        let rows: Vec<Vec<Pixel>> = pixels.chunks(columns).rev().map(<[Pixel]>::to_vec).collect();
-        pixels = rows.concat();
-    }
-    pixels
-}
-
-fn turn(first: Pixel, right: Pixel, below: Pixel) -> f64 {
-    (right.u - first.u) * (below.v - first.v) - (right.v - first.v) * (below.u - first.u)
-}
-
-/// All centres to sub-pixel; `None` where what was found is no plane grid.
-fn placed(picture: &GrayPicture, board: &Board, rough: &[Pixel]) -> Option<Detected> {
+/// All centres to sub-pixel, and the circles' radii; `None` where what was found is no plane grid. Circles that no centre is
+/// found of, and those that stand apart from the others, are left out.
+fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered) -> Option<(Detected, Vec<f64>)> {
     let places = board.corners();
-    let plane: Vec<[f64; 2]> = places.iter().map(|q| [q.mm.x, q.mm.y]).collect();
+    let place = |number: usize| [places[number].mm.x, places[number].mm.y];
+    let plane: Vec<[f64; 2]> = rough.iter().map(|(number, _)| place(*number)).collect();
+    let seen: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
     let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
-    let board_to_picture = foreign::homography(&plane, rough)?;
-    let is_plane = plane.iter().zip(rough).all(|(place, pixel)| {
+    let board_to_picture = foreign::homography(&plane, &seen)?;
+    let is_plane = plane.iter().zip(&seen).all(|(place, pixel)| {
         let slope = slope(&board_to_picture, *place);
         let near_px = neighbour_mm * slope.determinant().abs().sqrt();
         at(&board_to_picture, *place).distance_px(*pixel) < BENT * near_px
@@ -114,22 +141,39 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &[Pixel]) -> Option<Detec
     if !is_plane {
         return None;
     }
-    let (mut pixels, mut radii_mm) = (Vec::new(), Vec::new());
-    for (place, pixel) in plane.iter().zip(rough) {
-        let slope = slope(&board_to_picture, *place);
-        let (pixel, area_px) = centre(picture, *pixel, &(slope * neighbour_mm))?;
-        radii_mm.push((area_px / slope.determinant().abs() / std::f64::consts::PI).sqrt());
-        pixels.push(pixel);
+    let centres: Vec<Option<(Pixel, f64)>> = plane
+        .iter()
+        .zip(&seen)
+        .map(|(place, pixel)| {
+            let slope = slope(&board_to_picture, *place);
+            let (pixel, area_px) = centre(picture, *pixel, &(slope * neighbour_mm))?;
+            Some((pixel, (area_px / slope.determinant().abs() / std::f64::consts::PI).sqrt()))
+        })
+        .collect();
+    let radii_mm: Vec<f64> = centres.iter().map(|centre| centre.map_or(0.0, |(_, radius)| radius)).collect();
+    let radius_mm = median(&mut radii_mm.iter().copied().filter(|radius| *radius > 0.0).collect::<Vec<_>>())?;
+    let found: Vec<(usize, Pixel, f64)> = rough
+        .iter()
+        .zip(&centres)
+        .filter_map(|((number, _), centre)| centre.map(|(pixel, radius)| (*number, pixel, radius)))
+        .collect();
+    if 2 * found.len() < board.count() {
+        return None;
     }
-    let radius_mm = median(&mut radii_mm)?;
+    let plane: Vec<[f64; 2]> = found.iter().map(|(number, ..)| place(*number)).collect();
+    let pixels: Vec<Pixel> = found.iter().map(|(_, pixel, _)| *pixel).collect();
     let board_to_picture = foreign::homography(&plane, &pixels)?;
-    let corners = places.iter().zip(&plane).zip(&pixels).map(|((q, place), pixel)| {
-        let (seen, middle) = (at(&board_to_picture, *place), ellipse_middle(&board_to_picture, *place, radius_mm)?);
-        Some((*q, Pixel::at(pixel.u + seen.u - middle.u, pixel.v + seen.v - middle.v)))
+    let corners = found.iter().map(|(number, pixel, radius)| {
+        let at_place = place(*number);
+        // A mark is as large as it is; of the others all are one size.
+        let radius = if *radius > MARK * radius_mm { *radius } else { radius_mm };
+        let (seen, middle) =
+            (at(&board_to_picture, at_place), ellipse_middle(&board_to_picture, at_place, radius)?);
+        Some((places[*number], Pixel::at(pixel.u + seen.u - middle.u, pixel.v + seen.v - middle.v)))
     });
-    let corners: Vec<_> = corners.collect::<Option<_>>()?;
+    let corners = without_strays(corners.collect::<Option<_>>()?);
     let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
-    Some(Detected { modelled: corners.len(), corners, half_window_px })
+    Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
 }
 
 fn at(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {

@@ -34,8 +34,20 @@ pub fn detect(
         Search::Other(found) => return Err(CalibError::OtherBoard { picture: picture_name, found, columns, rows }),
         Search::Nothing => return Err(CalibError::NoBoard { picture: picture_name, columns, rows }),
     };
-    let found = placing::refined(picture, board, &rough, half_window_px)?;
-    Ok(if half_window_px.is_none() { placing::modelled(picture, board, found) } else { found })
+    let all: Vec<_> = board.corners().into_iter().zip(&rough).collect();
+    if half_window_px.is_some() {
+        let seen: Corners = all.iter().filter(|(_, node)| node.is_seen).map(|(q, node)| (*q, node.pixel)).collect();
+        return Ok(placing::refined(picture, &seen, board.square_mm(), half_window_px)?);
+    }
+    let corners: Corners = all.iter().map(|(q, node)| (*q, node.pixel)).collect();
+    let found = placing::refined(picture, &corners, board.square_mm(), None)?;
+    let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
+    let found = placing::modelled(picture, board, found, &is_seen);
+    // A board of which most corners cannot be placed is in the picture, and of no use.
+    if 2 * found.corners.len() < board.count() {
+        return Err(CalibError::NoBoard { picture: picture_name, columns, rows });
+    }
+    Ok(found)
 }
 
 /// Half the side of the neighbourhood from which a corner's point is taken, px.

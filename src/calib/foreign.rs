@@ -97,65 +97,18 @@ fn picture_of(picture: &GrayPicture) -> Result<impl MatTraitConst + opencv::core
     named("a picture", Mat::new_rows_cols_with_data(picture.height as i32, picture.width as i32, &picture.gray))
 }
 
-/// Corners of a chessboard, row by row.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct CornerGrid {
-    /// Inner corners in a row.
-    pub columns: usize,
-    /// Rows of inner corners.
-    pub rows: usize,
-    /// The corners.
-    pub pixels: Vec<Pixel>,
-}
-
-/// How many corners are looked for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Extent {
-    /// So many, and of a larger board a part.
-    Exact,
-    /// So many each way, or all of a larger board.
-    OrLarger,
-}
-
-/// `findChessboardCornersSB`: the inner corners of a board that has so many each way, to about a pixel; `None` where there is
-/// no such board.
+/// `findChessboardCornersSB`: the inner corners of a board, row by row, to about a pixel; `None` where there is no such board.
 pub(super) fn chessboard(
     picture: &GrayPicture,
     (columns, rows): (usize, usize),
-    extent: Extent,
-) -> Result<Option<CornerGrid>, ImagingError> {
+) -> Result<Option<Vec<Pixel>>, ImagingError> {
     const OPERATION: &str = "chessboard corners";
     let source = picture_of(picture)?;
-    let (mut found, mut kinds): (Vector<Point2f>, Mat) = (Vector::new(), Mat::default());
-    let larger = if extent == Extent::OrLarger { calib3d::CALIB_CB_LARGER } else { 0 };
-    let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE | larger;
+    let mut found: Vector<Point2f> = Vector::new();
     let size = Size::new(columns as i32, rows as i32);
-    let seen = calib3d::find_chessboard_corners_sb_with_meta(&source, size, &mut found, flags, &mut kinds);
-    let seen = named(OPERATION, seen)?;
-    // `kinds` says of each corner what it is, in the shape of the board that was found.
-    let (columns, rows) = (kinds.cols().max(0) as usize, kinds.rows().max(0) as usize);
-    let is_whole = seen && columns >= 2 && rows >= 2 && found.len() == columns * rows;
-    Ok(is_whole.then(|| CornerGrid { columns, rows, pixels: pixels_of(&found) }))
-}
-
-/// Candidates ordered as a grid of circles, row by row; `None` where they are none.
-pub(super) fn circles(
-    candidates: &[Pixel],
-    (columns, rows): (usize, usize),
-    asymmetric: bool,
-) -> Result<Option<Vec<Pixel>>, ImagingError> {
-    const OPERATION: &str = "a grid of circles";
-    let points: Vector<Point2f> = candidates.iter().map(|p| Point2f::new(p.u as f32, p.v as f32)).collect();
-    let grid = if asymmetric { calib3d::CALIB_CB_ASYMMETRIC_GRID } else { calib3d::CALIB_CB_SYMMETRIC_GRID };
-    for flags in [grid, grid | calib3d::CALIB_CB_CLUSTERING] {
-        let mut centres: Vector<Point2f> = Vector::new();
-        let size = Size::new(columns as i32, rows as i32);
-        let found = named(OPERATION, calib3d::find_circles_grid(&points, size, &mut centres, flags, None))?;
-        if found && centres.len() == columns * rows {
-            return Ok(Some(pixels_of(&centres)));
-        }
-    }
-    Ok(None)
+    let flags = calib3d::CALIB_CB_NORMALIZE_IMAGE;
+    let seen = named(OPERATION, calib3d::find_chessboard_corners_sb(&source, size, &mut found, flags))?;
+    Ok((seen && found.len() == columns * rows).then(|| pixels_of(&found)))
 }
 
 /// The picture so many times smaller; each pixel is the mean of those that it stands for.

@@ -3,14 +3,15 @@
 //! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`, `chessboard`, `charuco`, `circles`, `blobs`, `placing`, `saddle`: what is looked at, and where its
+//! - `board`, `detect`, `chessboard`, `crossings`, `lattice`, `charuco`, `circles`, `circle_lattice`, `blobs`, `placing`, `saddle`: what is looked at, and where its
 //!   corners are in a picture
 //! - `intrinsics`: the lens (thesis 3.6), with `lens_gram`, `lens_fit`; how many coefficients it has: `lens_model`,
 //!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`
 //! - `pose`: where one picture puts the board
 //! - `three_points`: the thesis's own hand-eye calibration (3.7)
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
-//! - `robot`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `robot`, `robot_settle`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
+//!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
 //! - `gate`: turns evidence into a verdict
 
 mod adjust;
@@ -22,8 +23,10 @@ pub mod budget;
 mod chain;
 mod charuco;
 mod chessboard;
+mod circle_lattice;
 mod circles;
 mod consensus;
+mod crossings;
 pub mod detect;
 mod error;
 mod foreign;
@@ -32,6 +35,7 @@ pub mod hand_eye;
 pub mod health;
 mod influence;
 pub mod intrinsics;
+mod lattice;
 mod lens_choice;
 mod lens_covariance;
 mod lens_fit;
@@ -45,6 +49,9 @@ mod quantile;
 pub mod robot;
 mod robot_axes;
 mod robot_correction;
+pub mod robot_next;
+mod robot_settle;
+mod robot_spread;
 mod saddle;
 mod suggest;
 mod suspects;

@@ -5,13 +5,14 @@
 //! the residual twists r of pictures and vectors of touches, each divided by its deviation,
 //!     Σ r² + Σ (p / usual size)²                                                                                  (1)
 //! is least. The second sum is what is known of any arm: a number that the data do not tell stays at its drawing's. How
-//! well it is told is its deviation after by that before. The scatter is taken from the residuals themselves.
+//! well it is told is its deviation after by that before. The scatter is taken from the residuals themselves, and how far this
+//! arm is from the usual one from its numbers.
 //!
 //! What counts is judged on pictures that were left out: the same with and without p.
 
 use super::adjust::scaled_inverse;
 use super::arm_errors::ARM_NUMBERS;
-use super::arrangement::{Twist, exp, log};
+use super::arrangement::Twist;
 use super::chain::Seen;
 use super::detect::Corners;
 use super::error::CalibError;
@@ -19,9 +20,11 @@ use super::lens_gram::LensGram;
 use super::pose::board_pose;
 use super::robot_axes::wrong_axes;
 pub use super::robot_correction::{Correction, SMOOTH_NUMBERS};
+use super::robot_settle::{Settled, State, settle};
+use super::robot_spread::spread;
 use crate::cell::ArmGeometry;
-use crate::geometry::{Base, Camera, Flange, Joints, PinholeCamera, Point, Rigid};
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
+use crate::geometry::{Base, Board, Camera, Flange, Joints, PinholeCamera, Point, Rigid};
+use nalgebra::{DMatrix, Isometry3, Matrix6, Vector3};
 
 /// Which of camera and board moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -65,6 +68,8 @@ pub struct ArmView {
     pub camera_from_board: Isometry3<f64>,
     /// The information of that pose: the inverse of its covariance, in rad and mm.
     pub information: Matrix6<f64>,
+    /// How far off its corners are, rms, px.
+    pub rms_px: f64,
 }
 
 /// The robot comes back to a pose to so many mm, and degrees in rad.
@@ -86,23 +91,54 @@ impl ArmView {
         corners: &Corners,
     ) -> Result<Self, CalibError> {
         let found = board_pose::<Camera>(camera, &Seen::Pixels(corners.clone()))?;
-        let unsettled = || CalibError::NotSettled { what: "the board's pose" };
-        let gram = LensGram::of(camera, corners, &found.camera_from_board).ok_or_else(unsettled)?;
-        let of_corners = scaled_inverse(&gram.pose).ok_or_else(unsettled)? * found.rms.max(LEAST_PX).powi(2);
-        let far_mm = found.camera_from_board.origin().mm.coords.norm();
-        let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));
-        let of_robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
-        let information = scaled_inverse(&(of_corners + of_robot)).ok_or_else(unsettled)?;
+        let unsettled = CalibError::NotSettled { what: "the board's pose" };
+        let information = information(camera, corners, &found.camera_from_board, found.rms).ok_or(unsettled)?;
         let camera_from_board = *found.camera_from_board.isometry();
-        Ok(ArmView { name, rig, pose, camera_from_board, information })
+        Ok(ArmView { name, rig, pose, camera_from_board, information, rms_px: found.rms })
     }
 }
 
-/// A touch: the tool's tip at a spot.
+/// The information of the board's pose in a picture whose corners are this far off.
+pub(super) fn information(
+    camera: &PinholeCamera,
+    corners: &Corners,
+    camera_from_board: &Rigid<Camera, Board>,
+    rms_px: f64,
+) -> Option<Matrix6<f64>> {
+    let gram = LensGram::of(camera, corners, camera_from_board)?;
+    let of_corners = scaled_inverse(&gram.pose)? * rms_px.max(LEAST_PX).powi(2);
+    let far_mm = camera_from_board.origin().mm.coords.norm();
+    let (turn, shift) = (REPEAT_RAD.powi(2), REPEAT_MM.powi(2) + (far_mm * REPEAT_RAD).powi(2));
+    let of_robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
+    scaled_inverse(&(of_corners + of_robot))
+}
+
+/// What the tip touches.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Touched {
+    /// A spot by its number, which stands still and is not known; touches of one spot share it.
+    Spot(usize),
+    /// A corner of the board that stands still before the camera on the flange.
+    Corner {
+        /// The rig of that board.
+        rig: usize,
+        /// The corner.
+        place: Point<Board>,
+    },
+    /// A place that the fixed camera sees.
+    Seen {
+        /// The rig of that camera.
+        rig: usize,
+        /// The place.
+        place: Point<Camera>,
+    },
+}
+
+/// A touch of the tool's tip.
 #[derive(Debug, Clone)]
 pub struct ArmTouch {
-    /// The spot's number; touches of one spot share it.
-    pub spot: usize,
+    /// What it touches.
+    pub at: Touched,
     /// Where the robot was.
     pub pose: ArmPose,
 }
@@ -148,182 +184,20 @@ pub struct RobotFound {
     pub left_out_before_mm: f64,
     /// The same with the correction.
     pub left_out_after_mm: f64,
-    state: State,
-    covariance: DMatrix<f64>,
+    pub(super) plain: State,
+    pub(super) state: State,
+    pub(super) covariance: DMatrix<f64>,
+    pub(super) variance: f64,
+    /// What is left of a single pose that no number of the arm tells, each way, mm.
+    pub(super) scatter_mm: f64,
 }
 
-impl RobotFound {
-    /// How far off the corrected tip may be at a pose, 95 %, mm: beside the scatter of a single pose.
-    pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
-        let place = |state: &State| {
-            let tip = Point::<Flange>::new(state.tip.into());
-            Some((state.correction.base_from_flange(pose)? * tip).mm.coords)
-        };
-        let middle = place(&self.state)?;
-        let mut slope = DMatrix::zeros(3, self.covariance.nrows());
-        for column in 0..self.covariance.nrows() {
-            let step = self.covariance[(column, column)].sqrt().max(1e-12);
-            let mut change = DVector::zeros(self.covariance.nrows());
-            change[column] = step;
-            slope.set_column(column, &((place(&self.state.moved(&change))? - middle) / step));
-        }
-        let spread = &slope * &self.covariance * slope.transpose();
-        let largest = spread.symmetric_eigenvalues().max();
-        // χ² of three numbers.
-        Some((7.815 * largest.max(0.0)).sqrt())
-    }
-}
-
-#[derive(Debug, Clone)]
-struct State {
-    correction: Correction,
-    corrects: bool,
-    rigs: Vec<Rig>,
-    tip: Vector3<f64>,
-    spots: Vec<Vector3<f64>>,
-}
-
-/// Deviation of one touch, mm.
-const TOUCH_MM: f64 = 0.1;
-const MAX_STEPS: usize = 40;
 /// Fewer pictures than this estimate no arm.
 pub const MIN_VIEWS: usize = 12;
-const GROUPS: usize = 5;
-
-impl State {
-    fn count(&self) -> usize {
-        self.own() + 12 * self.rigs.len() + if self.spots.is_empty() { 0 } else { 3 + 3 * self.spots.len() }
-    }
-
-    /// How many numbers of the correction are free.
-    fn own(&self) -> usize {
-        if self.corrects { self.correction.numbers().len() } else { 0 }
-    }
-
-    fn moved(&self, step: &DVector<f64>) -> State {
-        let mut next = self.clone();
-        let own = self.own();
-        if self.corrects {
-            let numbers: Vec<f64> = self.correction.numbers().iter().zip(step.iter()).map(|(n, s)| n + s).collect();
-            next.correction = self.correction.with_numbers(&numbers);
-        }
-        for (index, rig) in next.rigs.iter_mut().enumerate() {
-            let twist = |at: usize| Twist::from_iterator(step.rows(own + 12 * index + at, 6).iter().copied());
-            rig.mount *= exp(&twist(0));
-            rig.board *= exp(&twist(6));
-        }
-        if !self.spots.is_empty() {
-            let at = own + 12 * self.rigs.len();
-            let vector = |at: usize| Vector3::from_iterator(step.rows(at, 3).iter().copied());
-            next.tip += vector(at);
-            next.spots.iter_mut().enumerate().for_each(|(index, spot)| *spot += vector(at + 3 + 3 * index));
-        }
-        next
-    }
-
-    /// Where a picture should show the board.
-    fn foretold(&self, view: &ArmView) -> Option<Isometry3<f64>> {
-        let flange = *self.correction.base_from_flange(&view.pose)?.isometry();
-        let rig = &self.rigs[view.rig];
-        Some(match rig.kind {
-            RigKind::EyeToHand => rig.mount.inverse() * flange * rig.board,
-            RigKind::EyeInHand => (flange * rig.mount).inverse() * rig.board,
-        })
-    }
-
-    /// The residuals, each divided by its deviation.
-    fn residuals(&self, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DVector<f64>> {
-        let mut all = Vec::with_capacity(6 * views.len() + 3 * touches.len());
-        for (view, root) in views.iter().zip(roots) {
-            let twist = root * log(&(view.camera_from_board.inverse() * self.foretold(view)?));
-            all.extend(twist.iter().copied());
-        }
-        for touch in touches {
-            let flange = *self.correction.base_from_flange(&touch.pose)?.isometry();
-            let off = ((flange * nalgebra::Point3::from(self.tip)).coords - self.spots[touch.spot]) / TOUCH_MM;
-            all.extend(off.iter().copied());
-        }
-        Some(DVector::from_vec(all))
-    }
-}
-
-/// A settled state, with the covariance of its unknowns.
-struct Settled {
-    state: State,
-    inverse: DMatrix<f64>,
-}
-
-/// Levenberg–Marquardt on (1).
-fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Settled> {
-    let roots: Vec<Matrix6<f64>> =
-        views.iter().map(|view| Some(view.information.cholesky()?.l().transpose())).collect::<Option<_>>()?;
-    let usual = start.correction.usual();
-    let mut state = start;
-    let mut variance = 1.0;
-    let mut damping = 1e-6;
-    let cost = |state: &State, residual: &DVector<f64>, variance: f64| {
-        let prior = state.correction.numbers().iter().zip(&usual).map(|(n, u)| (n / u).powi(2)).sum::<f64>();
-        residual.norm_squared() / variance + if state.corrects { prior } else { 0.0 }
-    };
-    for _ in 0..MAX_STEPS {
-        let residual = state.residuals(views, &roots, touches)?;
-        let slope = slope(&state, views, &roots, touches)?;
-        let mut normal = slope.transpose() * &slope / variance;
-        let mut pull = -(slope.transpose() * &residual) / variance;
-        for (index, (number, usual)) in state.correction.numbers().iter().zip(&usual).enumerate().take(state.own())
-        {
-            normal[(index, index)] += usual.powi(-2);
-            pull[index] -= number / usual.powi(2);
-        }
-        let undamped = normal.clone();
-        (0..normal.nrows()).for_each(|at| normal[(at, at)] *= 1.0 + damping);
-        let step = scaled_inverse(&normal)? * &pull;
-        let next = state.moved(&step);
-        let there = next.residuals(views, &roots, touches)?;
-        let (before, after) = (cost(&state, &residual, variance), cost(&next, &there, variance));
-        if after > before * (1.0 + 1e-12) {
-            damping = (damping * 100.0).max(1e-6);
-            if damping > 1e9 {
-                return None;
-            }
-            continue;
-        }
-        damping *= 0.1;
-        state = next;
-        let inverse = scaled_inverse(&undamped)?;
-        // The numbers that the data tell, of those that are free.
-        let told: f64 =
-            state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
-        let redundancy = (there.len() as f64 - told).max(1.0);
-        let new = (there.norm_squared() / redundancy).max(1.0);
-        let steady = (new / variance - 1.0).abs() < 1e-3;
-        variance = new;
-        if steady && before - after < 1e-9 * before.max(1e-9) {
-            return Some(Settled { state, inverse });
-        }
-    }
-    let residual = state.residuals(views, &roots, touches)?;
-    let slope = slope(&state, views, &roots, touches)?;
-    let mut normal = slope.transpose() * &slope / variance;
-    usual.iter().enumerate().take(state.own()).for_each(|(index, usual)| normal[(index, index)] += usual.powi(-2));
-    residual.iter().all(|number| number.is_finite()).then_some(())?;
-    Some(Settled { inverse: scaled_inverse(&normal)?, state })
-}
-
-fn slope(state: &State, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DMatrix<f64>> {
-    let usual = state.correction.usual();
-    let columns = (0..state.count()).map(|column| {
-        let step = if column < state.own() { 1e-2 * usual[column] } else { 1e-6 };
-        let mut change = DVector::zeros(state.count());
-        change[column] = step;
-        let ahead = state.moved(&change).residuals(views, roots, touches)?;
-        change[column] = -step;
-        let behind = state.moved(&change).residuals(views, roots, touches)?;
-        Some((ahead - behind) / (2.0 * step))
-    });
-    let columns: Vec<DVector<f64>> = columns.collect::<Option<_>>()?;
-    Some(DMatrix::from_columns(&columns))
-}
+/// How often it is asked how large this arm's numbers are.
+const SIZINGS: usize = 3;
+/// Pictures are left out in so many groups.
+pub(super) const GROUPS: usize = 5;
 
 /// The correction to begin with: geometry where every pose has its axis angles, else smooth over the measured volume.
 fn nominal(data: &RobotData) -> Correction {
@@ -355,20 +229,30 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         return Err(CalibError::Points(message));
     }
     let views: Vec<&ArmView> = data.views.iter().collect();
-    let spots = data.touches.iter().map(|touch| touch.spot + 1).max().unwrap_or(0);
+    if let Some(message) = wrong_touch(data) {
+        return Err(CalibError::Points(message));
+    }
+    let spot_of = |touch: &ArmTouch| if let Touched::Spot(spot) = touch.at { spot + 1 } else { 0 };
+    let spots = data.touches.iter().map(spot_of).max().unwrap_or(0);
     let start = State {
         correction: nominal(data),
         corrects: false,
+        size: 1.0,
         rigs: data.rigs.clone(),
+        touches: !data.touches.is_empty(),
         tip: Vector3::new(0.0, 0.0, 100.0),
         spots: (0..spots).map(|spot| first_touch(data, spot)).collect(),
     };
     let plain = settle(start, &views, &data.touches).ok_or_else(unsettled)?;
     let free = State { corrects: true, ..plain.state.clone() };
-    let full = settle(free.clone(), &views, &data.touches).ok_or_else(unsettled)?;
-    let before = left_out_mm(&plain.state, data).ok_or_else(unsettled)?;
-    let after = left_out_mm(&full.state, data).ok_or_else(unsettled)?;
-    let usual = full.state.correction.usual();
+    let mut full = settle(free, &views, &data.touches).ok_or_else(unsettled)?;
+    for _ in 0..SIZINGS {
+        let resized = State { size: full.size(), ..full.state };
+        full = settle(resized, &views, &data.touches).ok_or_else(unsettled)?;
+    }
+    let before = left_out(&plain.state, data).ok_or_else(unsettled)?;
+    let after = left_out(&full.state, data).ok_or_else(unsettled)?;
+    let usual = full.state.usual();
     let numbers = full.state.correction.numbers().iter().enumerate().map(|(index, value)| {
         let (name, unit) = full.state.correction.name(index);
         let deviation = full.inverse[(index, index)].sqrt();
@@ -378,32 +262,91 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
         numbers: numbers.collect(),
         correction: full.state.correction.clone(),
         rigs: full.state.rigs.clone(),
-        tip_mm: (spots > 0).then_some(full.state.tip),
-        left_out_before_mm: before,
-        left_out_after_mm: after,
+        tip_mm: full.state.touches.then_some(full.state.tip),
+        left_out_before_mm: rms_mm(&before),
+        left_out_after_mm: rms_mm(&after),
+        scatter_mm: scatter_mm(&full, data, &after).ok_or_else(unsettled)?,
+        plain: plain.state,
         covariance: full.inverse,
+        variance: full.variance,
         state: full.state,
     })
 }
 
+/// A touch of what cannot be touched, and touches that tell no tip.
+fn wrong_touch(data: &RobotData) -> Option<String> {
+    let is_other = |touch: &&ArmTouch| match touch.at {
+        Touched::Spot(_) => false,
+        Touched::Corner { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeInHand),
+        Touched::Seen { rig, .. } => data.rigs.get(rig).is_none_or(|rig| rig.kind != RigKind::EyeToHand),
+    };
+    if data.touches.iter().any(|touch| is_other(&touch)) {
+        return Some(
+            "a corner is touched on a board that stands still, and a place that the fixed camera sees".to_owned(),
+        );
+    }
+    let free: std::collections::BTreeSet<usize> = data
+        .touches
+        .iter()
+        .filter_map(|touch| if let Touched::Spot(spot) = touch.at { Some(spot) } else { None })
+        .collect();
+    // A spot takes up one of its touches, the tip another.
+    let (told, needed) = (data.touches.len(), free.len() + 2);
+    (told > 0 && told < needed).then(|| {
+        format!("{told} touches tell no tip, {needed} are needed: touch each spot several times, the tool turned differently")
+    })
+}
+
+/// What pictures that were left out are off by, each way across the view, beyond their own noise and that of the arm's
+/// numbers, mm: of the fixed camera where there is one, since the board on the flange is about as far out as a tool.
+fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<f64> {
+    let is_fixed = |view: &ArmView| data.rigs[view.rig].kind == RigKind::EyeToHand;
+    let has_fixed = data.views.iter().any(is_fixed);
+    let (mut square, mut count) = (0.0, 0.0);
+    for (index, off) in left_out {
+        let view = &data.views[*index];
+        if has_fixed && !is_fixed(view) {
+            continue;
+        }
+        let place = |state: &State| {
+            Some((view.camera_from_board.inverse() * state.foretold(view.rig, &view.pose)?).translation.vector)
+        };
+        let of_numbers = spread(full, &place)? * (GROUPS as f64 / (GROUPS - 1) as f64);
+        let of_picture = scaled_inverse(&view.information)?.fixed_view::<3, 3>(3, 3).into_owned();
+        let turn = view.camera_from_board.rotation.to_rotation_matrix();
+        let expected = turn.matrix() * (of_numbers + of_picture) * turn.matrix().transpose();
+        square += (turn * off).xy().norm_squared() - expected[(0, 0)] - expected[(1, 1)];
+        count += 2.0;
+    }
+    // A robot's stated repeatability is three deviations.
+    Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEAT_MM / 3.0))
+}
+
+/// A picture's number, and how far off the others foretell its board, seen from the board, mm.
+type LeftOut = (usize, Vector3<f64>);
+
+fn rms_mm(left_out: &[LeftOut]) -> f64 {
+    let square: f64 = left_out.iter().map(|(_, off)| off.norm_squared()).sum();
+    (square / left_out.len().max(1) as f64).sqrt()
+}
+
 fn first_touch(data: &RobotData, spot: usize) -> Vector3<f64> {
-    let first = data.touches.iter().find(|touch| touch.spot == spot);
+    let first = data.touches.iter().find(|touch| touch.at == Touched::Spot(spot));
     first.map_or(Vector3::zeros(), |touch| touch.pose.base_from_flange.origin().mm.coords)
 }
 
 /// Each picture held against the others.
-fn left_out_mm(state: &State, data: &RobotData) -> Option<f64> {
-    let (mut square, mut count) = (0.0, 0.0);
+fn left_out(state: &State, data: &RobotData) -> Option<Vec<LeftOut>> {
+    let mut all = Vec::new();
     for group in 0..GROUPS {
         let (left_out, kept): (Vec<_>, Vec<_>) =
             data.views.iter().enumerate().partition(|(index, _)| index % GROUPS == group);
         let kept: Vec<&ArmView> = kept.into_iter().map(|(_, view)| view).collect();
         let settled = settle(state.clone(), &kept, &data.touches)?;
-        for (_, view) in left_out {
-            let off = view.camera_from_board.inverse() * settled.state.foretold(view)?;
-            square += off.translation.vector.norm_squared();
-            count += 1.0;
+        for (index, view) in left_out {
+            let off = view.camera_from_board.inverse() * settled.state.foretold(view.rig, &view.pose)?;
+            all.push((index, off.translation.vector));
         }
     }
-    Some(f64::sqrt(square / count))
+    Some(all)
 }

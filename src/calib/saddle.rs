@@ -22,20 +22,34 @@ const SETTLED_PX: f64 = 1e-4;
 const MAX_MOVE_PX: f64 = 1.5;
 /// Half contrasts below this are no corner, grey levels.
 const MIN_CONTRAST: f64 = 6.0;
-/// What the model leaves, as a share of the half contrast.
+/// What the model leaves, as a share of the half contrast …
 const MAX_LEFT: f64 = 0.25;
+/// … beside the picture's noise, whose mean square over a window spreads by so many deviations.
+const NOISE_SPREAD: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
 /// A pixel averages over itself, 0.29 px rms: no edge is sharper.
 const SHARPEST_PX: f64 = 0.2;
 
-/// The corner near `start`, whose edges run along `edges`; `None` where the window leaves the picture or the model
-/// does not fit.
+/// A corner as the model has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Saddle {
+    /// The corner.
+    pub at: Pixel,
+    /// How well the noise of the picture lets it be known, each way, px.
+    pub deviation_px: f64,
+    /// Half the contrast; its sign says which squares are black.
+    pub contrast: f64,
+}
+
+/// The corner near `start`, whose edges run along `edges`, in a picture with this much white noise; `None` where the window
+/// leaves the picture or the model does not fit.
 pub(super) fn refine(
     picture: &GrayPicture,
     start: Pixel,
     edges: [Vector2<f64>; 2],
     half_window_px: usize,
-) -> Option<Pixel> {
+    noise: f64,
+) -> Option<Saddle> {
     let patch = Patch::around(picture, start, half_window_px)?;
     let mut model = patch.begin(start, edges);
     let mut here = patch.sums(&model);
@@ -58,7 +72,12 @@ pub(super) fn refine(
             damping *= 10.0;
         }
         if settled {
-            return model.is_sound(start, here.square / patch.pixels.len() as f64).then_some(model.at);
+            let count = patch.pixels.len() as f64;
+            let is_sound = model.is_sound(start, (here.square / count, count), noise);
+            let spread = if is_sound { here.normal.cholesky()?.inverse() } else { return None };
+            let of_noise = noise.max((here.square / count).sqrt());
+            let deviation_px = of_noise * spread[(0, 0)].max(spread[(1, 1)]).sqrt();
+            return Some(Saddle { at: model.at, deviation_px, contrast: model.contrast });
         }
     }
     None
@@ -121,10 +140,11 @@ impl Model {
         (flat * light, slope)
     }
 
-    fn is_sound(&self, start: Pixel, mean_square: f64) -> bool {
+    fn is_sound(&self, start: Pixel, (mean_square, count): (f64, f64), noise: f64) -> bool {
+        let of_noise = noise * noise * (1.0 + NOISE_SPREAD * (2.0 / count).sqrt());
         self.at.distance_px(start) < MAX_MOVE_PX
             && self.contrast.abs() > MIN_CONTRAST
-            && mean_square.sqrt() < MAX_LEFT * self.contrast.abs()
+            && mean_square < (MAX_LEFT * self.contrast).powi(2) + of_noise
     }
 }
 
@@ -209,16 +229,16 @@ mod tests {
     #[test]
     fn a_drawn_corner_is_found_to_a_few_thousandths() {
         let (picture, edges) = (drawn(), [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)]);
-        let found = refine(&picture, Pixel::at(20.8, 19.1), edges, 8).expect("a corner");
-        assert!(found.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
+        let found = refine(&picture, Pixel::at(20.8, 19.1), edges, 8, 0.0).expect("a corner");
+        assert!(found.at.distance_px(Pixel::at(20.3, 19.6)) < 0.005, "{found:?}");
     }
 
     #[test]
     fn what_is_no_corner_gives_none() {
         let edges = [Vector2::new(1.0, 0.25), Vector2::new(0.0, 1.0)];
         let flat = GrayPicture::filled(41, 41, 120);
-        assert_eq!(refine(&flat, Pixel::at(20.0, 20.0), edges, 8), None, "nothing is there");
-        assert_eq!(refine(&drawn(), Pixel::at(3.0, 20.0), edges, 8), None, "the window leaves the picture");
-        assert_eq!(refine(&drawn(), Pixel::at(24.0, 20.0), edges, 6), None, "the corner is elsewhere");
+        assert_eq!(refine(&flat, Pixel::at(20.0, 20.0), edges, 8, 0.0), None, "nothing is there");
+        assert_eq!(refine(&drawn(), Pixel::at(3.0, 20.0), edges, 8, 0.0), None, "the window leaves the picture");
+        assert_eq!(refine(&drawn(), Pixel::at(24.0, 20.0), edges, 6, 0.0), None, "the corner is elsewhere");
     }
 }

@@ -1,7 +1,9 @@
 //! Arms with errors of their own, against their truth.
 
 use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, usual};
-use crate::calib::robot::{ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, calibrate};
+use crate::calib::robot::{
+    ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched, calibrate,
+};
 use crate::cell::Cell;
 use crate::geometry::{Flange, Joints, Point};
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
@@ -92,6 +94,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
             pose: arm_pose(joints),
             camera_from_board: noisy(truth, &mut random),
             information,
+            rms_px: 0.05,
         }
     });
     let views: Vec<ArmView> = views.collect();
@@ -101,7 +104,7 @@ fn simulated(seed: u64, count: usize) -> Simulated {
     for index in 0..10 {
         let spot = index % 2;
         if let Some(joints) = reached(&geometry, &errors, tip, spots[spot], pose(&mut random), &mut random) {
-            touches.push(ArmTouch { spot, pose: arm_pose(joints) });
+            touches.push(ArmTouch { at: Touched::Spot(spot), pose: arm_pose(joints) });
         }
     }
     let near = |truth: &Isometry3<f64>| {

@@ -35,7 +35,9 @@ pub enum What {
     /// The arm's own errors, from pictures of boards and from touches; without axis angles, a smooth correction.
     #[command(
         after_help = "The pictures lie in the folder of their poses file: [[poses]] with image, and base_from_flange, \
-        axes_deg = [A1, …, A6], or both. Touches: [[touches]] with spot = 0, 1, … and such a pose.\n\
+        axes_deg = [A1, …, A6], or both. Touches: [[touches]] with such a pose and spot = 0, 1, …, or corner = [COLUMN, ROW] of \
+        the board that stands still before the camera on the flange, or with image = \"FILE\" beside, of the board that lies \
+        still in that picture of the fixed camera: the camera and the tool are then tied to each other.\n\
         Example, after `panelprep render --boards --out target/cell`; that arm is good as it is:\n  \
         panelprep calibrate robot --board 9x6 --square-mm 25 --eye-in-hand target/cell/boards/flange/poses.toml \
         --flange-camera-lens target/cell/flange_camera.toml --out target/cell/found/robot.toml"
@@ -236,7 +238,7 @@ pub struct Robot {
     /// Intrinsics of the camera on the flange.
     #[arg(long, value_name = "FILE", requires = "eye_in_hand")]
     pub flange_camera_lens: Option<PathBuf>,
-    /// Poses in which the tip touched spots.
+    /// Poses in which the tip touched spots, or corners of boards that stand still.
     #[arg(long, value_name = "FILE")]
     pub touches: Option<PathBuf>,
     /// The file to write.

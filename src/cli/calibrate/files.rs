@@ -191,15 +191,48 @@ pub fn arm_poses(file: &str, text: &str, is_there: &dyn Fn(&str) -> bool) -> Res
     })
 }
 
-/// Checks the text of a touches file: `[[touches]]` with `spot`, a whole number that touches of one spot share, and a pose.
+/// What a touches file says was touched.
+#[derive(Debug, Clone, PartialEq)]
+pub enum StatedTouch {
+    /// A spot by its number; touches of one spot share it.
+    Spot(usize),
+    /// A corner (column, row) of the board before the camera on the flange.
+    Corner(usize, usize),
+    /// A corner of the board that lay still in a picture of the fixed camera.
+    CornerIn(usize, usize, String),
+}
+
+/// Checks the text of a touches file: `[[touches]]` with `spot`, or with `corner` of a board that stands still, and a pose.
+/// With `image` the board is the one in that picture of the fixed camera, without it that of the camera on the flange.
 ///
 /// # Errors
 /// Every problem with its line and key.
-pub fn arm_touches(file: &str, text: &str) -> Result<Vec<(usize, StatedPose)>, Problems> {
+pub fn arm_touches(
+    file: &str,
+    text: &str,
+    is_there: &dyn Fn(&str) -> bool,
+) -> Result<Vec<(StatedTouch, StatedPose)>, Problems> {
     config::check(file, text, |top| {
         let read = |section: Section<'_, '_>| {
-            let spot = section.take::<usize>("spot", 0..=99, None)?;
-            Some((spot, stated_pose(&section)?))
+            let spot = section.take::<Option<usize>>("spot", 0..=99, Some(None))?;
+            let corner = section.take::<Option<[usize; 2]>>("corner", CORNER, Some(None))?;
+            let image = section.take::<Option<String>>("image", (), Some(None))?;
+            if let Some(image) = image.as_ref().filter(|image| !is_there(image)) {
+                section.problem("image", format!("{image} is not in the folder of this file"));
+                return None;
+            }
+            let touched = match (spot, corner, image) {
+                (Some(spot), None, None) => StatedTouch::Spot(spot),
+                (None, Some([column, row]), None) => StatedTouch::Corner(column, row),
+                (None, Some([column, row]), Some(image)) => StatedTouch::CornerIn(column, row, image),
+                _ => {
+                    let allowed = "a touch states spot = N, or corner = [COLUMN, ROW] of a board that stands still, with image = \
+                                   \"FILE\" where it is the fixed camera that sees it";
+                    section.problem("spot", allowed);
+                    return None;
+                }
+            };
+            Some((touched, stated_pose(&section)?))
         };
         let all: Vec<_> = top.sections("touches").into_iter().map(read).collect();
         top.done();
@@ -289,6 +322,22 @@ mod tests {
         assert!(points("f", &format!("{text}{POSE}")).expect("right").base_from_flange.is_some());
         let radians = POSE.replace("90", "1.5708").replace("180", "3.1416");
         assert!(problems(points("f", &format!("{text}{radians}"))).contains("look like radians"));
+    }
+
+    /// A spot, a corner, or a corner in a picture; two of them, or none, is a problem with its line.
+    #[test]
+    fn a_touch_is_of_one_thing() {
+        let read = |touch: &str| arm_touches("t.toml", &format!("[[touches]]\n{touch}\n{POSE}"), &|_| true);
+        let first = |touch: &str| read(touch).expect(touch)[0].0.clone();
+        assert_eq!(first("spot = 3"), StatedTouch::Spot(3));
+        assert_eq!(first("corner = [8, 5]"), StatedTouch::Corner(8, 5));
+        assert_eq!(first("corner = [0, 5]\nimage = \"a.png\""), StatedTouch::CornerIn(0, 5, "a.png".to_owned()));
+        for wrong in ["spot = 3\ncorner = [0, 0]", "", "image = \"a.png\""] {
+            let problem = problems(read(wrong));
+            assert!(problem.contains("t.toml:") && problem.contains("or corner = [COLUMN, ROW]"), "{problem}");
+        }
+        let text = format!("[[touches]]\ncorner = [0, 5]\nimage = \"a.png\"\n{POSE}");
+        assert!(problems(arm_touches("t", &text, &|_| false)).contains("a.png is not in the folder"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod hand_eye;
 mod history;
 mod intrinsics;
 mod robot;
+mod robot_advice;
 mod sight;
 mod target;
 mod taught_corner;

@@ -6,12 +6,14 @@ use super::super::fault::Fault;
 use super::super::outcome::Outcome;
 use super::args::Robot as Args;
 use super::sight::Sight;
-use super::{date, files, hand_eye, keep, provenance};
+use super::{date, files, hand_eye, keep, provenance, robot_advice};
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
-use crate::calib::robot::{self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound};
-use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, gate};
+use crate::calib::robot::{
+    self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
+};
+use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
-use crate::geometry::PinholeCamera;
+use crate::geometry::{Camera, PinholeCamera};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -36,6 +38,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     let mut data = RobotData { geometry, rigs: vec![], views: vec![], touches: vec![] };
     let mut aside = Vec::new();
     let mut hashes = Vec::new();
+    let mut cameras = Vec::new();
     let rigs = [
         (RigKind::EyeToHand, &args.eye_to_hand, &args.scanner_lens),
         (RigKind::EyeInHand, &args.eye_in_hand, &args.flange_camera_lens),
@@ -50,7 +53,10 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
             RigKind::EyeInHand => start::<FlangeCameraMount>(args, kind, &camera, &looks),
         };
         match started {
-            Ok(started) => data.rigs.push(started),
+            Ok(started) => {
+                data.rigs.push(started);
+                cameras.push(camera);
+            }
             Err(Fault::Stage(error)) => return Ok(refused("no_mount", error.to_string(), args)),
             Err(fault) => return Err(fault),
         }
@@ -61,9 +67,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
         }
     }
     if let Some(file) = &args.touches {
-        let touches = files::arm_touches(&file.display().to_string(), &disk::read_text(file)?)?;
-        data.touches =
-            touches.into_iter().map(|(spot, pose)| ArmTouch { spot, pose: arm_pose(&pose, &geometry) }).collect();
+        data.touches = touches(args, file, &data, &cameras)?;
     }
     progress("arm");
     let found = match robot::calibrate(&data) {
@@ -73,6 +77,8 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     let judgement = gate::robot(&found, data.views.len());
     let mut outcome = Outcome::of(&judgement);
     tell(&mut outcome, &found, &aside);
+    let board = super::board(&args.board)?;
+    robot_advice::tell(&mut outcome, &cell, &found, (&data, &cameras, &board));
     if found.left_out_before_mm < gate::GOOD_ARM_MM {
         outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
         return Ok(outcome);
@@ -105,6 +111,53 @@ fn refused(code: &'static str, message: String, args: &Args) -> Outcome {
     outcome.put("residual_left_out_before_mm", json!(null));
     outcome.say(format!("{}: not written", args.out.display()));
     outcome
+}
+
+/// The touches; corners are those of the rig whose board stands still, or of a picture of the fixed camera.
+fn touches(args: &Args, file: &Path, data: &RobotData, cameras: &[PinholeCamera]) -> Result<Vec<ArmTouch>, Fault> {
+    let board = super::board(&args.board)?;
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let is_there = |image: &str| folder.join(image).is_file();
+    let stated = files::arm_touches(&file.display().to_string(), &disk::read_text(file)?, &is_there)?;
+    let wrong = |words: String| Fault::stage(CalibError::Points(format!("{}: {words}", file.display())));
+    let rig = |kind: RigKind, option: &str| {
+        let found = data.rigs.iter().position(|rig| rig.kind == kind);
+        found.ok_or_else(|| {
+            wrong(format!("a corner was touched whose camera is not calibrated here; give {option}"))
+        })
+    };
+    let corner = |column: usize, row: usize| {
+        let (columns, rows) = (board.columns(), board.rows());
+        let none = || wrong(format!("corner = [{column}, {row}] is not on the board of {columns}×{rows} corners"));
+        board.corner(column, row).ok_or_else(none)
+    };
+    let mut looked = std::collections::BTreeMap::new();
+    let mut all = Vec::with_capacity(stated.len());
+    for (touched, pose) in stated {
+        let at = match touched {
+            files::StatedTouch::Spot(spot) => Touched::Spot(spot),
+            files::StatedTouch::Corner(column, row) => {
+                Touched::Corner { rig: rig(RigKind::EyeInHand, "--eye-in-hand")?, place: corner(column, row)? }
+            }
+            files::StatedTouch::CornerIn(column, row, image) => {
+                let rig = rig(RigKind::EyeToHand, "--eye-to-hand")?;
+                let seen = match looked.get(&image) {
+                    Some(seen) => *seen,
+                    None => {
+                        let sight = Sight::read(&folder.join(&image), &cameras[rig])?;
+                        let found = sight.detect(&board, super::window(&args.board)).map_err(Fault::stage)?;
+                        let seen = board_pose::<Camera>(&cameras[rig], &Seen::Pixels(found.corners));
+                        let seen = seen.map_err(Fault::stage)?.camera_from_board;
+                        looked.insert(image, seen);
+                        seen
+                    }
+                };
+                Touched::Seen { rig, place: seen * corner(column, row)? }
+            }
+        };
+        all.push(ArmTouch { at, pose: arm_pose(&pose, &data.geometry) });
+    }
+    Ok(all)
 }
 
 fn arm_pose(stated: &files::StatedPose, geometry: &ArmGeometry) -> ArmPose {
@@ -188,7 +241,8 @@ fn tell(outcome: &mut Outcome, found: &RobotFound, aside: &[(String, String)]) {
         json!({"name": number.name, "value": number.value, "uncertainty": number.uncertainty, "untold": number.untold})
     });
     outcome.put("parameters", numbers.collect());
-    let (told, untold): (Vec<_>, Vec<_>) = found.numbers.iter().partition(|number| number.untold < 0.7);
+    let (told, untold): (Vec<_>, Vec<_>) =
+        found.numbers.iter().partition(|number| number.untold < robot_next::TOLD);
     for number in &told {
         outcome.say(format!("  {} {:.4} ± {:.4}", number.name, number.value, number.uncertainty));
     }

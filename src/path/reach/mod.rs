@@ -103,6 +103,25 @@ pub fn follow(
     best.ok_or_else(|| farthest.map_or_else(missing, |(_, fault)| fault))
 }
 
+/// The ways in which the arm may stand with its flange there, out of all margins and keep-out boxes; `tip` is the tool's.
+pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: Point<Flange>) -> Vec<Joints> {
+    let look = Look {
+        index: 0,
+        base_from_flange: *base_from_flange,
+        tip: *base_from_flange * tip,
+        seconds: 0.0,
+        change_s: None,
+        is_end: true,
+        ways: Vec::new(),
+    };
+    let may_stand = |way: &Angles| {
+        room(arm, &look, way).is_ok()
+            && keeps_out(arm, look.tip, way).is_ok()
+            && things::keeps_off(arm, look.tip, way).is_ok()
+    };
+    arm.ways(base_from_flange).into_iter().filter(may_stand).map(Joints::from).collect()
+}
+
 /// The smallest shift of the panel along an axis of the base with which the arm follows the path; `None` where none of
 /// those tried helps.
 pub fn helpful_shift(

@@ -1,0 +1,215 @@
+//! Blobs joined to the grid of a board of circles.
+//!
+//! From a blob and two of its neighbours a lattice grows, each step foretold by the one before, so that a lens and a tilt may
+//! bend it. Its two directions are not always those of the board's rows: with a tilt a diagonal may be nearer, and the rows of
+//! an asymmetric board are diagonals of its lattice. So the coordinates are turned and sheared by small whole numbers until
+//! they are the board's. The blobs looked at from each place are bounded, and so is the work.
+
+use super::blobs::Blob;
+use super::board::Board;
+use nalgebra::Vector2;
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+
+/// A step differs from what the one before foretells by at most so much of its length.
+const FORETOLD: f64 = 0.27;
+/// The areas of neighbours differ by at most this factor; one circle of a board may be larger, as its mark.
+const AREAS: f64 = 5.5;
+/// First neighbours that are tried, the pairs of them, and blobs to begin from.
+const FIRST: usize = 6;
+const PAIRS: usize = 4;
+const SEEDS: usize = 25;
+/// So many of the board's circles must be seen.
+const SEEN_SHARE: f64 = 0.65;
+
+/// Circles by their place in the board's list.
+pub(super) type Placed = BTreeMap<usize, Blob>;
+
+/// The board among the blobs, of which the likeliest come first; `None` where it is not there.
+pub(super) fn grid(blobs: &[Blob], board: &Board) -> Option<Placed> {
+    let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let mut used: BTreeSet<usize> = BTreeSet::new();
+    let mut best: Option<Placed> = None;
+    for seed in 0..blobs.len().min(SEEDS) {
+        if used.contains(&seed) {
+            continue;
+        }
+        for (right, down) in first_steps(blobs, seed) {
+            let lattice = grow(blobs, seed, (right, down));
+            if lattice.len() < needed {
+                continue;
+            }
+            if let Some(placed) = on_board(blobs, &lattice, board)
+                && best.as_ref().is_none_or(|best| best.len() < placed.len())
+            {
+                used.extend(lattice.values().copied());
+                best = Some(placed);
+                break;
+            }
+        }
+        if best.as_ref().is_some_and(|best| best.len() == board.count()) {
+            break;
+        }
+    }
+    best
+}
+
+fn between(blobs: &[Blob], from: usize, to: usize) -> Vector2<f64> {
+    let (a, b) = (blobs[from].middle, blobs[to].middle);
+    Vector2::new(b.u - a.u, b.v - a.v)
+}
+
+fn are_alike(one: &Blob, two: &Blob) -> bool {
+    (1.0 / AREAS..=AREAS).contains(&(one.area_px / two.area_px))
+}
+
+/// Pairs of steps to neighbours, the shortest first, never mirrored.
+fn first_steps(blobs: &[Blob], seed: usize) -> Vec<(Vector2<f64>, Vector2<f64>)> {
+    let mut near: Vec<Vector2<f64>> = (0..blobs.len())
+        .filter(|other| *other != seed && are_alike(&blobs[*other], &blobs[seed]))
+        .map(|other| between(blobs, seed, other))
+        .collect();
+    near.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+    near.truncate(FIRST);
+    let mut pairs: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
+    for (index, one) in near.iter().enumerate() {
+        for two in &near[..index] {
+            let sine = two.perp(one) / (one.norm() * two.norm());
+            if sine.abs() > 0.3 {
+                pairs.push(if sine > 0.0 { (*two, *one) } else { (*one, *two) });
+            }
+        }
+    }
+    pairs.truncate(PAIRS);
+    pairs
+}
+
+/// The lattice that these steps span from a blob.
+fn grow(blobs: &[Blob], seed: usize, (right, down): (Vector2<f64>, Vector2<f64>)) -> BTreeMap<(i32, i32), usize> {
+    let mut lattice = BTreeMap::from([((0, 0), seed)]);
+    let mut taken = BTreeSet::from([seed]);
+    let mut open = VecDeque::from([(0, 0)]);
+    while let Some(at) = open.pop_front() {
+        for step in [(1, 0), (-1, 0), (0, 1), (0, -1)] {
+            let there = (at.0 + step.0, at.1 + step.1);
+            if lattice.contains_key(&there) {
+                continue;
+            }
+            let own = lattice[&at];
+            let place = |at: (i32, i32)| lattice.get(&at).copied();
+            let pair =
+                |from: (i32, i32)| Some(between(blobs, place(from)?, place((from.0 + step.0, from.1 + step.1))?));
+            let foretold = pair((at.0 - step.0, at.1 - step.1))
+                .or_else(|| pair((at.0 + step.1, at.1 + step.0)))
+                .or_else(|| pair((at.0 - step.1, at.1 - step.0)))
+                .unwrap_or_else(|| right * f64::from(step.0) + down * f64::from(step.1));
+            let off = |index: usize| (between(blobs, own, index) - foretold).norm();
+            let nearest = (0..blobs.len())
+                .filter(|index| !taken.contains(index) && are_alike(&blobs[*index], &blobs[own]))
+                .min_by(|a, b| off(*a).total_cmp(&off(*b)));
+            if let Some(index) = nearest.filter(|index| off(*index) < FORETOLD * foretold.norm()) {
+                lattice.insert(there, index);
+                taken.insert(index);
+                open.push_back(there);
+            }
+        }
+    }
+    lattice
+}
+
+/// The lattice in the board's own places, first the upper one where there are several ways.
+fn on_board(blobs: &[Blob], lattice: &BTreeMap<(i32, i32), usize>, board: &Board) -> Option<Placed> {
+    let is_asymmetric = board.circles()?;
+    let places: BTreeMap<(i32, i32), usize> = (0..board.count())
+        .map(|index| {
+            let (column, row) = ((index % board.columns()) as i32, (index / board.columns()) as i32);
+            ((if is_asymmetric { 2 * column + row % 2 } else { column }, row), index)
+        })
+        .collect();
+    let far = |of: fn(&(i32, i32)) -> i32| places.keys().map(of).max().unwrap_or(0);
+    let (wide, high) = (far(|at| at.0), far(|at| at.1));
+    let needed = (SEEN_SHARE * board.count() as f64).ceil() as usize;
+    let mut ways: Vec<Placed> = Vec::new();
+    for [a, b, c, d] in turns(is_asymmetric) {
+        let moved: Vec<((i32, i32), usize)> =
+            lattice.iter().map(|((x, y), index)| ((a * x + b * y, c * x + d * y), *index)).collect();
+        // An outer line that is hardly there belongs to something beside the board.
+        let Some(low) = corner_of(&moved, (wide, high)) else { continue };
+        let placed: Placed = moved
+            .iter()
+            .filter_map(|((x, y), index)| Some((*places.get(&(x - low.0, y - low.1))?, blobs[*index])))
+            .collect();
+        let outside = moved.len() - placed.len();
+        if placed.len() >= needed && 10 * outside <= placed.len() {
+            ways.push(placed);
+        }
+    }
+    let most = ways.iter().map(BTreeMap::len).max()?;
+    let upper = |placed: &Placed| {
+        let (first, last) = (placed.values().next(), placed.values().next_back());
+        first.zip(last).map_or(0.0, |(first, last)| first.middle.v - last.middle.v)
+    };
+    ways.into_iter().filter(|way| way.len() == most).min_by(|a, b| upper(a).total_cmp(&upper(b)))
+}
+
+/// Where the board's first column and row are among coordinates, of the places that would hold most of them.
+fn corner_of(moved: &[((i32, i32), usize)], (wide, high): (i32, i32)) -> Option<(i32, i32)> {
+    let start = |of: fn(&(i32, i32)) -> i32, length: i32| {
+        let (low, top) =
+            moved.iter().map(|(at, _)| of(at)).fold((i32::MAX, i32::MIN), |(l, h), n| (l.min(n), h.max(n)));
+        let inside = |start: i32| moved.iter().filter(|(at, _)| (start..=start + length).contains(&of(at))).count();
+        // At most two lines too many are looked past, and none is missing.
+        let excess = top - low - length;
+        (0..=2).contains(&excess).then(|| (low..=low + excess).max_by_key(|s| (inside(*s), -s)).unwrap_or(low))
+    };
+    Some((start(|at| at.0, wide)?, start(|at| at.1, high)?))
+}
+
+/// Turns and shears that keep what is right of the first step right: a, b, c, d of x' = a x + b y, y' = c x + d y.
+fn turns(is_asymmetric: bool) -> Vec<[i32; 4]> {
+    let product = |[a, b, c, d]: [i32; 4], [e, f, g, h]: [i32; 4]| {
+        [a * e + b * g, a * f + b * h, c * e + d * g, c * f + d * h]
+    };
+    let quarter = [0, -1, 1, 0];
+    let mut all = Vec::new();
+    let shears = [[1, 0, 0, 1], [1, 1, 0, 1], [1, -1, 0, 1], [1, 0, 1, 1], [1, 0, -1, 1]];
+    for shear in shears {
+        // The lattice of an asymmetric board is that of its diagonals.
+        let mut turned = if is_asymmetric { product([1, -1, 1, 1], shear) } else { shear };
+        for _ in 0..4 {
+            all.push(turned);
+            turned = product(quarter, turned);
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Pixel;
+
+    /// A tilted asymmetric board and a symmetric one, each with a few blobs beside it: all circles, in the board's order.
+    #[test]
+    fn tilted_grids_are_put_in_order() {
+        for text in ["circles:7x5:10", "acircles:4x9:10"] {
+            let board = Board::parse(text, None).expect("a board");
+            let seen = |x: f64, y: f64| {
+                let w = 1.0 + 0.004 * x - 0.003 * y;
+                Pixel::at((300.0 + 4.0 * x + 0.8 * y) / w, (200.0 - 0.5 * x + 2.1 * y) / w)
+            };
+            let corners = board.corners();
+            let mut blobs: Vec<Blob> =
+                corners.iter().rev().map(|q| Blob { middle: seen(q.mm.x, q.mm.y), area_px: 60.0 }).collect();
+            blobs.push(Blob { middle: Pixel::at(20.0, 30.0), area_px: 60.0 });
+            blobs.push(Blob { middle: Pixel::at(310.0, 10.0), area_px: 900.0 });
+            let placed = grid(&blobs, &board).expect(text);
+            assert_eq!(placed.len(), board.count());
+            for (index, blob) in &placed {
+                let expected = seen(corners[*index].mm.x, corners[*index].mm.y);
+                let turned = seen(corners[board.count() - 1 - index].mm.x, corners[board.count() - 1 - index].mm.y);
+                let off = blob.middle.distance_px(expected).min(blob.middle.distance_px(turned));
+                assert!(off < 1e-9, "{text}: {index}");
+            }
+        }
+    }
+}

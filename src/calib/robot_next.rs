@@ -1,0 +1,202 @@
+//! Which pose would help an arm most next, and whether one still would.
+//!
+//! A rig's board is put into parts of its camera's picture, tilted and turned, as near and far as it was seen. The caller
+//! says which of these flange poses the arm may take, and with which axes. A picture with the information W, whose twist moves
+//! with the unknowns by J, leaves of their covariance C
+//!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
+//! The best picture is that after which the weakest of the numbers that the data tell is known best.
+
+use super::adjust::scaled_inverse;
+use super::arrangement::log;
+use super::board::Board;
+use super::detect::Corners;
+use super::robot::{ArmPose, ArmView, RigKind, RobotFound, information};
+use super::robot_spread;
+use crate::geometry::{Base, Camera, Degrees, Flange, PinholeCamera, Pixel, Rigid, median};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
+use rayon::prelude::*;
+
+/// A flange pose at which a rig's camera would see its board.
+#[derive(Debug, Clone)]
+pub struct Sight {
+    /// The rig.
+    pub rig: usize,
+    /// Where the flange would be.
+    pub base_from_flange: Rigid<Base, Flange>,
+    information: Matrix6<f64>,
+}
+
+/// A pose that the arm may take.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// What would be seen.
+    pub sight: Sight,
+    /// The pose.
+    pub pose: ArmPose,
+}
+
+/// The next pose.
+#[derive(Debug, Clone)]
+pub struct NextPose {
+    /// The rig whose board is looked at.
+    pub rig: usize,
+    /// The pose.
+    pub pose: ArmPose,
+    /// The weakest number that the data tell.
+    pub weakest: String,
+    /// Its deviation after this picture by that before.
+    pub weakest_share: f64,
+    /// The tip's stated error over the volume, its median, by that before, after the picture that makes it least.
+    pub tip_share: f64,
+}
+
+impl NextPose {
+    /// Would no other picture change the tip's stated error by so much that it is worth taking?
+    pub fn is_enough(&self) -> bool {
+        self.tip_share > ENOUGH
+    }
+}
+
+/// A picture that leaves more of the tip's stated error is not worth taking.
+const ENOUGH: f64 = 0.95;
+/// A number with less of its usual deviation left is told.
+pub const TOLD: f64 = 0.7;
+const PARTS: [f64; 3] = [0.28, 0.5, 0.72];
+const TILTS_DEG: [f64; 2] = [20.0, 42.0];
+const TURNS: usize = 4;
+const DIRECTIONS: usize = 6;
+
+/// The flange poses at which a rig's camera would see its board whole.
+pub fn sights(
+    found: &RobotFound,
+    views: &[ArmView],
+    rig: usize,
+    (camera, board): (&PinholeCamera, &Board),
+) -> Vec<Sight> {
+    let own = || views.iter().filter(|view| view.rig == rig);
+    let mut far: Vec<f64> = own().map(|view| view.camera_from_board.translation.vector.norm()).collect();
+    far.sort_by(f64::total_cmp);
+    let mut off: Vec<f64> = own().map(|view| view.rms_px).collect();
+    let (Some(near_mm), Some(far_mm), Some(rms_px)) = (far.first().copied(), far.last().copied(), median(&mut off))
+    else {
+        return Vec::new();
+    };
+    let mut all = Vec::new();
+    for depth_mm in [near_mm, (near_mm + far_mm) / 2.0, far_mm] {
+        for (across, down) in PARTS.iter().flat_map(|across| PARTS.iter().map(move |down| (across, down))) {
+            let pixel = Pixel::at(across * camera.width_px as f64, down * camera.height_px as f64);
+            let Some(ray) = camera.unproject::<Camera>(pixel) else { continue };
+            for turn in turns() {
+                let seen =
+                    Translation3::from(ray.mm * depth_mm) * turn * Translation3::from(-board.middle().mm.coords);
+                all.extend(sight(found, rig, (camera, board), &Rigid::claim(seen), rms_px));
+            }
+        }
+    }
+    all
+}
+
+/// Flat and tilted several ways, each turned about the view several times.
+fn turns() -> Vec<UnitQuaternion<f64>> {
+    let about = |index: usize, count: usize| std::f64::consts::TAU * index as f64 / count as f64;
+    let tilt = |tilt_deg: f64| {
+        (0..DIRECTIONS).map(move |direction| {
+            let angle = about(direction, DIRECTIONS);
+            Vector3::new(angle.cos(), angle.sin(), 0.0) * Degrees(tilt_deg).rad()
+        })
+    };
+    let tilts = std::iter::once(Vector3::zeros()).chain(TILTS_DEG.into_iter().flat_map(tilt));
+    tilts
+        .flat_map(|tilt| {
+            (0..TURNS).map(move |turn| {
+                UnitQuaternion::from_scaled_axis(tilt)
+                    * UnitQuaternion::from_scaled_axis(Vector3::z() * about(turn, TURNS))
+            })
+        })
+        .collect()
+}
+
+/// The flange pose of one view; `None` where the board leaves the picture.
+fn sight(
+    found: &RobotFound,
+    rig: usize,
+    (camera, board): (&PinholeCamera, &Board),
+    camera_from_board: &Rigid<Camera, crate::geometry::Board>,
+    rms_px: f64,
+) -> Option<Sight> {
+    let corners: Corners = board
+        .corners()
+        .into_iter()
+        .map(|q| Some((q, camera.project_inside(*camera_from_board * q)?)))
+        .collect::<Option<_>>()?;
+    let information = information(camera, &corners, camera_from_board, rms_px)?;
+    let (rig_is, seen) = (&found.rigs[rig], camera_from_board.isometry());
+    let base_from_flange: Isometry3<f64> = match rig_is.kind {
+        RigKind::EyeToHand => rig_is.mount * seen * rig_is.board.inverse(),
+        RigKind::EyeInHand => rig_is.board * seen.inverse() * rig_is.mount.inverse(),
+    };
+    Some(Sight { rig, base_from_flange: Rigid::claim(base_from_flange), information })
+}
+
+/// What a picture would leave of the weakest told number, and of the tip's error.
+struct Gain {
+    weakest_share: f64,
+    tip_share: f64,
+}
+
+/// The best of the candidates; `volume` is where the tip's error counts. `None` where there is none, or the data tell no
+/// number.
+pub fn next_pose(found: &RobotFound, candidates: &[Candidate], volume: &[ArmPose]) -> Option<NextPose> {
+    let own = found.state.own();
+    let told = (0..own).filter(|index| found.numbers[*index].untold < TOLD);
+    let weakest = told.max_by(|a, b| found.numbers[*a].untold.total_cmp(&found.numbers[*b].untold))?;
+    let slopes: Vec<DMatrix<f64>> = volume
+        .iter()
+        .filter_map(|pose| robot_spread::slope(&found.state, &found.covariance, &|state| state.tip_seen(pose)))
+        .collect();
+    let gains: Vec<Option<Gain>> =
+        candidates.par_iter().map(|candidate| gain(found, candidate, weakest, &slopes)).collect();
+    let by = |of: fn(&Gain) -> f64| {
+        let all = gains.iter().enumerate().filter_map(|(index, gain)| Some((index, of(gain.as_ref()?))));
+        all.min_by(|a, b| a.1.total_cmp(&b.1))
+    };
+    let ((index, weakest_share), (_, tip_share)) = (by(|gain| gain.weakest_share)?, by(|gain| gain.tip_share)?);
+    let best = &candidates[index];
+    let weakest = found.numbers[weakest].name.clone();
+    Some(NextPose { rig: best.sight.rig, pose: best.pose, weakest, weakest_share, tip_share })
+}
+
+/// By (1).
+fn gain(found: &RobotFound, candidate: &Candidate, weakest: usize, tips: &[DMatrix<f64>]) -> Option<Gain> {
+    let (rig, pose) = (candidate.sight.rig, &candidate.pose);
+    let covariance = &found.covariance;
+    let middle = found.state.foretold(rig, pose)?;
+    let mut slope = DMatrix::zeros(6, covariance.nrows());
+    for column in 0..covariance.nrows() {
+        let step = 0.1 * covariance[(column, column)].sqrt().max(1e-12);
+        let mut change = DVector::zeros(covariance.nrows());
+        change[column] = step;
+        let moved = found.state.moved(&change).foretold(rig, pose)?;
+        slope.set_column(column, &(log(&(middle.inverse() * moved)) / step));
+    }
+    let noise = scaled_inverse(&candidate.sight.information)? * found.variance;
+    let known = covariance * slope.transpose();
+    let through: Matrix6<f64> = (&slope * &known).fixed_view::<6, 6>(0, 0) + noise;
+    let inverse = scaled_inverse(&through)?;
+    let row = known.row(weakest).transpose();
+    let before = covariance[(weakest, weakest)];
+    let after = before - (row.transpose() * inverse * &row)[(0, 0)];
+    let radii = |with: bool| -> Vec<f64> {
+        let radius = |tip: &DMatrix<f64>| {
+            let there = tip * covariance * tip.transpose();
+            let less = tip * &known;
+            found.radius_mm(&if with { there - &less * inverse * less.transpose() } else { there })
+        };
+        tips.iter().map(radius).collect()
+    };
+    let tip_share = match (median(&mut radii(true)), median(&mut radii(false))) {
+        (Some(after), Some(before)) if before > 0.0 => after / before,
+        _ => 1.0,
+    };
+    Some(Gain { weakest_share: (after.max(0.0) / before).sqrt(), tip_share })
+}

@@ -1,0 +1,204 @@
+//! The least of (1) in `robot`: Levenberg–Marquardt over the arm's numbers, mounts, boards, tip and spots.
+
+use super::adjust::scaled_inverse;
+use super::arrangement::{Twist, exp, log};
+use super::robot::{ArmPose, ArmTouch, ArmView, Rig, RigKind, Touched};
+use super::robot_correction::Correction;
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
+
+/// Deviation of one touch, mm.
+const TOUCH_MM: f64 = 0.1;
+/// The tip is within so many mm of the flange, as a deviation: it counts where touches do not tell.
+const TIP_MM: f64 = 300.0;
+const MAX_STEPS: usize = 40;
+/// An arm is so much better or worse than usual.
+const SIZES: (f64, f64) = (0.3, 4.0);
+
+/// The unknowns.
+#[derive(Debug, Clone)]
+pub(super) struct State {
+    pub correction: Correction,
+    /// Are the correction's numbers free?
+    pub corrects: bool,
+    /// How large they are, by what is usual.
+    pub size: f64,
+    pub rigs: Vec<Rig>,
+    /// Is the tip free?
+    pub touches: bool,
+    pub tip: Vector3<f64>,
+    pub spots: Vec<Vector3<f64>>,
+}
+
+impl State {
+    pub fn count(&self) -> usize {
+        self.tip_at() + if self.touches { 3 + 3 * self.spots.len() } else { 0 }
+    }
+
+    /// Where the tip stands among the unknowns.
+    pub fn tip_at(&self) -> usize {
+        self.own() + 12 * self.rigs.len()
+    }
+
+    /// How large each number of the correction may be, as a deviation.
+    pub fn usual(&self) -> Vec<f64> {
+        self.correction.usual().into_iter().map(|usual| usual * self.size).collect()
+    }
+
+    /// How many numbers of the correction are free.
+    pub fn own(&self) -> usize {
+        if self.corrects { self.correction.numbers().len() } else { 0 }
+    }
+
+    pub fn moved(&self, step: &DVector<f64>) -> State {
+        let mut next = self.clone();
+        let own = self.own();
+        if self.corrects {
+            let numbers: Vec<f64> = self.correction.numbers().iter().zip(step.iter()).map(|(n, s)| n + s).collect();
+            next.correction = self.correction.with_numbers(&numbers);
+        }
+        for (index, rig) in next.rigs.iter_mut().enumerate() {
+            let twist = |at: usize| Twist::from_iterator(step.rows(own + 12 * index + at, 6).iter().copied());
+            rig.mount *= exp(&twist(0));
+            rig.board *= exp(&twist(6));
+        }
+        if self.touches {
+            let at = self.tip_at();
+            let vector = |at: usize| Vector3::from_iterator(step.rows(at, 3).iter().copied());
+            next.tip += vector(at);
+            next.spots.iter_mut().enumerate().for_each(|(index, spot)| *spot += vector(at + 3 + 3 * index));
+        }
+        next
+    }
+
+    /// Where a picture that a rig takes at a pose should show the board.
+    pub fn foretold(&self, rig: usize, pose: &ArmPose) -> Option<Isometry3<f64>> {
+        let flange = *self.correction.base_from_flange(pose)?.isometry();
+        let rig = &self.rigs[rig];
+        Some(match rig.kind {
+            RigKind::EyeToHand => rig.mount.inverse() * flange * rig.board,
+            RigKind::EyeInHand => (flange * rig.mount).inverse() * rig.board,
+        })
+    }
+
+    /// The residuals, each divided by its deviation.
+    fn residuals(&self, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DVector<f64>> {
+        let mut all = Vec::with_capacity(6 * views.len() + 3 * touches.len());
+        for (view, root) in views.iter().zip(roots) {
+            let twist = root * log(&(view.camera_from_board.inverse() * self.foretold(view.rig, &view.pose)?));
+            all.extend(twist.iter().copied());
+        }
+        for touch in touches {
+            let flange = *self.correction.base_from_flange(&touch.pose)?.isometry();
+            let touched = match &touch.at {
+                Touched::Spot(spot) => self.spots[*spot],
+                Touched::Corner { rig, place } => (self.rigs[*rig].board * place.mm).coords,
+                Touched::Seen { rig, place } => (self.rigs[*rig].mount * place.mm).coords,
+            };
+            let off = ((flange * nalgebra::Point3::from(self.tip)).coords - touched) / TOUCH_MM;
+            all.extend(off.iter().copied());
+        }
+        Some(DVector::from_vec(all))
+    }
+}
+
+/// A settled state, with the covariance of its unknowns and what the residuals' variance is by that which was stated.
+pub(super) struct Settled {
+    pub state: State,
+    pub inverse: DMatrix<f64>,
+    pub variance: f64,
+}
+
+impl Settled {
+    /// How large the numbers of this arm are, by what is usual: the variance component of the second sum of (1), from the
+    /// numbers that the data tell (Förstner, as in `adjust`).
+    pub fn size(&self) -> f64 {
+        let (mut square, mut redundancy) = (0.0, 0.0);
+        for (index, (number, usual)) in self.state.correction.numbers().iter().zip(self.state.usual()).enumerate() {
+            square += (number / usual).powi(2);
+            redundancy += (1.0 - self.inverse[(index, index)] / usual.powi(2)).max(0.0);
+        }
+        let grown = (square / f64::max(redundancy, 1.0)).sqrt();
+        (self.state.size * grown).clamp(SIZES.0, SIZES.1)
+    }
+}
+
+/// What is known beforehand: the deviation of each unknown that has one, with its value.
+fn known(state: &State, usual: &[f64]) -> Vec<(usize, f64, f64)> {
+    let numbers = state.correction.numbers().iter().zip(usual).take(state.own()).enumerate();
+    let mut all: Vec<_> = numbers.map(|(index, (number, usual))| (index, *number, *usual)).collect();
+    if state.touches {
+        all.extend((0..3).map(|axis| (state.tip_at() + axis, state.tip[axis], TIP_MM)));
+    }
+    all
+}
+
+/// Levenberg–Marquardt on (1).
+pub(super) fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> Option<Settled> {
+    let roots: Vec<Matrix6<f64>> =
+        views.iter().map(|view| Some(view.information.cholesky()?.l().transpose())).collect::<Option<_>>()?;
+    let usual = start.usual();
+    let mut state = start;
+    let mut variance = 1.0;
+    let mut damping = 1e-6;
+    let cost = |state: &State, residual: &DVector<f64>, variance: f64| {
+        let prior = known(state, &usual).iter().map(|(_, n, u)| (n / u).powi(2)).sum::<f64>();
+        residual.norm_squared() / variance + prior
+    };
+    for _ in 0..MAX_STEPS {
+        let residual = state.residuals(views, &roots, touches)?;
+        let slope = slope(&state, views, &roots, touches)?;
+        let mut normal = slope.transpose() * &slope / variance;
+        let mut pull = -(slope.transpose() * &residual) / variance;
+        for (index, number, usual) in known(&state, &usual) {
+            normal[(index, index)] += usual.powi(-2);
+            pull[index] -= number / usual.powi(2);
+        }
+        let undamped = normal.clone();
+        (0..normal.nrows()).for_each(|at| normal[(at, at)] *= 1.0 + damping);
+        let step = scaled_inverse(&normal)? * &pull;
+        let next = state.moved(&step);
+        let there = next.residuals(views, &roots, touches)?;
+        let (before, after) = (cost(&state, &residual, variance), cost(&next, &there, variance));
+        if after > before * (1.0 + 1e-12) {
+            damping = (damping * 100.0).max(1e-6);
+            if damping > 1e9 {
+                return None;
+            }
+            continue;
+        }
+        damping *= 0.1;
+        state = next;
+        let inverse = scaled_inverse(&undamped)?;
+        // The numbers that the data tell, of those that are free.
+        let told: f64 =
+            state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
+        let redundancy = (there.len() as f64 - told).max(1.0);
+        let new = (there.norm_squared() / redundancy).max(1.0);
+        let steady = (new / variance - 1.0).abs() < 1e-3;
+        variance = new;
+        if steady && before - after < 1e-9 * before.max(1e-9) {
+            return Some(Settled { state, inverse, variance });
+        }
+    }
+    let residual = state.residuals(views, &roots, touches)?;
+    let slope = slope(&state, views, &roots, touches)?;
+    let mut normal = slope.transpose() * &slope / variance;
+    known(&state, &usual).into_iter().for_each(|(index, _, usual)| normal[(index, index)] += usual.powi(-2));
+    residual.iter().all(|number| number.is_finite()).then_some(())?;
+    Some(Settled { inverse: scaled_inverse(&normal)?, state, variance })
+}
+
+fn slope(state: &State, views: &[&ArmView], roots: &[Matrix6<f64>], touches: &[ArmTouch]) -> Option<DMatrix<f64>> {
+    let usual = state.correction.usual();
+    let columns = (0..state.count()).map(|column| {
+        let step = if column < state.own() { 1e-2 * usual[column] } else { 1e-6 };
+        let mut change = DVector::zeros(state.count());
+        change[column] = step;
+        let ahead = state.moved(&change).residuals(views, roots, touches)?;
+        change[column] = -step;
+        let behind = state.moved(&change).residuals(views, roots, touches)?;
+        Some((ahead - behind) / (2.0 * step))
+    });
+    let columns: Vec<DVector<f64>> = columns.collect::<Option<_>>()?;
+    Some(DMatrix::from_columns(&columns))
+}

@@ -1,0 +1,66 @@
+//! How far off the corrected arm may be, anywhere in its volume.
+
+use super::quantile::radius_95;
+use super::robot::{ArmPose, RigKind, RobotFound};
+use super::robot_settle::{Settled, State};
+use crate::geometry::{Flange, Point};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Vector3};
+
+/// How a place moves with each unknown, mm; `None` where the place is none.
+pub(super) fn slope(
+    state: &State,
+    covariance: &DMatrix<f64>,
+    place: &dyn Fn(&State) -> Option<Vector3<f64>>,
+) -> Option<DMatrix<f64>> {
+    let middle = place(state)?;
+    let mut slope = DMatrix::zeros(3, covariance.nrows());
+    for column in 0..covariance.nrows() {
+        let step = 0.1 * covariance[(column, column)].sqrt().max(1e-12);
+        let mut change = DVector::zeros(covariance.nrows());
+        change[column] = step;
+        slope.set_column(column, &((place(&state.moved(&change))? - middle) / step));
+    }
+    Some(slope)
+}
+
+/// The covariance of a place, mm².
+pub(super) fn spread(settled: &Settled, place: &dyn Fn(&State) -> Option<Vector3<f64>>) -> Option<Matrix3<f64>> {
+    let slope = slope(&settled.state, &settled.inverse, place)?;
+    let spread = &slope * &settled.inverse * slope.transpose();
+    Some(spread.fixed_view::<3, 3>(0, 0).into_owned())
+}
+
+impl State {
+    /// Where the tip is at a pose: before the fixed camera where there is one, else in the base. What counts is that the
+    /// tip goes where the camera sees a place.
+    pub(super) fn tip_seen(&self, pose: &ArmPose) -> Option<Vector3<f64>> {
+        let tip = self.correction.base_from_flange(pose)? * Point::<Flange>::new(self.tip.into());
+        let fixed = self.rigs.iter().find(|rig| rig.kind == RigKind::EyeToHand);
+        let camera_from_base = fixed.map_or_else(Isometry3::identity, |rig| rig.mount.inverse());
+        Some((camera_from_base * tip.mm).coords)
+    }
+}
+
+impl RobotFound {
+    /// How far off the corrected tip may be at a pose from where the fixed camera (without one, the base) has it, 95 %, mm.
+    /// What pictures that were left out scatter by is in it. `None` where the correction needs axes and there are none.
+    pub fn tip_uncertainty_mm(&self, pose: &ArmPose) -> Option<f64> {
+        let slope = slope(&self.state, &self.covariance, &|state| state.tip_seen(pose))?;
+        Some(self.radius_mm(&(&slope * &self.covariance * slope.transpose())))
+    }
+
+    pub(super) fn radius_mm(&self, spread: &DMatrix<f64>) -> f64 {
+        let of_numbers = spread.fixed_view::<3, 3>(0, 0).into_owned();
+        radius_95(&(of_numbers + Matrix3::identity() * self.scatter_mm.powi(2)), 1e5)
+    }
+
+    /// Where the tip is on the flange without a correction, where there were touches, mm.
+    pub fn tip_before_mm(&self) -> Option<Vector3<f64>> {
+        self.plain.touches.then_some(self.plain.tip)
+    }
+
+    /// The rigs as they come out without a correction.
+    pub fn rigs_before(&self) -> &[super::robot::Rig] {
+        &self.plain.rigs
+    }
+}

@@ -1,0 +1,70 @@
+//! A dozen poor pictures of boards, at half the size of the sweep in `make bench-calib`.
+
+use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, no_board, render};
+use panelprep::calib::{Board, detect};
+
+fn found(text: &str, square_mm: Option<f64>, hard: Hard, seed: u64) -> Judged {
+    let board = Board::parse(text, square_mm).expect("a board");
+    let rendered: Rendered = render(&board, &camera(972), &hard, seed);
+    let found = detect::detect("picture", &rendered.picture, &board, None).ok();
+    judge(&board, &rendered, found.as_ref().map(|found| &found.corners))
+}
+
+fn all_found(text: &str, square_mm: Option<f64>, all: &[(&str, Hard)]) {
+    for (seed, (name, hard)) in all.iter().enumerate() {
+        let judged = found(text, square_mm, *hard, seed as u64 + 1);
+        assert!(matches!(judged, Judged::Found(rms_px) if rms_px < 0.15), "{text}, {name}: {judged:?}");
+    }
+}
+
+const EASY: Hard = Hard { width_share: 0.6, ..Hard::EASY };
+
+#[test]
+fn chessboards_in_poor_pictures_are_found() {
+    all_found(
+        "9x6",
+        Some(25.0),
+        &[
+            ("out of focus", Hard { blur_px: 2.5, ..EASY }),
+            ("noise and little contrast", Hard { noise: 8.0, contrast: 40.0, ..EASY }),
+            ("glare", Hard { glare: true, ..EASY }),
+            ("tilted", Hard { tilt_deg: 60.0, ..EASY }),
+            ("in the dark", Hard { dark: true, ..EASY }),
+            ("small", Hard { width_share: 0.25, ..EASY }),
+        ],
+    );
+}
+
+#[test]
+fn other_boards_in_poor_pictures_are_found() {
+    all_found(
+        "charuco:9x7:18:4X4_50",
+        Some(25.0),
+        &[
+            ("tilted", Hard { tilt_deg: 45.0, ..EASY }),
+            ("glare in the dark", Hard { glare: true, dark: true, ..EASY }),
+        ],
+    );
+    for text in ["circles:9x7:25", "acircles:4x11:20"] {
+        all_found(
+            text,
+            None,
+            &[
+                ("out of focus", Hard { blur_px: 2.0, ..EASY }),
+                ("tilted, in the dark", Hard { tilt_deg: 50.0, dark: true, ..EASY }),
+            ],
+        );
+    }
+}
+
+/// Neither clutter nor texture nor stripes hold a board of any kind.
+#[test]
+fn no_board_is_seen_where_none_is() {
+    for text in ["9x6", "circles:9x7:25", "charuco:9x7:18:4X4_50"] {
+        let board = Board::parse(text, (!text.starts_with("circles")).then_some(25.0)).expect("a board");
+        for seed in 1..=3 {
+            let picture = no_board(&camera(972), seed);
+            assert!(detect::detect("picture", &picture, &board, None).is_err(), "{text}, {seed}");
+        }
+    }
+}
