@@ -144,7 +144,10 @@ fn each_mistake_is_named() {
             "[robot]\ncommand_port = 54601",
             "1: robot.state_port: found 54601, allowed is any port but command_port's",
         ),
-        ("[robot]\nport = 54600", "2: robot.port: unknown key; known here: kind, host, command_port, state_port"),
+        (
+            "[robot]\nport = 54600",
+            "2: robot.port: unknown key; known here: kind, controller, host, command_port, state_port",
+        ),
         (
             &format!("[poses]\nprak = {axes}"),
             "1: poses.park: is missing; every cycle begins by parking the arm clear of the panel",
