@@ -134,8 +134,15 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
         let touched = |places: &[Point<_>]| cell.touched(&base_from_board, places, TOUCH_MM);
         disk::write(&rendered.file("boards/touched.toml"), points_text(&board, arm, touched)?)?;
     }
-    if arm.is_some() {
-        disk::write(&rendered.file("boards/touches.toml"), touches_text(arm)?)?;
+    if let Some(arm) = arm {
+        let fixed = fixed.first().map(|shot| cell.base_from_camera() * shot.camera_from_board);
+        let boards = [(None, Some(cell.base_from_board())), (Some("touched.png"), fixed)];
+        let mut text = touches_text(Some(arm))?;
+        for (image, base_from_board) in boards {
+            let Some(base_from_board) = base_from_board else { continue };
+            text += &corners_text(arm, &board, image, |places| cell.touched(&base_from_board, places, TOUCH_MM));
+        }
+        disk::write(&rendered.file("boards/touches.toml"), text)?;
     }
     disk::write(&rendered.file("boards/tip.toml"), tip_text(arm)?)
 }
@@ -230,6 +237,29 @@ fn held_at(place: Point<Base>, turn_deg: [f64; 3], out_mm: f64) -> Rigid<Base, F
     let tip: Rigid<Base, Tool> = Rigid::claim(Isometry3::from_parts(place.mm.coords.into(), turn * down));
     let flange_from_tool: Rigid<Flange, Tool> = Rigid::claim(Isometry3::translation(0.0, 0.0, out_mm));
     tip * flange_from_tool.inverse()
+}
+
+/// Poses that hold the tip at corners of a board that stands still; without `image`, of the one before the camera on the
+/// flange. Corners to which the arm does not come are left out.
+fn corners_text(
+    arm: &RealArm,
+    board: &Board,
+    image: Option<&str>,
+    touched: impl Fn(&[Point<crate::geometry::Board>]) -> Vec<Point<Base>>,
+) -> String {
+    let corners = board.corners_to_touch();
+    let places: Vec<_> = corners.iter().filter_map(|&(column, row)| board.corner(column, row)).collect();
+    let mut text = String::new();
+    for (place, (column, row)) in touched(&places).iter().zip(corners) {
+        for turn_deg in &TURNS_DEG[..2] {
+            let Some(flange) = arm.reported(&held_at(*place, *turn_deg, super::render::TOOL_LENGTH_MM)) else {
+                continue;
+            };
+            let image = image.map_or(String::new(), |image| format!("image = \"{image}\"\n"));
+            let _ = writeln!(text, "[[touches]]\ncorner = [{column}, {row}]\n{image}{}", reported_text(&flange));
+        }
+    }
+    text
 }
 
 /// Poses that hold the tip at each of two spots.

@@ -96,7 +96,7 @@ impl RealArm {
         chain(&q, &lengths_mm, &self.twists_rad)
     }
 
-    /// The axes that bring the flange truly there, found from `near`; `None` where they do not settle.
+    /// The axes that bring the flange truly there, found from `near`, whatever their limits; `None` where they do not settle.
     pub fn reaching(&self, base_from_flange: &Rigid<Base, Flange>, near: &Joints) -> Option<Joints> {
         let wanted = base_from_flange.isometry();
         let off = |joints: &Joints| -> SVector<f64, 6> {
