@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use std::path::Path;
 
 /// Walks in every run of the tests.
-const WALKS: u64 = 1_300;
+const WALKS: u64 = 5_000;
 /// From so many walks on every statement must have been executed.
 const ALL_STATEMENTS: u64 = 5_000;
 

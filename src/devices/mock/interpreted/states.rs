@@ -30,6 +30,8 @@ const GO_ON_MS: u64 = 1_500;
 
 /// Within this time after a stop its retract is decided on.
 const RETRACT_BEGINS_MS: u64 = 500;
+/// So long after somebody pressed something, a stop is of his doing.
+const PRESSED_MS: u64 = 1_000;
 /// So long a person takes to select another program.
 const SELECT_MS: u64 = 1_000;
 
@@ -227,21 +229,12 @@ impl Running {
         // The robot program ends an epoch by itself where the submit interpreter is dead.
         let is_open = self.memory.bool(self.cells.open) && !self.robot_has_ended();
         if is_open == self.was_open {
-            // A line to the panel that was planned while the stop began: only the retract tells of it.
-            if !is_open
-                && self.memory.bool(self.cells.retract)
-                && let Some(last) = controller.stops.last_mut()
-                && controller.now_ms < last.time_ms + RETRACT_BEGINS_MS
-            {
-                last.contact |= self.is_near();
-            }
+            self.complete_last_stop(controller);
             return;
         }
         if !is_open {
-            let halted = self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true);
-            let pressed = self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + 1_000);
-            let cause = match (halted, pressed) {
-                (true, Some((_, cause))) => cause,
+            let cause = match (self.is_halted(controller), self.pressed_lately(controller)) {
+                (true, Some(cause)) => cause,
                 (true, None) => StopCause::Halted,
                 _ => StopCause::Program,
             };
@@ -252,5 +245,29 @@ impl Running {
             controller.stops.push(Stop { time_ms, epoch, cause, contact, detail });
         }
         self.was_open = is_open;
+    }
+
+    /// What a stop turns out to be while its retract is decided on. `CELL_STOP` closes the epoch some statements before it
+    /// halts the robot program: whoever pressed right then is the cause. A line to the panel that was planned while the stop
+    /// began is told by the retract alone.
+    fn complete_last_stop(&self, controller: &mut Controller) {
+        let pressed = self.pressed_lately(controller).filter(|_| self.is_halted(controller));
+        let now_ms = controller.now_ms;
+        let is_recent = |stop: &&mut Stop| !self.was_open && now_ms < stop.time_ms + RETRACT_BEGINS_MS;
+        let Some(last) = controller.stops.last_mut().filter(is_recent) else { return };
+        last.contact |= self.memory.bool(self.cells.retract) && self.is_near();
+        if let (StopCause::Program, Some(cause)) = (last.cause, pressed) {
+            last.cause = cause;
+        }
+    }
+
+    /// Whether the robot program stands, or is told to.
+    fn is_halted(&self, controller: &Controller) -> bool {
+        self.values.state != RobotState::Active || controller.flags.get(&855) == Some(&true)
+    }
+
+    /// What was pressed within the last second.
+    fn pressed_lately(&self, controller: &Controller) -> Option<StopCause> {
+        self.pressed.filter(|(at_ms, _)| controller.now_ms < at_ms + PRESSED_MS).map(|(_, cause)| cause)
     }
 }
