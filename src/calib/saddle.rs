@@ -2,11 +2,12 @@
 //!
 //! Where two edges of a chessboard cross at c, a pixel at x with signed distances d₁, d₂ from the edges has the grey
 //! level
-//!     g(x) = (m + a · E(d₁ / s) · E(d₂ / s)) · (1 + l · (x − c)),   E(t) = erf(t / √2),                          (1)
-//! with mean m, half contrast a (its sign says which squares are black), blur s and light that falls off by l. Least
-//! squares over the window by Levenberg–Marquardt finds c, both directions and the rest. The pattern is the same seen
-//! from the other side of c, and so a wrong profile of the blur moves c by nothing; every pixel of both edges counts,
-//! where `cornerSubPix`, whose result this starts from, follows noise in the gradients.
+//!     g(x) = (m + a · E(d₁) · E(d₂)) · (1 + l · (x − c)),   E(d) = ∫ erf(t / (s √2)) dt from d − ½ to d + ½,      (1)
+//! with mean m, half contrast a (its sign says which squares are black), blur s of the lens and light that falls off by l. A
+//! pixel averages over itself, which for an edge of any direction is nearly the mean over 1 px across it. Least squares
+//! over the window by Levenberg–Marquardt finds c, both directions and the rest. The pattern is the same seen from the
+//! other side of c, and so a wrong profile of the blur moves c by nothing; every pixel of both edges counts, where
+//! `cornerSubPix`, whose result this starts from, follows noise in the gradients.
 //!
 //! Does not find corners, and gives none where the model does not fit.
 
@@ -27,8 +28,8 @@ const MAX_LEFT: f64 = 0.25;
 /// … beside the picture's noise, whose mean square over a window spreads by so many deviations.
 const NOISE_SPREAD: f64 = 3.0;
 const START_BLUR_PX: f64 = 0.8;
-/// A pixel averages over itself, 0.29 px rms: no edge is sharper.
-const SHARPEST_PX: f64 = 0.2;
+/// No lens is sharper.
+const SHARPEST_PX: f64 = 0.05;
 
 /// A corner as the model has it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,11 +115,15 @@ impl Model {
         let edge = |angle: f64| {
             let along = Vector2::new(angle.cos(), angle.sin());
             let distance = along.perp(&offset);
-            let scaled = distance / blur;
-            let slope = (2.0 / std::f64::consts::PI).sqrt() / blur * (-0.5 * scaled * scaled).exp();
-            (erf(scaled / std::f64::consts::SQRT_2), slope, distance, along)
+            // ∫ erf(t / (s √2)) dt = t erf(t / (s √2)) + s √(2/π) exp(−t² / 2s²); by s it changes with √(2/π) exp(−t² / 2s²).
+            let [ahead, behind] = [distance + 0.5, distance - 0.5].map(|t| {
+                let step = erf(t / (blur * std::f64::consts::SQRT_2));
+                (t * step, step, (2.0 / std::f64::consts::PI).sqrt() * (-0.5 * (t / blur).powi(2)).exp())
+            });
+            let by_log_blur = blur * (ahead.2 - behind.2);
+            (ahead.0 - behind.0 + by_log_blur, ahead.1 - behind.1, by_log_blur, along)
         };
-        let [(one, one_slope, one_far, one_along), (two, two_slope, two_far, two_along)] = self.angles.map(edge);
+        let [(one, one_slope, one_blur, one_along), (two, two_slope, two_blur, two_along)] = self.angles.map(edge);
         let (flat, light) = (self.mean + self.contrast * one * two, 1.0 + self.light.dot(&offset));
         let by_one = self.contrast * two * one_slope * light;
         let by_two = self.contrast * one * two_slope * light;
@@ -131,7 +136,7 @@ impl Model {
             dv,
             turned[0],
             turned[1],
-            -by_one * one_far - by_two * two_far,
+            self.contrast * (two * one_blur + one * two_blur) * light,
             light,
             one * two * light,
             flat * offset.x,

@@ -5,7 +5,6 @@ use super::args::{Common, Demo, real_arm};
 use super::calibrate::{self, args as asked};
 use super::disk;
 use super::fault::Fault;
-use super::outcome::Outcome;
 use super::render::Rendered;
 use super::render_boards;
 use crate::calib::CalibError;
@@ -53,7 +52,7 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
             out: out.clone(),
             pictures: None,
         });
-        fitting(what, &common, (&rendered.file(&format!("boards/{folder}/poses.toml")), &out), progress)?;
+        made(what, &common, &out)?;
     }
     let (poses, out) = (rendered.file("boards/tip.toml"), rendered.file("flange_from_tool.toml"));
     made(asked::What::Tcp(asked::Tcp { poses, robot: robot.clone(), out: Some(out.clone()) }), &common, &out)?;
@@ -87,44 +86,12 @@ fn the_arm(rendered: &Rendered, out: PathBuf) -> asked::Robot {
     }
 }
 
-/// So many pictures are left out at most.
-const MOST_LEFT_OUT: usize = 3;
-
-/// Runs a hand-eye calibration; a picture that does not fit is left out, as the program advises.
-fn fitting(
-    what: asked::What,
-    common: &Common,
-    (poses, out): (&Path, &Path),
-    progress: &dyn Fn(&str),
-) -> Result<(), Fault> {
-    for _ in 0..MOST_LEFT_OUT {
-        let outcome = calibrate::run(&asked::Calibrate { what: what.clone() }, common, &|_| {})?;
-        let wrong = misfits(&outcome);
-        if outcome.json.get("verdict") != Some(&json!(Verdict::Reject)) || wrong.is_empty() {
-            break;
-        }
-        progress(&format!("leaving out {}, which does not fit", wrong.join(", ")));
-        let text = disk::read_text(poses)?;
-        let is_wrong = |table: &&str| wrong.iter().any(|name| table.contains(&format!("image = \"{name}\"")));
-        let kept: String = text.split_inclusive("\n\n").filter(|table| !is_wrong(table)).collect();
-        disk::write(poses, kept)?;
-    }
-    made(what, common, out).map(|_| ())
-}
-
-/// The pictures that do not fit.
-fn misfits(outcome: &Outcome) -> Vec<String> {
-    let residuals = outcome.json.get("residuals").and_then(|all| all.as_array());
-    let unused = residuals.into_iter().flatten().filter(|one| one["used"] == json!(false));
-    unused.filter_map(|one| one["file"].as_str().map(str::to_owned)).collect()
-}
-
 /// Runs a calibration; one that is rejected ends the demo.
-fn made(what: asked::What, common: &Common, out: &Path) -> Result<Outcome, Fault> {
+fn made(what: asked::What, common: &Common, out: &Path) -> Result<(), Fault> {
     let outcome = calibrate::run(&asked::Calibrate { what }, common, &|_| {})?;
     if outcome.json.get("verdict") == Some(&json!(Verdict::Reject)) {
         let message = format!("{} is refused: {}", out.display(), outcome.words.join("; "));
         return Err(Fault::stage(CalibError::Points(message)));
     }
-    Ok(outcome)
+    Ok(())
 }

@@ -263,23 +263,25 @@ impl CellFiles {
         self.mount::<FlangeCameraMount>(self.cell.calibration().flange_from_camera.as_ref())
     }
 
+    /// Where the tool's tip is; its axis may not have been measured.
+    ///
+    /// # Errors
+    /// As [`CellFiles::scanner`].
+    pub fn tool_tip(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
+        self.mount::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())
+    }
+
     /// Where the sanding tool's contact is.
     ///
     /// # Errors
     /// As [`CellFiles::scanner`]; also where the file does not say that the tool's axis was measured.
     pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
-        let (name, text) = self.text(ToolMount::TABLE, self.cell.calibration().flange_from_tool.as_ref())?;
-        let tool = MountedPose::<ToolMount>::check(&name, &text)?;
-        self.measured_with_this_arm(&name, &tool)?;
-        if tool.axis_measured != Some(true) {
-            return Err(Fault::NoAxis { file: name });
+        let tool = self.tool_tip()?;
+        let file = self.cell.calibration().flange_from_tool.as_deref().map(name).unwrap_or_default();
+        match MountedPose::<ToolMount>::check(&file, &tool.text)?.axis_measured {
+            Some(true) => Ok(tool),
+            _ => Err(Fault::NoAxis { file }),
         }
-        Ok(Calibrated {
-            value: tool.rigid(),
-            uncertainty_mm: tool.uncertainty_mm,
-            extent: LensExtent::default(),
-            text,
-        })
     }
 }
 

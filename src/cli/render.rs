@@ -34,9 +34,6 @@ const SCANNER_MM: f64 = 0.24;
 const FLANGE_MM: f64 = 0.18;
 const TOOL_MM: f64 = 0.05;
 
-/// The pad of the simulated tool is so far before the flange, its axis the flange's.
-pub const TOOL_LENGTH_MM: f64 = 120.0;
-
 /// The folder's files by their role.
 #[derive(Debug, Clone)]
 pub struct Rendered {
@@ -192,7 +189,8 @@ fn write_configuration(
     let mut flange_from_camera =
         MountedPose::<FlangeCameraMount>::of(KukaPose::from_rigid(&cell.calibrated_flange_from_camera()));
     (base_from_camera.uncertainty_mm, flange_from_camera.uncertainty_mm) = (Some(SCANNER_MM), Some(FLANGE_MM));
-    let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
+    let flange_from_tool: Rigid<Flange, Tool> =
+        KukaPose { z_mm: sim::TOOL_LENGTH_MM, ..KukaPose::default() }.to_rigid();
     let mut tool = MountedPose::<crate::cell::ToolMount>::of(KukaPose::from_rigid(&flange_from_tool));
     (tool.axis_measured, tool.uncertainty_mm) = (Some(true), Some(TOOL_MM));
     let texts = [

@@ -9,7 +9,9 @@ use super::render::Rendered;
 use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::files;
-use crate::geometry::{Base, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool};
+use crate::geometry::{
+    Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
+};
 use crate::sim::{self, BoardCell, BoardPrint, BoardShot, RealArm, Reported, RobotNoise};
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
@@ -128,14 +130,18 @@ pub fn write(seed: u64, reduction: usize, (arm, rendered): (Option<&RealArm>, &R
     let mut known = MountedPose::<TargetMount>::of(KukaPose::from_rigid(&cell.base_from_board()));
     known.board = Some(BoardSize { board: "9x6".to_owned(), square_mm: 25.0 });
     disk::write(&rendered.file("boards/flange/target.toml"), known.to_toml())?;
-    if let Some(shot) = fixed.first() {
+    let touchable = |shot: &&BoardShot<Camera>| {
+        arm.is_none_or(|arm| comes_to_corners(arm, &board, &(cell.base_from_camera() * shot.camera_from_board)))
+    };
+    let shot_to_touch = fixed.iter().find(touchable);
+    if let Some(shot) = shot_to_touch {
         save(rendered, "boards/touched.png", &cell.picture(&cell.scanner(), shot))?;
         let base_from_board = cell.base_from_camera() * shot.camera_from_board;
         let touched = |places: &[Point<_>]| cell.touched(&base_from_board, places, TOUCH_MM);
         disk::write(&rendered.file("boards/touched.toml"), points_text(&board, arm, touched)?)?;
     }
     if let Some(arm) = arm {
-        let fixed = fixed.first().map(|shot| cell.base_from_camera() * shot.camera_from_board);
+        let fixed = shot_to_touch.map(|shot| cell.base_from_camera() * shot.camera_from_board);
         let boards = [(None, Some(cell.base_from_board())), (Some("touched.png"), fixed)];
         let mut text = touches_text(Some(arm))?;
         for (image, base_from_board) in boards {
@@ -214,11 +220,11 @@ fn points_text(
     for (index, (place, (column, row))) in touched(&places).iter().zip(corners).enumerate() {
         let number = index + 1;
         // A pointer that is held straight down.
-        let pointing = held_at(*place, [0.0; 3], super::render::TOOL_LENGTH_MM);
+        let pointing = held_at(*place, [0.0; 3], sim::TOOL_LENGTH_MM);
         let Reported { base_from_flange, joints } = reported(arm, &pointing)?;
         let tip = match joints {
             None => place.mm,
-            Some(_) => (base_from_flange * Point::<Flange>::at(0.0, 0.0, super::render::TOOL_LENGTH_MM)).mm,
+            Some(_) => (base_from_flange * Point::<Flange>::at(0.0, 0.0, sim::TOOL_LENGTH_MM)).mm,
         };
         let [x, y, z] = [tip.x, tip.y, tip.z];
         // Writing to a `String` cannot fail.
@@ -228,6 +234,13 @@ fn points_text(
         }
     }
     Ok(text)
+}
+
+/// Whether the arm comes to every corner that is to be touched.
+fn comes_to_corners(arm: &RealArm, board: &Board, base_from_board: &Rigid<Base, crate::geometry::Board>) -> bool {
+    let corners = board.corners_to_touch();
+    let mut places = corners.iter().filter_map(|&(column, row)| board.corner(column, row));
+    places.all(|place| arm.reported(&held_at(*base_from_board * place, [0.0; 3], sim::TOOL_LENGTH_MM)).is_some())
 }
 
 /// The flange when a tool of this length holds its tip at a place, its axis turned from straight down.
@@ -252,7 +265,7 @@ fn corners_text(
     let mut text = String::new();
     for (place, (column, row)) in touched(&places).iter().zip(corners) {
         for turn_deg in &TURNS_DEG[..2] {
-            let Some(flange) = arm.reported(&held_at(*place, *turn_deg, super::render::TOOL_LENGTH_MM)) else {
+            let Some(flange) = arm.reported(&held_at(*place, *turn_deg, sim::TOOL_LENGTH_MM)) else {
                 continue;
             };
             let image = image.map_or(String::new(), |image| format!("image = \"{image}\"\n"));
@@ -267,7 +280,7 @@ fn touches_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let mut text = String::new();
     for (spot, place) in [Point::at(520.0, 30.0, 250.0), Point::at(450.0, -120.0, 300.0)].into_iter().enumerate() {
         for turn_deg in TURNS_DEG {
-            let flange = reported(arm, &held_at(place, turn_deg, super::render::TOOL_LENGTH_MM))?;
+            let flange = reported(arm, &held_at(place, turn_deg, sim::TOOL_LENGTH_MM))?;
             let _ = writeln!(text, "[[touches]]\nspot = {spot}\n{}", reported_text(&flange));
         }
     }
@@ -298,8 +311,8 @@ fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
     let table = |name: &str, turn_deg: &[f64; 3], out_mm: f64| -> Result<String, Fault> {
         Ok(format!("[[{name}]]\n{}\n", held(*turn_deg, out_mm)?))
     };
-    let behind_mm = super::render::TOOL_LENGTH_MM - 60.0;
-    let tip = TURNS_DEG.iter().map(|turn_deg| table("poses", turn_deg, super::render::TOOL_LENGTH_MM));
+    let behind_mm = sim::TOOL_LENGTH_MM - 60.0;
+    let tip = TURNS_DEG.iter().map(|turn_deg| table("poses", turn_deg, sim::TOOL_LENGTH_MM));
     let axis = TURNS_DEG[..2].iter().map(|turn_deg| table("axis", turn_deg, behind_mm));
     tip.chain(axis).collect()
 }

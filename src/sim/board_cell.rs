@@ -43,12 +43,16 @@ pub struct BoardCell {
     reduction: usize,
 }
 
-/// The board's middle on the flange and its turn: the flange does not hold it straight.
+/// The board on the flange: a bracket holds it beside the arm and facing back over it, as the fixed camera stands behind the
+/// arm. The bracket does not hold it straight.
 fn flange_from_board(print: &BoardPrint) -> Rigid<Flange, Board> {
-    // The board's Z points away from the viewer, and so against the flange's.
-    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(181.5, 1.0, 2.0).map(f64::to_radians));
-    held(Vector3::new(12.0, -9.0, 55.0), turn, print)
+    // The board's Z points away from the viewer, and so as the flange's does.
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::new(1.5, 1.0, 2.0).map(f64::to_radians));
+    held(Vector3::new(BRACKET_MM, -9.0, 55.0), turn, print)
 }
+
+/// From the flange's axis to the board's middle, mm: the arm does not hide it.
+const BRACKET_MM: f64 = 190.0;
 
 /// The board in the cell: before the robot, facing up.
 fn base_from_board(print: &BoardPrint) -> Rigid<Base, Board> {

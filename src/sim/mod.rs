@@ -46,7 +46,7 @@ pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
 pub use film::{Film, Phase, WET_FROM_S};
 pub use film_spec::FilmSpec;
-pub use real_arm::RealArm;
+pub use real_arm::{RealArm, TOOL_LENGTH_MM};
 pub use scanner::{NoiseFigures, noise_in_force};
 pub use scene::{CornerView, Scene};
 pub use spots::{Grease, Spot, SpotKind};

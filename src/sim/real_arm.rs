@@ -11,8 +11,11 @@
 
 use super::Reported;
 use super::noise::{Normal, Purpose, Seed};
-use crate::geometry::{Base, Flange, Joints, Rigid};
+use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
+
+/// The pad of the simulated tool is so far before the flange, its axis the flange's, mm.
+pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// a1, b, c1, c2, a2, c3, c4, mm.
 const DRAWN_MM: [f64; 7] = [25.0, 0.0, 400.0, 335.0, -25.0, 365.0, 90.0];
@@ -65,7 +68,7 @@ impl RealArm {
 
     /// How far a tool of 120 mm is off, rms over poses before the panel, mm.
     pub fn error_mm(&self) -> f64 {
-        let tip = nalgebra::Point3::new(0.0, 0.0, 120.0);
+        let tip = nalgebra::Point3::new(0.0, 0.0, TOOL_LENGTH_MM);
         let mut off_mm2 = Vec::new();
         for a1_deg in [-25.0, 0.0, 25.0] {
             for a2_deg in [-110.0, -90.0, -70.0] {
@@ -94,6 +97,11 @@ impl RealArm {
         }
         let lengths_mm: [f64; 7] = std::array::from_fn(|index| DRAWN_MM[index] + self.lengths_mm[index]);
         chain(&q, &lengths_mm, &self.twists_rad)
+    }
+
+    /// Where the pad of the simulated tool truly is, whatever a calibration takes its length for.
+    pub fn base_from_tool(&self, joints: &Joints) -> Rigid<Base, Tool> {
+        self.base_from_flange(joints) * Rigid::claim(Isometry3::translation(0.0, 0.0, TOOL_LENGTH_MM))
     }
 
     /// The axes that bring the flange truly there, found from `near`, whatever their limits; `None` where they do not settle.
@@ -128,12 +136,21 @@ impl RealArm {
 }
 
 impl RealArm {
-    /// What the controller reports while the flange truly is here; `None` where the arm does not come there.
+    /// What the controller reports while the flange truly is here; `None` where the arm does not come there with its elbow up
+    /// and its wrist not turned over, within the limits of its axes.
     pub fn reported(&self, base_from_flange: &Rigid<Base, Flange>) -> Option<Reported> {
-        let joints = STARTS.iter().find_map(|near| self.reaching(base_from_flange, &Joints::from(*near)))?;
+        let within = |joints: &Joints| {
+            joints.degrees().iter().zip(IN_WORK_DEG).all(|(angle, [least, most])| (least..=most).contains(angle))
+        };
+        let reached = |near: &[f64; 6]| self.reaching(base_from_flange, &Joints::from(*near)).filter(within);
+        let joints = STARTS.iter().find_map(reached)?;
         Some(Reported { base_from_flange: drawn_flange(&joints), joints: Some(joints) })
     }
 }
+
+/// Each axis in work, lowest and highest angle: some degrees within the limits of a KR 6 R700-2.
+const IN_WORK_DEG: [[f64; 2]; 6] =
+    [[-160.0, 160.0], [-180.0, 40.0], [-60.0, 150.0], [-120.0, 120.0], [-115.0, 115.0], [-340.0, 340.0]];
 
 /// From these poses another is looked for: before the panel, over a table, and with the flange up.
 const STARTS: [[f64; 6]; 4] = [

@@ -17,6 +17,7 @@ mod target;
 mod taught_corner;
 mod tcp;
 mod three_points;
+mod tips;
 pub mod verify;
 
 pub use date::now_unix_s;

@@ -6,11 +6,10 @@ use super::super::fault::Fault;
 use super::super::load::{CellFiles, flange_file};
 use super::super::outcome::Outcome;
 use super::args::{BoardArgs, CameraName, Touch, Verify};
-use super::in_use::InUse;
 use super::over_volume;
 use super::sight::Sight;
 use super::target::Target;
-use super::{date, files, provenance, taught_corner};
+use super::{date, files, provenance, taught_corner, tips};
 use crate::calib::health::{self, Demands, Look, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
@@ -174,9 +173,8 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
     let mut points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
-    if let Some(arm) = InUse::of_cell(&files) {
-        arm.correct_tips(&args.points, &mut points)?;
-    }
+    let tool = files.tool_tip()?;
+    tips::by_axes(&files, &tool.value, (&args.points, &mut points))?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
         let (column, row) = touched.corner;
@@ -187,7 +185,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         errors_mm.push((known * corner).distance_mm(touched.place));
     }
     let error_mm = errors_mm.iter().copied().fold(0.0, f64::max);
-    let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool_text(&files)?]));
+    let verification = verification(&files, "tool", error_mm, files.hash_with_arm(&[&tool.text]));
     let mut outcome = kept(&files, &verification, args.pictures.as_deref())?;
     if let Some(folder) = &args.pictures {
         let left = points.touched.iter().zip(&errors_mm).map(|(touched, error_mm)| Left {
@@ -206,14 +204,6 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     }
     outcome.put("errors_mm", json!(errors_mm));
     Ok(outcome)
-}
-
-/// The tool's file as it is: a pointer needs no axis.
-fn tool_text(files: &CellFiles) -> Result<String, Fault> {
-    match &files.cell.calibration().flange_from_tool {
-        Some(file) => disk::read_text(file),
-        None => files.flange_from_tool().map(|tool| tool.text),
-    }
 }
 
 /// Keeps a verification in the store, judges it, and draws the trend.

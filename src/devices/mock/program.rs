@@ -220,11 +220,16 @@ impl Controller {
             return;
         }
         let base_from_flange = self.flange_pose();
+        // A real arm holds a real tool; $TOOL is what a calibration took it for.
+        let joints = self.mover.joints();
+        let real_arm = self.setup.real_arm.as_ref();
+        let base_from_tool =
+            real_arm.map_or_else(|| base_from_flange * flange_from_tool, |arm| arm.base_from_tool(&joints));
         let tool_on = self.setup.tool_output.and_then(|number| self.outputs.get(&number)).copied();
         self.trace.push(Sample {
             time_ms: self.now_ms,
             base_from_flange,
-            base_from_tool: base_from_flange * flange_from_tool,
+            base_from_tool,
             sanding: self.contact.sands(front),
             tool_on: tool_on.unwrap_or(false),
         });

@@ -1,0 +1,53 @@
+//! Where the tool's tip truly was at each touch: by the axes and the cell's own tool, not by what the pendant adds up.
+//!
+//!     base_from_tip = base_from_flange(axes) · flange_from_tool
+//! The pendant shows the tip of whichever tool is selected there, on an arm as it is drawn. A touch is to say how well the
+//! cell's tool and the arm's correction agree with the board; so the pendant's place only tells whether the touch is this one.
+
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::files::Points;
+use crate::geometry::{Flange, Point, Rigid, Tool};
+use crate::path::Kinematics;
+use std::path::Path;
+
+/// The pendant's tool is the cell's up to a calibration made anew, mm.
+const SAME_TOOL_MM: f64 = 3.0;
+
+/// Puts the tips where axes and tool say. Without axes a place stays what the pendant shows, on an arm as it is drawn.
+///
+/// # Errors
+/// Where axes are missing though the arm has a correction, and where the pendant shows another tip than these axes and the
+/// cell's tool have on the arm of the drawing.
+pub fn by_axes(
+    files: &CellFiles,
+    flange_from_tool: &Rigid<Flange, Tool>,
+    (file, points): (&Path, &mut Points),
+) -> Result<(), Fault> {
+    let arm = Kinematics::new(files.cell.arm());
+    for (index, (touched, joints)) in points.touched.iter_mut().zip(&points.joints).enumerate() {
+        let number = index + 1;
+        let Some(joints) = joints else {
+            if files.cell.arm().correction().is_none() {
+                continue;
+            }
+            let why = "the arm's correction needs the axes at each touch";
+            return Err(Fault::file(file, format!("p{number}_axes_deg = [A1, …, A6] is missing: {why}")));
+        };
+        let drawn = arm.drawn_flange(joints);
+        let drawn = drawn.ok_or_else(|| Fault::file(file, format!("p{number}_axes_deg: no axes of this arm")))?;
+        let tip = Point::at(0.0, 0.0, 0.0);
+        let apart_mm = touched.place.distance_mm(drawn * *flange_from_tool * tip);
+        if apart_mm > SAME_TOOL_MM {
+            return Err(Fault::file(
+                file,
+                format!(
+                    "p{number}_mm is {apart_mm:.1} mm from where p{number}_axes_deg hold the cell's tool; allowed are \
+                     {SAME_TOOL_MM} mm. Select the cell's own tool on the pendant, and write place and axes of one touch"
+                ),
+            ));
+        }
+        touched.place = arm.true_flange(drawn, joints) * *flange_from_tool * tip;
+    }
+    Ok(())
+}
