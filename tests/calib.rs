@@ -573,6 +573,23 @@ fn a_cycle_by_an_arm_that_is_not_as_it_is_drawn() {
     assert!(code == Some(0) && text.contains("mm rms"), "{text}");
     assert!(folder.path().join("maps/map_flange_camera.svg").exists(), "{text}");
 
+    // Another tool is selected on the pendant: its tip says nothing of the cell's.
+    let touch = "calibrate touch --cell arm/cell/cell.toml --target arm/cell/target/scanner.toml \
+                 --points arm/cell/target/touched.toml";
+    let (code, text) = run(touch);
+    assert!(code == Some(0), "{text}");
+    let points = folder.path().join("arm/cell/target/touched.toml");
+    let right = std::fs::read_to_string(&points).expect("points");
+    let (before, after) = right.split_once("p2_mm = [").expect("a second touch");
+    let (x_mm, after) = after.split_once(',').expect("a place");
+    let x_mm: f64 = x_mm.parse().expect("a number");
+    std::fs::write(&points, format!("{before}p2_mm = [{:.3},{after}", x_mm + 8.0)).expect("written");
+    let (code, text) = run(touch);
+    assert!(
+        code == Some(2) && text.contains("touched.toml") && text.contains("p2_mm is") && text.contains("tool"),
+        "{text}"
+    );
+
     // A pose without axes cannot be corrected; mounts that were measured with the correction are no use without it.
     let pose = "arm/cell/target/flange.json";
     let whole: Value =

@@ -336,7 +336,9 @@ pub struct Touch {
     /// Where the board is known to be.
     #[arg(long, value_name = "FILE")]
     pub target: PathBuf,
-    /// Where the tool's tip was when it touched the corners.
+    /// Where the tool's tip was when it touched the corners, with the cell's own tool selected on the pendant. With
+    /// p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a cell with
+    /// a correction needs them.
     #[arg(long, value_name = "FILE")]
     pub points: PathBuf,
     /// Folder for a map of what is left, and the trend of all touches.
