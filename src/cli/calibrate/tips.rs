@@ -9,6 +9,7 @@ use super::super::load::CellFiles;
 use super::files::Points;
 use crate::geometry::{Flange, Point, Rigid, Tool};
 use crate::path::Kinematics;
+use crate::words;
 use std::path::Path;
 
 /// The pendant's tool is the cell's up to a calibration made anew, mm.
@@ -39,11 +40,12 @@ pub fn by_axes(
         let tip = Point::at(0.0, 0.0, 0.0);
         let apart_mm = touched.place.distance_mm(drawn * *flange_from_tool * tip);
         if apart_mm > SAME_TOOL_MM {
+            let [off, allowed] = words::apart(apart_mm, SAME_TOOL_MM, 1);
             return Err(Fault::file(
                 file,
                 format!(
-                    "p{number}_mm is {apart_mm:.1} mm from where p{number}_axes_deg hold the cell's tool; allowed are \
-                     {SAME_TOOL_MM} mm. Select the cell's own tool on the pendant, and write place and axes of one touch"
+                    "p{number}_mm is {off} mm from where p{number}_axes_deg hold the cell's tool; allowed are {allowed} mm. \
+                     Select the cell's own tool on the pendant, and write place and axes of one touch"
                 ),
             ));
         }
