@@ -101,7 +101,7 @@ fn medoid<A: Arrangement>(
     Start { to_from_camera, holder_from_board, distances_mm, median_mm }
 }
 
-fn triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
+pub(super) fn triples(count: usize) -> impl Iterator<Item = [usize; 3]> {
     let all = count * count.saturating_sub(1) * count.saturating_sub(2) / 6;
     let stride = all.div_ceil(MAX_TRIPLES).max(1);
     (0..count)

@@ -12,6 +12,7 @@
 //! - `hand_eye`, `consensus`, `chain`, `adjust`, `influence`, `suspects`, `suggest`: the same from many poses
 //! - `robot`, `robot_settle`, `arm_errors`, `robot_correction`, `robot_axes`: the arm's own errors; how far off it may be: `robot_spread`;
 //!   what to do next: `robot_next` · `tool`: tool point and axis · `health`: is a calibration still true · `budget`: the error at the tool
+//! - `turned`: which way round a board was taken that looks alike from several sides
 //! - `gate`: turns evidence into a verdict
 
 mod adjust;
@@ -57,6 +58,7 @@ mod suggest;
 mod suspects;
 pub mod three_points;
 pub mod tool;
+pub mod turned;
 
 #[cfg(test)]
 mod tests;

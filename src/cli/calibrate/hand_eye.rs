@@ -10,9 +10,11 @@ use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
+use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, Board, CalibError, HandEye, Seen, Station, gate, next_pose};
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
+use crate::verdict::{Judgement, Reason};
 use rayon::prelude::*;
 use serde_json::json;
 use std::path::Path;
@@ -95,13 +97,17 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let camera = lens.camera;
     let cell = cell(common)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
-    let (looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
+    let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
+    one_way_round::<A>(&camera, &board, &mut looks)?;
     let stations: Vec<Station<A::From>> =
         looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
     progress("mount");
     let calibrated =
         |stations: &[Station<A::From>], at| hand_eye::<A>(&camera, &board, stations, at).map_err(Fault::stage);
-    let mut found = calibrated(&stations, None)?;
+    let mut found = match hand_eye::<A>(&camera, &board, &stations, None) {
+        Ok(found) => found,
+        Err(error) => return Ok(refused(&error, &args.out)),
+    };
     if let Some([x, y, z]) = args.at_mm {
         let Some(at) = A::seen_from(&found.adjusted.to_from_camera, Point::at(x, y, z)) else {
             let error = CalibError::Points("--at-mm is a point of the base: it needs a fixed camera".to_owned());
@@ -156,6 +162,24 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     MountedPose::<A>::check(&args.out.display().to_string(), &text)?;
     keep(&mut outcome, &judgement, &args.out, &text)?;
     Ok(outcome)
+}
+
+/// Poses that hold no mount: a verdict.
+fn refused(error: &CalibError, out: &Path) -> Outcome {
+    let reason = Reason::new("no_mount", error.to_string());
+    let mut outcome = Outcome::of(&Judgement::of(vec![reason], vec![]));
+    outcome.say(format!("{}: not written", out.display()));
+    outcome
+}
+
+/// Every board the same way round, where it looks alike from several sides.
+fn one_way_round<A: Mounted>(camera: &PinholeCamera, board: &Board, looks: &mut [Look]) -> Result<(), Fault> {
+    let stations: Vec<Station<A::From>> =
+        looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
+    let corners: Vec<_> = looks.iter().map(|look| &look.detected.corners).collect();
+    let all = same_way_round::<A>(camera, board, &stations, &corners).map_err(Fault::stage)?;
+    looks.iter_mut().zip(all).for_each(|(look, corners)| look.detected.corners = corners);
+    Ok(())
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.

@@ -11,6 +11,7 @@ use crate::calib::hand_eye::{MIN_STATIONS, hand_eye as mount_of};
 use crate::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
 };
+use crate::calib::turned::same_way_round;
 use crate::calib::{Arrangement, CalibError, Seen, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
 use crate::geometry::{Camera, PinholeCamera};
@@ -46,11 +47,11 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     for (kind, poses, lens) in rigs {
         let (Some(poses), Some(lens)) = (poses, lens) else { continue };
         let camera = hand_eye::intrinsics(lens)?.camera;
-        let looks = looks(args, (poses, &geometry), &camera, &mut aside, progress)?;
+        let mut looks = looks(args, (poses, &geometry), &camera, &mut aside, progress)?;
         let rig = data.rigs.len();
         let started = match kind {
-            RigKind::EyeToHand => start::<ScannerMount>(args, kind, &camera, &looks),
-            RigKind::EyeInHand => start::<FlangeCameraMount>(args, kind, &camera, &looks),
+            RigKind::EyeToHand => start::<ScannerMount>(args, kind, &camera, &mut looks),
+            RigKind::EyeInHand => start::<FlangeCameraMount>(args, kind, &camera, &mut looks),
         };
         match started {
             Ok(started) => {
@@ -185,17 +186,27 @@ fn looks(
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
-/// Mount and board to begin with, by the controller's poses.
-fn start<A: Arrangement>(args: &Args, kind: RigKind, camera: &PinholeCamera, looks: &[Look]) -> Result<Rig, Fault> {
+fn station<A: Arrangement>(look: &Look) -> Station<A::From> {
+    Station {
+        name: look.sight.name.clone(),
+        base_from_flange: look.pose.base_from_flange,
+        seen: Seen::Pixels(look.corners.clone()),
+    }
+}
+
+/// Mount and board to begin with, by the controller's poses; every board the same way round.
+fn start<A: Arrangement>(
+    args: &Args,
+    kind: RigKind,
+    camera: &PinholeCamera,
+    looks: &mut [Look],
+) -> Result<Rig, Fault> {
     let board = super::board(&args.board)?;
-    let stations: Vec<Station<A::From>> = looks
-        .iter()
-        .map(|look| Station {
-            name: look.sight.name.clone(),
-            base_from_flange: look.pose.base_from_flange,
-            seen: Seen::Pixels(look.corners.clone()),
-        })
-        .collect();
+    let stations: Vec<Station<A::From>> = looks.iter().map(station::<A>).collect();
+    let corners: Vec<_> = looks.iter().map(|look| &look.corners).collect();
+    let all = same_way_round::<A>(camera, &board, &stations, &corners).map_err(Fault::stage)?;
+    looks.iter_mut().zip(all).for_each(|(look, corners)| look.corners = corners);
+    let stations: Vec<Station<A::From>> = looks.iter().map(station::<A>).collect();
     if stations.len() < MIN_STATIONS {
         let (found, given) = (stations.len(), stations.len());
         let error = CalibError::TooFewPictures { found, given, needed: MIN_STATIONS, first_reason: None };

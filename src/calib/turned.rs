@@ -1,0 +1,194 @@
+//! Which way round a board was taken that looks alike from several sides: the robot's poses tell.
+//!
+//! A grid of circles looks the same turned by 180°, a square one by 90°; a detector then begins with the corner that is
+//! uppermost, which is not always the same one. Between two stations i, j the flange and the board turn by the same angle,
+//!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
+//! with flange poses A, board poses B and turns T of the board. The turns of three stations that fulfil (1) give a mount in
+//! closed form; with it each other station takes the turn that puts its board nearest to theirs. Best is the least median of
+//! the distances, as in `consensus`.
+//!
+//! Judges nothing: stations that fit in no turn stay as they are, and are for the adjustment to name.
+
+use super::arrangement::Arrangement;
+use super::board::Board;
+use super::chain::Station;
+use super::consensus::triples;
+use super::detect::Corners;
+use super::error::CalibError;
+use super::foreign;
+use super::pose::board_pose;
+use crate::geometry::{Board as BoardFrame, PinholeCamera, Point};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
+
+/// The angles of (1) differ by less than this, rad: an arm that is off its drawing, and corners in a small picture.
+const SAME_TURN_RAD: f64 = 0.05;
+
+/// The turns of a board after which it looks as before, the first of them none.
+fn turns(board: &Board) -> Vec<Isometry3<f64>> {
+    let far =
+        board.corners().into_iter().fold([0.0, 0.0], |far: [f64; 2], q| [far[0].max(q.mm.x), far[1].max(q.mm.y)]);
+    let quarter = |count: u32, to: [f64; 2]| {
+        let turn =
+            UnitQuaternion::from_axis_angle(&Vector3::z_axis(), f64::from(count) * std::f64::consts::FRAC_PI_2);
+        Isometry3::from_parts(Translation3::new(to[0], to[1], 0.0), turn)
+    };
+    let half = quarter(2, far);
+    match (board.is_unique(), board.columns() == board.rows() && far[0] == far[1]) {
+        (true, _) => vec![Isometry3::identity()],
+        (false, false) => vec![Isometry3::identity(), half],
+        (false, true) => vec![Isometry3::identity(), quarter(1, [far[0], 0.0]), half, quarter(3, [0.0, far[1]])],
+    }
+}
+
+/// Corners with the places on the board that they have in this turn.
+fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
+    corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
+}
+
+/// Each station's corners as if every board had been taken the same way round.
+///
+/// # Errors
+/// Where a station's corners determine no pose of the board.
+pub fn same_way_round<A: Arrangement>(
+    camera: &PinholeCamera,
+    board: &Board,
+    stations: &[Station<A::From>],
+    corners: &[&Corners],
+) -> Result<Vec<Corners>, CalibError> {
+    let turns = turns(board);
+    let as_they_are = || corners.iter().map(|corners| (*corners).clone()).collect();
+    if turns.len() < 2 {
+        return Ok(as_they_are());
+    }
+    let pose = |station: &Station<A::From>| Ok(*board_pose(camera, &station.seen)?.camera_from_board.isometry());
+    let poses: Vec<Isometry3<f64>> = stations.iter().map(pose).collect::<Result<_, CalibError>>()?;
+    let moved = |station: &Station<A::From>| A::to_from_holder(&station.base_from_flange).isometry().inverse();
+    let stations = Stations {
+        holder_from_to: stations.iter().map(moved).collect(),
+        turned: poses.iter().map(|pose| turns.iter().map(|turn| pose * turn.inverse()).collect()).collect(),
+        middle: board.middle().mm,
+    };
+    let found = triples(poses.len()).flat_map(|triple| stations.of_triple(triple)).fold(None, nearer);
+    Ok(match found {
+        Some((_, ways)) => corners.iter().zip(ways).map(|(corners, way)| turned(corners, &turns[way])).collect(),
+        None => as_they_are(),
+    })
+}
+
+/// The median distance of the boards from the first one's, mm, and the turn of each station.
+type Ways = (f64, Vec<usize>);
+
+fn nearer(best: Option<Ways>, next: Ways) -> Option<Ways> {
+    match best {
+        Some(best) if best.0 <= next.0 => Some(best),
+        _ => Some(next),
+    }
+}
+
+struct Stations {
+    holder_from_to: Vec<Isometry3<f64>>,
+    /// Where each camera has the board, in each turn.
+    turned: Vec<Vec<Isometry3<f64>>>,
+    middle: Point3<f64>,
+}
+
+impl Stations {
+    /// What three stations say of all, in each combination of turns that fulfils (1); the first one's turn is none.
+    fn of_triple(&self, [a, b, c]: [usize; 3]) -> Vec<Ways> {
+        let mut all = Vec::new();
+        for way_b in (0..self.turned[b].len()).filter(|way| self.turns_alike((a, 0), (b, *way))) {
+            for way_c in 0..self.turned[c].len() {
+                if self.turns_alike((a, 0), (c, way_c)) && self.turns_alike((b, way_b), (c, way_c)) {
+                    all.extend(self.of_mount([(a, 0), (b, way_b), (c, way_c)]));
+                }
+            }
+        }
+        all
+    }
+
+    fn turns_alike(&self, one: (usize, usize), other: (usize, usize)) -> bool {
+        let flange = self.holder_from_to[one.0].rotation.angle_to(&self.holder_from_to[other.0].rotation);
+        let board =
+            (self.turned[one.0][one.1].rotation.inverse(), self.turned[other.0][other.1].rotation.inverse());
+        (flange - board.0.angle_to(&board.1)).abs() < SAME_TURN_RAD
+    }
+
+    fn of_mount(&self, three: [(usize, usize); 3]) -> Option<Ways> {
+        let mount = foreign::hand_eye(
+            &three.map(|(index, _)| self.holder_from_to[index]),
+            &three.map(|(index, way)| self.turned[index][way]),
+        )?;
+        let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.turned[index][way];
+        let first = held(three[0].0, 0);
+        let apart_mm = |index: usize, way: usize| {
+            // A turn moves corners about the middle: a point beside it tells the turns apart.
+            let beside = self.middle + Vector3::x() * self.middle.coords.norm();
+            let board = held(index, way);
+            (first * self.middle - board * self.middle).norm() + (first * beside - board * beside).norm()
+        };
+        let nearest = |index: usize| {
+            let ways = (0..self.turned[index].len()).map(|way| (apart_mm(index, way), way));
+            ways.min_by(|one, other| one.0.total_cmp(&other.0)).unwrap_or((f64::INFINITY, 0))
+        };
+        let (mut apart, ways): (Vec<f64>, Vec<usize>) = (0..self.turned.len()).map(nearest).unzip();
+        apart.sort_by(f64::total_cmp);
+        Some((apart[apart.len() / 2], ways))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calib::chain::Seen;
+    use crate::calib::hand_eye::hand_eye;
+    use crate::cell::ScannerMount;
+    use crate::sim::{BoardCell, BoardPrint, RobotNoise};
+
+    /// Every picture begins with another of the corners that look like the first: the mount is as good as if none did.
+    #[test]
+    fn boards_that_look_alike_from_several_sides_give_a_mount() {
+        for (columns, rows, ways) in [(7, 7, 4), (8, 6, 2), (9, 6, 1)] {
+            let board = Board::parse(&format!("{columns}x{rows}"), 20.0).expect("a board");
+            let all = turns(&board);
+            assert_eq!(all.len(), ways);
+            for turn in &all {
+                let there = turn * board.corner(1, 0).expect("a corner").mm;
+                assert!(
+                    board.corners().iter().any(|q| (q.mm - there).norm() < 1e-9),
+                    "{turn} maps corners onto corners"
+                );
+            }
+            let robot = RobotNoise { shift_mm: 0.3, turn_deg: 0.1 };
+            let cell = BoardCell::new(3, BoardPrint::chessboard(columns, rows, 20.0), robot).with_reduction(4);
+            let camera = cell.scanner();
+            let shots = cell.fixed_shots(10);
+            let corners: Vec<Corners> = (shots.iter().enumerate())
+                .map(|(index, shot)| turned(&cell.corners(&camera, shot, 0.02), &all[index * index % ways]))
+                .collect();
+            let stations = |corners: &[Corners]| -> Vec<Station<crate::geometry::Camera>> {
+                let all = shots.iter().zip(corners).map(|(shot, corners)| Station {
+                    name: format!("{}.png", shot.index),
+                    base_from_flange: shot.base_from_flange,
+                    seen: Seen::Pixels(corners.clone()),
+                });
+                all.collect()
+            };
+            let each: Vec<&Corners> = corners.iter().collect();
+            let round = same_way_round::<ScannerMount>(&camera, &board, &stations(&corners), &each).expect("poses");
+            let found = hand_eye::<ScannerMount>(&camera, &board, &stations(&round), None).expect("a mount");
+            let off_mm = found.adjusted.to_from_camera.distance_at_mm(cell.base_from_camera(), found.at);
+            assert!(
+                off_mm < 1.0 && found.suspects.is_empty(),
+                "{columns}×{rows}: {off_mm} mm, {:?}",
+                found.suspects
+            );
+            if ways > 1 {
+                let as_they_were = hand_eye::<ScannerMount>(&camera, &board, &stations(&corners), None);
+                assert!(
+                    as_they_were.is_err_and(|error| error.to_string().contains("mount")),
+                    "without it there is none"
+                );
+            }
+        }
+    }
+}
