@@ -106,6 +106,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
         |stations: &[Station<A::From>], at| hand_eye::<A>(&camera, &board, stations, at).map_err(Fault::stage);
     let mut found = match hand_eye::<A>(&camera, &board, &stations, None) {
         Ok(found) => found,
+        Err(error @ CalibError::Radians { .. }) => return Err(Fault::stage(error)),
         Err(error) => return Ok(refused(&error, &args.out)),
     };
     if let Some([x, y, z]) = args.at_mm {
