@@ -50,6 +50,8 @@ const SOCKET_TRIALS: usize = 500;
 /// Links that are tried at the same time; each has its own thread.
 const LINKS: usize = 8;
 const PATIENCE: Duration = Duration::from_secs(20);
+/// After so many walks a line tells how far they are.
+const PROGRESS_WALKS: usize = 5_000;
 /// Walks over the controller's programs as they ship.
 const PROGRAM_WALKS: u64 = 200_000;
 
@@ -82,7 +84,16 @@ fn main() -> ExitCode {
 fn walks_of_the_programs(walks: u64) -> bool {
     let (shipped, started) = (programs::texts("config/kuka"), Instant::now());
     let loaded = programs::load(&shipped);
-    let (found, covered) = programs::many(walks, u64::MAX, &loaded);
+    let (mut found, mut covered) = (Vec::new(), programs::Coverage::default());
+    for first in (0..walks).step_by(PROGRESS_WALKS) {
+        let seeds = first..walks.min(first + PROGRESS_WALKS as u64);
+        let last = seeds.end;
+        let (more, executed) = programs::many(seeds, u64::MAX, &loaded);
+        found.extend(more);
+        covered = covered.with(&executed);
+        let elapsed_s = started.elapsed().as_secs_f64();
+        println!("  {last} of {walks} walks, {} violate a rule, {elapsed_s:.0} s", found.len());
+    }
     let missing = covered.print(&loaded, &shipped);
     found.iter().take(20).for_each(|(seed, violation)| println!("{seed}: {violation}"));
     let reached = found.is_empty() && missing.is_empty();

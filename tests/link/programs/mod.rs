@@ -9,10 +9,11 @@ mod scenes;
 
 use super::cell::{Cell, height_mm};
 use super::walks::{Weak, walk_over};
-use coverage::Coverage;
+pub use coverage::Coverage;
 use panelprep::devices::mock::Programs;
 use panelprep::krl::Meaning;
 use rayon::prelude::*;
+use std::ops::Range;
 use std::path::Path;
 
 /// Walks in every run of the tests.
@@ -75,9 +76,9 @@ pub fn walk(seed: u64, programs: &Programs, meaning: Meaning) -> (Cell, Result<(
     (cell, found)
 }
 
-/// So many walks: the seeds that violate a rule, and what was executed.
-pub fn many(walks: u64, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
-    let walked = (0..walks).into_par_iter().map(|seed| {
+/// The walks of these seeds: those that violate a rule, and what was executed.
+pub fn many(seeds: Range<u64>, mask: u64, programs: &Programs) -> (Vec<(u64, String)>, Coverage) {
+    let walked = seeds.into_par_iter().map(|seed| {
         let (cell, found) = walk(seed, programs, meaning(seed & mask));
         let wrong: Vec<(u64, String)> = found.err().map(|violation| (seed, violation)).into_iter().collect();
         (wrong, Coverage::of(&cell.controller))
@@ -98,7 +99,7 @@ fn no_walk_of_the_shipped_programs_violates_a_rule() {
     let programs = load(&shipped);
     let walks = std::env::var("KRL_WALKS").ok().and_then(|walks| walks.parse().ok()).unwrap_or(WALKS);
     let mask: u64 = std::env::var("KRL_MASK").ok().and_then(|mask| mask.parse().ok()).unwrap_or(u64::MAX);
-    let (found, covered) = many(walks, mask, &programs);
+    let (found, covered) = many(0..walks, mask, &programs);
     let missing = covered.print(&programs, &shipped);
     for (seed, violation) in found.iter().take(40) {
         println!("{seed}: {violation}");
