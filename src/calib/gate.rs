@@ -223,13 +223,22 @@ pub fn three_points<A: Arrangement>(found: &ThreePoints<A>, rough: Option<&Rigid
 }
 
 /// An arm whose left-out pictures are off by less needs no correction, mm.
-pub const GOOD_ARM_MM: f64 = 0.08;
+const GOOD_ARM_MM: f64 = 0.08;
+/// … and by so little, of which no correction takes anything away, neither.
+const NEARLY_GOOD_ARM_MM: f64 = 0.15;
+
+/// Does the arm go without a correction? Where it is good as it is drawn; also where it is nearly so and a correction leaves
+/// what it found: that is then the pictures' scatter.
+pub fn needs_no_correction(found: &RobotFound) -> bool {
+    let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
+    before < GOOD_ARM_MM || (before < NEARLY_GOOD_ARM_MM && after > HELPS.1 * before)
+}
 
 /// Is the arm's correction worth using? `views` is the number of pictures.
 pub fn robot(found: &RobotFound, views: usize) -> Judgement {
     let mut reasons = Reasons::default();
     let (before, after) = (found.left_out_before_mm, found.left_out_after_mm);
-    if before < GOOD_ARM_MM {
+    if needs_no_correction(found) {
         return reasons.judgement();
     }
     let share = after / before;

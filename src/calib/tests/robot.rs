@@ -1,11 +1,13 @@
 //! Arms with errors of their own, against their truth.
 
 use crate::calib::arm_errors::{ARM_NUMBERS, AxisFault, base_from_flange, usual};
+use crate::calib::gate;
 use crate::calib::robot::{
     ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched, calibrate,
 };
 use crate::cell::Cell;
 use crate::geometry::{Flange, Joints, Point};
+use crate::verdict::Verdict;
 use nalgebra::{Isometry3, Matrix6, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -218,6 +220,22 @@ fn an_arm_s_own_errors_are_found() {
             found.left_out_before_mm, found.left_out_after_mm
         );
     }
+}
+
+/// Nearly good, and a correction takes a tenth of nothing away: the arm goes without one. Worse, and it takes nothing away: the
+/// data hold no correction.
+#[test]
+fn an_arm_of_which_a_correction_takes_nothing_away_goes_without_one() {
+    let found = calibrate(&simulated(1, 40).data).expect("an arm");
+    let judged = |before: f64, after: f64| {
+        let found = RobotFound { left_out_before_mm: before, left_out_after_mm: after, ..found.clone() };
+        (gate::needs_no_correction(&found), gate::robot(&found, 40).verdict)
+    };
+    assert_eq!(judged(0.07, 0.02), (true, Verdict::Accept));
+    assert_eq!(judged(0.083, 0.078), (true, Verdict::Accept));
+    assert_eq!(judged(0.10, 0.03), (false, Verdict::Accept));
+    assert_eq!(judged(0.20, 0.19), (false, Verdict::Reject));
+    assert_eq!(judged(0.10, f64::NAN), (false, Verdict::Reject));
 }
 
 /// Each fault of the axes is named, with the controller's poses beside them and without.

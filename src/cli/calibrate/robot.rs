@@ -80,7 +80,7 @@ pub fn run(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Re
     tell(&mut outcome, &found, &aside);
     let board = super::board(&args.board)?;
     robot_advice::tell(&mut outcome, &cell, &found, (&data, &cameras, &board));
-    if found.left_out_before_mm < gate::GOOD_ARM_MM {
+    if gate::needs_no_correction(&found) {
         outcome.say(format!("{}: not written, the arm needs no correction", args.out.display()));
         return Ok(outcome);
     }
