@@ -109,6 +109,13 @@ pub enum Command {
         panelprep teach --cell target/cell/cell.toml --recipe target/cell/recipe.toml --scan target/cell/taught_scan.pcd \
         --corner target/cell/taught_corner.png --flange target/cell/taught_flange.json --pictures target/cell/pictures")]
     Teach(Teach),
+    /// Take pictures and scans with the cell's cameras, outside of a cycle and without any calibration: for commissioning.
+    #[command(after_help = "Examples, with the simulated cameras of config/cell.toml:\n  \
+        panelprep shoot scan --out target/shots\n  \
+        panelprep shoot corner --count 2 --out target/shots\n  \
+        panelprep shoot film --seconds 2 --pictures-per-second 2 --out target/film\n\
+        Files are numbered on, and none is written over. A film's clip.csv lists its pictures for `panelprep inspect`.")]
+    Shoot(Shoot),
     /// Draw a scan with a pixel ruler and its missing points: where a recipe's region is read from.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
         panelprep look --scan target/cell/taught_scan.pcd --pictures target/cell/pictures")]
@@ -315,6 +322,65 @@ pub struct Cycle {
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
+}
+
+/// What `shoot` takes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Shot {
+    /// A 3D scan: organised PCD and PLY, and its colours as PNG.
+    Scan,
+    /// A picture by the 3D camera's colour sensor, in the cell's own light.
+    Picture,
+    /// Such pictures one after the other.
+    Film,
+    /// A picture by the camera on the flange.
+    Corner,
+}
+
+impl Shot {
+    /// Is it a 3D scan?
+    pub fn is_scan(self) -> bool {
+        self == Shot::Scan
+    }
+}
+
+/// Options of `shoot`.
+#[derive(Debug, Clone, Args)]
+pub struct Shoot {
+    /// What to take.
+    #[arg(value_enum)]
+    pub what: Shot,
+    /// Folder for the files.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// How many, one after the other; a film is one.
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000))]
+    pub count: u32,
+    /// Length of a film, s.
+    #[arg(long, default_value_t = 10.0, value_parser = film_seconds)]
+    pub seconds: f64,
+    /// Pictures of a film that are asked for in a second, at most.
+    #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
+    pub pictures_per_second: f64,
+    /// From this second on the film's pictures are marked as taken under the spray.
+    #[arg(long, value_name = "S")]
+    pub spray_from_s: Option<f64>,
+    /// From this second on they are marked as wet.
+    #[arg(long, value_name = "S")]
+    pub wet_from_s: Option<f64>,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+fn film_seconds(text: &str) -> Result<f64, String> {
+    let allowed = || "allowed are 0.1 to 600 s".to_owned();
+    text.parse().ok().filter(|seconds| (0.1..=600.0).contains(seconds)).ok_or_else(allowed)
+}
+
+fn film_rate(text: &str) -> Result<f64, String> {
+    let allowed = || "allowed are 0.1 to 60 a second".to_owned();
+    text.parse().ok().filter(|rate| (0.1..=60.0).contains(rate)).ok_or_else(allowed)
 }
 
 /// What stands in a simulated cell; without effect on devices of another kind.

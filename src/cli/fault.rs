@@ -124,6 +124,18 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
+    /// The service holds the cameras.
+    #[error("the service that runs on this cell has its cameras, and is {state}; stop the service first")]
+    CamerasAreTaken {
+        /// What the service does.
+        state: String,
+    },
+    /// A film would be written over another one.
+    #[error("{} holds a clip.csv already; name another folder", folder.display())]
+    ClipIsThere {
+        /// The folder.
+        folder: PathBuf,
+    },
     /// A simulated camera without a simulated world.
     #[error("a camera is simulated and there is no simulated world that it could look at")]
     NoWorld,

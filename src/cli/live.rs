@@ -21,6 +21,7 @@ use crate::devices::mock::{self, ChannelFile, Controller, MockServer, Programs, 
 use crate::devices::robot::{Address, BlockingLink, link_limits};
 use crate::devices::world::{Follower, SimulatedWorld};
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
+use crate::geometry::PinholeCamera;
 use crate::sim;
 use serde_json::{Value, json};
 
@@ -72,7 +73,7 @@ impl Live {
     /// Where kinds do not go together, this program has no such camera, a recording cannot be opened, or a thread or
     /// port cannot be had.
     pub fn start(cell: &Cell, calibrations: &Calibrations, simulation: Simulation) -> Result<Self, Fault> {
-        let world = || simulated_cell(calibrations, simulation);
+        let world = || simulated_cell(&calibrations.scanner, simulation);
         if cell.robot().kind() == RobotKind::Mock {
             let simulated = Simulated::start(cell, world()?)?;
             let arm = Arm::Mock(simulated.server.handle());
@@ -159,14 +160,17 @@ fn flange_sensor(simulated: &Simulated, _: &Calibrations) -> (Box<dyn FlangeCame
 }
 
 /// The GigE Vision camera that the cell's file names.
+///
+/// # Errors
+/// Where a file cannot be read, or there is no thread or driver.
 #[cfg(feature = "gige")]
-fn gige_camera(cell: &Cell, gige: &cell::Gige, values: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+pub fn gige_camera(cell: &Cell, gige: &cell::Gige, lens: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
     let serial = calibrated_serial(cell.calibration().flange_camera.as_deref())?;
-    Ok(Box::new(GigeFlangeCamera::open(gige, &values.flange_camera, serial).map_err(Fault::stage)?))
+    Ok(Box::new(GigeFlangeCamera::open(gige, lens, serial).map_err(Fault::stage)?))
 }
 
 #[cfg(not(feature = "gige"))]
-fn gige_camera(_: &Cell, _: &cell::Gige, _: &Calibrations) -> Result<Box<dyn FlangeCamera>, Fault> {
+pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dyn FlangeCamera>, Fault> {
     Err(Fault::BuiltWithoutGige)
 }
 
@@ -193,8 +197,7 @@ fn linked(cell: &Cell, simulated: Option<&Simulated>) -> Result<LinkedRobot, Fau
 }
 
 /// The simulated cell whose scanner is the calibrated one.
-fn simulated_cell(calibrations: &Calibrations, simulation: Simulation) -> Result<sim::Cell, Fault> {
-    let found = &calibrations.scanner;
+pub fn simulated_cell(found: &PinholeCamera, simulation: Simulation) -> Result<sim::Cell, Fault> {
     let reduction = (FULL_WIDTH_PX / found.width_px.max(1)).clamp(1, SMALLEST);
     let simulated_cell =
         sim::Cell::new(simulation.seed, simulation.scene.into(), reduction).placed(simulation.place);
@@ -221,7 +224,11 @@ fn programs(cell: &Cell) -> Result<Option<Programs>, Fault> {
 }
 
 impl Simulated {
-    fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
+    /// Starts both.
+    ///
+    /// # Errors
+    /// Where a port or thread cannot be had.
+    pub fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
         let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
         let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
         let setup = Setup { programs: programs(cell)?, ..world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?) };
@@ -238,7 +245,8 @@ impl Simulated {
         }
     }
 
-    fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
+    /// Both cameras of the world.
+    pub fn cameras(&self) -> (SimulatedScanner, SimulatedFlangeCamera) {
         simulated(&self.world, &Arm::Mock(self.server.handle()))
     }
 }
@@ -261,7 +269,7 @@ fn eyes(
         cell::Camera::Recorded { folder } => {
             Box::new(RecordedFlangeCamera::open(folder, calibrations.flange_camera).map_err(Fault::stage)?)
         }
-        cell::Camera::Device(gige) => gige_camera(cell, gige, calibrations)?,
+        cell::Camera::Device(gige) => gige_camera(cell, gige, &calibrations.flange_camera)?,
     };
     Ok(Cameras { scanner, flange })
 }

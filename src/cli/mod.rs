@@ -43,6 +43,7 @@ mod report;
 mod robot;
 mod run;
 mod score;
+mod shoot;
 mod store;
 mod teach;
 mod tune;
@@ -80,6 +81,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Ctl(args) => ctl::run(args, common),
         Command::Calibrate(args) => calibrate::run(args, common, &|line| output::tell_line(line)),
         Command::Teach(args) => teach::run(args, common),
+        Command::Shoot(args) => shoot::run(args, common, &|line| output::tell_line(line)),
         Command::Look(args) => look::run(args, common),
         Command::Locate(args) => locate::run(args, common),
         Command::Refine(args) => refine::run(args, common),

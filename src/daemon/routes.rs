@@ -31,6 +31,11 @@ pub(super) const AXIS_PERCENT: u8 = 20;
 const MODEL_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
 
+/// At a stop in contact the controller's program lifts the tool off by so much, so fast, mm and mm/s: CELL_RETRACT_MM and
+/// CELL_RETRACT_VEL of config/kuka/cell_config.dat.
+pub(super) const RETRACT_MM: f64 = 50.0;
+pub(super) const RETRACT_MM_S: f64 = 200.0;
+
 /// The arm as it stands before a path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Standing<'a> {
@@ -173,7 +178,10 @@ fn gated<Active: crate::geometry::Frame>(
             blend_mm: point.blend_mm,
         });
         match standing.followed(from, &legs.collect::<Vec<_>>()) {
-            Ok(end) => joints = end,
+            Ok(travel) => match standing.retracts(&points, &poses, &travel) {
+                Ok(()) => joints = travel.last().copied(),
+                Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
+            },
             Err(reason) => judgement = Judgement::of(vec![reason], vec![]),
         }
     }
@@ -207,8 +215,29 @@ impl Standing<'_> {
         Judgement::of(reason.into_iter().collect(), vec![])
     }
 
-    /// How the axes stand at the end of these lines, followed from where they stand now, or what is in the way.
-    fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Option<Joints>, Reason> {
+    /// Whether the arm could leave the panel from each waypoint in contact, as the controller's program makes it do at a stop:
+    /// along the tool's axis, in the configuration in which it stands there.
+    fn retracts(&self, points: &[MoveLin], poses: &[Rigid<Base, Tool>], joints: &[Joints]) -> Result<(), Reason> {
+        let arm = Kinematics::new(self.arm);
+        let away = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -RETRACT_MM));
+        let in_contact =
+            points.iter().zip(poses).zip(joints).enumerate().filter(|(_, ((point, _), _))| point.contact);
+        for (index, ((_, pose), joints)) in in_contact {
+            let leg = Leg { base_from_tool: *pose * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 };
+            if let Err(fault) = follow(&arm, self.flange_from_tool, Some(joints), &[leg]) {
+                let message = format!(
+                    "waypoint {}: at a stop the controller lifts the tool off by {RETRACT_MM} mm, and from here it cannot: {}",
+                    index + 1,
+                    fault.obstacle
+                );
+                return Err(Reason::new("retract_out_of_reach", message));
+            }
+        }
+        Ok(())
+    }
+
+    /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.
+    fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);
         let arm = match self.things {
             Some(things) => arm.beside(things.clone()),
@@ -229,7 +258,7 @@ impl Standing<'_> {
             return Err(Reason::new("arm_model", message));
         }
         match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
-            Ok(travel) => Ok(travel.joints.last().copied()),
+            Ok(travel) => Ok(travel.joints),
             Err(fault) => {
                 let message = format!("waypoint {}: {}", fault.index + 1, fault.obstacle);
                 Err(Reason::new("out_of_reach", message))
@@ -248,4 +277,53 @@ fn between<Active: crate::geometry::Frame>(
     // Opposite rotations have no way between them; the gate sees the turn.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::claim(nalgebra::Isometry3::from_parts(place.into(), turned))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use crate::geometry::Point;
+    use crate::path::reach::postures;
+
+    /// The number of a constant in the program that ships.
+    fn shipped(name: &str) -> f64 {
+        let text = include_str!("../../config/kuka/cell_config.dat");
+        let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
+        line.1.trim().parse().expect("a number")
+    }
+
+    /// As the controller's program does it.
+    #[test]
+    fn the_retract_is_the_programs() {
+        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
+    }
+
+    /// Found by a walk over the controller's programs: the arm stands 10 mm above a panel with axis 5 at 118.3°; 50 mm higher
+    /// it would need 122.3°, and its limit is 120°. 110 mm lower there is room for the retract.
+    #[test]
+    fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+        let arm = Kinematics::new(cell.arm());
+        let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 100.0, ..KukaPose::default() }.to_rigid();
+        let high = Joints::from([0.0, -156.228, 127.945, 0.0, 118.283, 0.0]);
+        let high = arm.base_from_flange(&high).expect("an arm") * flange_from_tool;
+        let retract = |lower_mm: f64| {
+            let down = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * lower_mm));
+            let pose = high * down;
+            let flange = pose * flange_from_tool.inverse();
+            let joints =
+                postures(&arm, &flange, Point::at(0.0, 0.0, 100.0)).into_iter().next().expect("within its limits");
+            let standing =
+                Standing { limits: cell.limits(), arm: cell.arm(), flange_from_tool, joints, things: None };
+            let point =
+                MoveLin { pose: KukaPose::from_rigid(&pose), blend_mm: 0.0, contact: true, speed_m_s: None };
+            let in_air = MoveLin { contact: false, ..point };
+            assert!(standing.retracts(&[in_air], &[pose], &[joints]).is_ok(), "nobody retracts from the air");
+            standing.retracts(&[point], &[pose], &[joints]).map_err(|reason| (reason.code, reason.message))
+        };
+        let (code, message) = retract(40.0).expect_err("axis 5 has no room");
+        assert!(code == "retract_out_of_reach" && message.starts_with("waypoint 1: "), "{message}");
+        assert_eq!(retract(110.0), Ok(()));
+    }
 }

@@ -89,13 +89,13 @@ fn walks_of_the_programs(walks: u64) -> bool {
         let seeds = first..walks.min(first + PROGRESS_WALKS as u64);
         let last = seeds.end;
         let (more, executed) = programs::many(seeds, u64::MAX, &loaded);
+        more.iter().for_each(|(seed, violation)| println!("    {seed}: {violation}"));
         found.extend(more);
         covered = covered.with(&executed);
         let elapsed_s = started.elapsed().as_secs_f64();
         println!("  {last} of {walks} walks, {} violate a rule, {elapsed_s:.0} s", found.len());
     }
     let missing = covered.print(&loaded, &shipped);
-    found.iter().take(20).for_each(|(seed, violation)| println!("{seed}: {violation}"));
     let reached = found.is_empty() && missing.is_empty();
     println!(
         "{walks} walks over the controller's programs: {} violate a rule, {} lines never executed, {:.0} s {}",

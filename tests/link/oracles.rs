@@ -43,6 +43,7 @@ pub struct Oracles {
     pub delay_ms: u64,
     points: BTreeMap<(u32, u32), (MoveLin, f64)>,
     sent: BTreeMap<u32, u32>,
+    first_sent_ms: BTreeMap<u32, u64>,
     ended_ms: BTreeMap<u32, u64>,
     open: Option<Epoch>,
     /// Since when the client has no epoch, and when no robot program could have helped.
@@ -109,7 +110,9 @@ impl Oracles {
         if step.id <= before {
             self.wrong(now_ms, format!("command {id} of epoch {epoch} was executed after command {before}"));
         }
-        if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch)
+        // A stranger may have used the number on a controller that has forgotten it since.
+        let began_ms = self.first_sent_ms.get(&epoch).copied().unwrap_or(0);
+        if let Some(stop) = stops.iter().find(|stop| stop.epoch == step.epoch && stop.time_ms >= began_ms)
             && now_ms > stop.time_ms + BRAKE_MS + STARVED_MS
         {
             self.wrong(now_ms, format!("an ended epoch moved the arm: command {id} of epoch {epoch}, {stop:?}"));
@@ -238,7 +241,8 @@ impl Oracles {
             return;
         }
         let closed_ms = *self.closed_ms.get_or_insert(cell.now_ms);
-        if !cell.controller.can_move() {
+        let is_strangers = is_program(cell) && self.is_strange(cell) && !cell.controller.is_stopped();
+        if !cell.controller.can_move() || is_strangers {
             self.unable_ms = cell.now_ms;
         }
         let since_ms = closed_ms.max(self.unable_ms) + END_MS + self.delay_ms;
@@ -285,6 +289,7 @@ fn is_program(cell: &Insides<'_>) -> bool {
 impl Watch for Oracles {
     fn sent(&mut self, epoch: u32, id: u32, now_ms: u64) {
         let before = self.sent.insert(epoch, id).unwrap_or(0);
+        self.first_sent_ms.entry(epoch).or_insert(now_ms);
         if id != before + 1 {
             self.wrong(now_ms, format!("command {id} of epoch {epoch} was sent after command {before}"));
         }

@@ -3,14 +3,11 @@
 use super::{Check, machine};
 use crate::cell::{Camera, Cell, Gige, RobotKind, ZividCamera};
 use crate::cli::fault::Fault;
-#[cfg(feature = "gige")]
-use crate::cli::load::calibrated_serial;
 use crate::cli::load::{Calibrated, CellFiles};
+use crate::cli::shoot::opening;
 use crate::cli::{ctl, live};
 use crate::daemon::{Single, SingleError};
 use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
-#[cfg(feature = "gige")]
-use crate::devices::cameras::{FlangeCamera, GigeFlangeCamera};
 use crate::devices::zivid::Patience;
 use crate::eki::LinkLoss;
 use crate::geometry::PinholeCamera;
@@ -42,23 +39,15 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
     if let Some(state) = ctl::state_of(&files.socket()) {
         return Check::right(name, format!("held by the service, which is {state}"));
     }
-    let Ok(lens) = files.flange_camera() else {
-        return Check::wrong(
-            name,
-            "not looked at: its size is held against the lens's calibration",
-            "calibrate first",
-        );
-    };
-    let serial = match calibrated_serial(files.cell.calibration().flange_camera.as_deref()) {
-        Ok(serial) => serial,
-        Err(fault) => return Check::wrong(name, fault.to_string(), "calibrate first"),
-    };
-    let opened = GigeFlangeCamera::open(gige, &lens.value, serial);
-    let whole = opened.and_then(|mut camera| camera.check());
+    let opened = opening::lens(files.flange_camera()).and_then(|lens| {
+        let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
+        opening::sized(lens, open, |camera| camera.check())
+    });
+    let whole = opened.and_then(|(mut camera, size_px)| camera.check().map(|()| size_px).map_err(Fault::stage));
     match whole {
-        Ok(()) => {
-            let (bytes, size) = (gige.packet_bytes, [lens.value.width_px, lens.value.height_px]);
-            Check::right(name, format!("delivers {}×{} in packets of {bytes} bytes", size[0], size[1]))
+        Ok([width, height]) => {
+            let bytes = gige.packet_bytes;
+            Check::right(name, format!("delivers {width}×{height} in packets of {bytes} bytes"))
         }
         Err(error) => Check::wrong(
             name,
@@ -84,16 +73,10 @@ fn recorded(
     lens: Result<Calibrated<PinholeCamera>, Fault>,
     open: impl Fn(PinholeCamera) -> Result<(), CameraError>,
 ) -> Check {
-    match lens.map(|lens| open(lens.value)) {
-        Ok(Ok(())) => Check::right(name, "recorded shots are played"),
-        Ok(Err(error)) => {
-            Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file")
-        }
-        Err(_) => Check::wrong(
-            name,
-            "not looked at: a recording is held against the lens's calibration",
-            "calibrate first",
-        ),
+    let lens = opening::lens(lens).map(|lens| lens.unwrap_or_else(|| opening::of_size([2, 2])));
+    match lens.and_then(|lens| open(lens).map_err(Fault::stage)) {
+        Ok(()) => Check::right(name, "recorded shots are played"),
+        Err(error) => Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file"),
     }
 }
 
@@ -102,22 +85,25 @@ fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
     if ctl::state_of(&files.socket()).is_some() {
         return Check::right("scanner", "a Zivid, held by the service that runs");
     }
-    let Ok(lens) = files.scanner() else {
-        let found = "not looked at: its shots are held against the lens's calibration";
-        return Check::wrong("scanner", found, "calibrate first");
-    };
-    let mut scanner = match crate::cli::zivid::scanner(&files.cell, camera, &lens.value) {
-        Ok(scanner) => scanner,
+    let lens = opening::lens(files.scanner());
+    let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
+    let opened = lens.and_then(|lens| {
+        let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
+        opening::sized(lens, open, |scanner| Ok(scanner.ready(Patience::default().start())?))
+    });
+    let mut scanner = match opened {
+        Ok((scanner, _)) => scanner,
         Err(fault) => return Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file"),
     };
     let ready = scanner.ready(Patience::default().start());
     match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
         Ok((found, own)) => {
             let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
-            let (own_px, calibrated_px) = (own.matrix_px[0], lens.value.fx_px);
+            let calibrated = calibrated_px
+                .map_or("it is not calibrated yet".to_owned(), |px| format!("by its calibration {px:.1} px"));
             let told = format!(
-                "a Zivid, ready; temperature of its lens {warm}; focal length by itself {own_px:.1} px, by its calibration \
-                 {calibrated_px:.1} px"
+                "a Zivid, ready; temperature of its lens {warm}; focal length by itself {:.1} px, {calibrated}",
+                own.matrix_px[0]
             );
             Check::right("scanner", told)
         }

@@ -90,7 +90,7 @@ fn by_the_wall_clock_results_come_when_they_came() {
             .reset()
             .start(taped)
             .when(films, Ask::For(Request::Stop))
-            .leave_when(|state| state.at == At::Stopped || complete(state))
+            .leave_when(|state| matches!(state.at, At::Stopped | At::Aborted { .. }) || complete(state))
     });
     assert_eq!(verdict, Some(Verdict::Aborted));
     // While the scan was looked at, the robot told its state.

@@ -1,6 +1,6 @@
 //! The cell's two cameras: what a shot is, and who delivers it.
 //!
-//! A capture blocks until the shot is there or an error says why not. Shots carry when they were taken, on the clock
+//! [`PictureQuality`] and [`ScanQuality`] say how good a shot is. A capture blocks until the shot is there or an error says why not. Shots carry when they were taken, on the clock
 //! of whoever took them; a picture of a played or simulated flange camera carries where the flange was.
 //!
 //! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, looking at the simulated world
@@ -12,6 +12,7 @@ mod bayer;
 mod error;
 #[cfg(feature = "gige")]
 mod gige;
+mod quality;
 mod recorded;
 mod simulated;
 
@@ -19,6 +20,7 @@ pub use bayer::BayerFlangeCamera;
 pub use error::{CameraError, FileError, Which};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
+pub use quality::{PictureQuality, ScanQuality};
 pub use recorded::{RecordedFlangeCamera, RecordedScanner};
 pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated};
 

@@ -124,7 +124,7 @@ const MISTAKES: [Mistake; 40] = [
         "a lost link ends no epoch", "cell_link.src",
         "  IF CELL_OPEN THEN\n    CELL_STOP(FALSE)\n  ENDIF\nEND",
         "END",
-        Some(123),
+        Some(114),
     ),
     mistake(
         "a lost command channel is not opened again", "cell_link.src",

@@ -1,0 +1,138 @@
+//! `panelprep shoot`: pictures and scans by the configured cameras, outside of a cycle and without any calibration.
+
+mod film;
+pub mod opening;
+
+use super::args::{Common, Shoot, Shot};
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use super::{ctl, disk};
+use crate::devices::cameras::{PictureQuality, ScanQuality};
+use crate::files;
+use crate::geometry::{ColorPicture, KukaPose};
+use crate::verdict::Judgement;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Takes what is asked for and writes it; what was there already stays.
+///
+/// # Errors
+/// Where the service has the cameras, a camera does not deliver, or the disk refuses.
+pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    if let Some(state) = ctl::state_of(&files.socket()) {
+        return Err(Fault::CamerasAreTaken { state });
+    }
+    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
+    match args.what {
+        Shot::Scan => scans(args, &files, &mut outcome, progress)?,
+        Shot::Picture => pictures(args, &files, &mut outcome, progress)?,
+        Shot::Film => film::take(args, &files, &mut outcome, progress)?,
+        Shot::Corner => corners(args, &files, &mut outcome, progress)?,
+    }
+    Ok(outcome)
+}
+
+/// The files of one shot, by their endings: the first number that no file of the folder has.
+fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
+    let of = |number: u32| endings.iter().map(move |ending| folder.join(format!("{name}_{number:04}.{ending}")));
+    let free = (1..=u32::MAX).find(|number| of(*number).all(|file| !file.exists()));
+    of(free.unwrap_or(u32::MAX)).collect()
+}
+
+fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    let mut opened = opening::scanner(files, args, progress)?;
+    let mut all = Vec::new();
+    for _ in 0..args.count {
+        let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
+        let names = free_names(&args.out, "scan", &["pcd", "ply", "png"]);
+        let picture = shot.cloud.picture();
+        let png = files::write_color_png(&picture).map_err(Fault::stage)?;
+        let written = [files::write_pcd(&shot.cloud), files::write_ply(&shot.cloud), png];
+        names.iter().zip(written).try_for_each(|(file, bytes)| disk::write(file, bytes))?;
+        let (scan, of_picture) = (ScanQuality::of(&shot.cloud), PictureQuality::of(&picture));
+        let size_px = [shot.cloud.width(), shot.cloud.height()];
+        let depth = scan.depth_mm.map_or("no depth".to_owned(), |[near, middle, far]| {
+            format!("90 % of the points within {near:.0} to {far:.0} mm along the camera's axis, the middle at {middle:.0} mm")
+        });
+        outcome.say(format!(
+            "{}, .ply, .png: {}×{} px, {} points, {:.1} % of the pixels have none; {depth}",
+            names[0].display(),
+            size_px[0],
+            size_px[1],
+            scan.points,
+            100.0 * scan.missing_share
+        ));
+        outcome.say(format!("  {}", words(&of_picture)));
+        let mut told = quality_json(&names, size_px, shot.time_s, &of_picture);
+        told["points"] = json!(scan.points);
+        told["missing_share"] = json!(scan.missing_share);
+        told["depth_mm"] = json!(scan.depth_mm);
+        all.push(told);
+    }
+    outcome.put("shots", json!(all));
+    opened.tell(outcome);
+    Ok(())
+}
+
+fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    let mut opened = opening::scanner(files, args, progress)?;
+    let mut all = Vec::new();
+    for _ in 0..args.count {
+        let shot = opened.camera.capture_2d().map_err(Fault::stage)?;
+        let names = free_names(&args.out, "picture", &["png"]);
+        all.push(kept(outcome, &names, &shot.picture, shot.time_s)?);
+    }
+    outcome.put("shots", json!(all));
+    opened.tell(outcome);
+    Ok(())
+}
+
+fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    let mut opened = opening::flange_camera(files, args, progress)?;
+    let mut all = Vec::new();
+    for _ in 0..args.count {
+        let shot = opened.camera.capture().map_err(Fault::stage)?;
+        let names = free_names(&args.out, "corner", &["png", "json"]);
+        all.push(kept(outcome, &names[..1], &shot.picture, shot.time_s)?);
+        match shot.base_from_flange {
+            Some(flange) => disk::write(&names[1], files::write_pose(&KukaPose::from_rigid(&flange)))?,
+            None => outcome.say("  the camera does not know where the flange was: write it down from the pendant"),
+        }
+    }
+    outcome.put("shots", json!(all));
+    opened.tell(outcome);
+    Ok(())
+}
+
+/// Writes a picture and tells of it.
+fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s: f64) -> Result<Value, Fault> {
+    let quality = PictureQuality::of(picture);
+    disk::write(&names[0], files::write_color_png(picture).map_err(Fault::stage)?)?;
+    outcome.say(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
+    outcome.say(format!("  {}", words(&quality)));
+    Ok(quality_json(names, [picture.width, picture.height], time_s, &quality))
+}
+
+fn words(quality: &PictureQuality) -> String {
+    format!(
+        "sharpness {:.1} grey levels a pixel at the steepest edges, saturated {:.2} %, dark {:.1} %, mean grey level {:.0} of 255",
+        quality.sharpness_gray_per_px,
+        100.0 * quality.saturated_share,
+        100.0 * quality.dark_share,
+        quality.mean_gray
+    )
+}
+
+fn quality_json(names: &[PathBuf], size_px: [usize; 2], time_s: f64, quality: &PictureQuality) -> Value {
+    json!({
+        "files": names.iter().map(|name| name.display().to_string()).collect::<Vec<_>>(),
+        "size_px": size_px,
+        "time_s": time_s,
+        "sharpness_gray_per_px": quality.sharpness_gray_per_px,
+        "saturated_share": quality.saturated_share,
+        "dark_share": quality.dark_share,
+        "mean_gray": quality.mean_gray,
+    })
+}

@@ -1,0 +1,140 @@
+//! A film: pictures one after the other, written while the next ones come, with a `clip.csv` that `inspect` and a recorded
+//! camera read.
+
+use super::super::args::Shoot;
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::CellFiles;
+use super::super::outcome::Outcome;
+use super::opening::{self, Opened};
+use crate::devices::cameras::{CameraError, Picture, PictureQuality, Scanner};
+use crate::files::{self, Clip, ClipEntry};
+use crate::phase::Phase;
+use serde_json::json;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::sync::{Mutex, PoisonError};
+use std::thread;
+
+/// Pictures that wait to be written; where the disk is slower for longer, the camera drops some, and they are counted.
+const WAITING: usize = 64;
+const WRITERS: usize = 2;
+/// A tick of the simulated controller, by which its cameras' time passes, ms.
+const TICK_MS: u64 = 12;
+
+/// What came.
+struct Taken {
+    entries: Vec<ClipEntry>,
+    quality: Option<PictureQuality>,
+    dropped: u64,
+}
+
+/// Takes a film and writes it.
+///
+/// # Errors
+/// Where the folder holds a clip already, the camera does not deliver, or the disk refuses.
+pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
+    let list = args.out.join("clip.csv");
+    if list.exists() {
+        return Err(Fault::ClipIsThere { folder: args.out.clone() });
+    }
+    let mut opened = opening::scanner(files, args, progress)?;
+    progress(&format!("taking pictures for {} s", args.seconds));
+    let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
+    let to_write = Mutex::new(to_write);
+    let taken = thread::scope(|scope| {
+        let writers: Vec<_> = (0..WRITERS).map(|_| scope.spawn(|| write(args, &to_write))).collect();
+        let taken = record(args, &mut opened, |entry, picture| pictures.send((entry, picture)).is_ok());
+        drop(pictures);
+        let written = writers.into_iter().try_for_each(|writer| writer.join().unwrap_or(Ok(())));
+        written.and(taken)
+    })?;
+    let clip = Clip::new(taken.entries.clone()).map_err(Fault::stage)?;
+    disk::write(&list, clip.to_csv())?;
+    tell(args, &taken, outcome);
+    opened.tell(outcome);
+    Ok(())
+}
+
+/// Takes pictures until the time is over; `keep` is false where nobody writes any more.
+fn record(
+    args: &Shoot,
+    opened: &mut Opened<Box<dyn Scanner>>,
+    mut keep: impl FnMut(ClipEntry, Picture) -> bool,
+) -> Result<Taken, Fault> {
+    let began_s = opened.camera.begin_clip(args.pictures_per_second).map_err(Fault::stage)?;
+    let mut taken = Taken { entries: Vec::new(), quality: None, dropped: 0 };
+    loop {
+        let next = match opened.camera.next_of_clip() {
+            // A recording has come to its end.
+            Err(CameraError::RanOut { .. }) if !taken.entries.is_empty() => break,
+            next => next.map_err(Fault::stage)?,
+        };
+        match next {
+            Some(picture) => {
+                let time_s = picture.time_s - began_s;
+                if time_s > args.seconds {
+                    break;
+                }
+                if taken.quality.is_none() {
+                    taken.quality = Some(PictureQuality::of(&picture.picture));
+                }
+                let file = format!("{:05}.png", taken.entries.len() + 1);
+                let entry = ClipEntry { file, time_s: time_s.max(0.0), phase: phase(args, time_s) };
+                taken.entries.push(entry.clone());
+                if !keep(entry, picture) {
+                    break;
+                }
+            }
+            // A simulated cell's time passes when its controller's does.
+            None => match &opened.simulated {
+                Some(simulated) => simulated.server.handle().with(|controller| controller.advance_ms(TICK_MS)),
+                None => thread::sleep(std::time::Duration::from_millis(1)),
+            },
+        }
+    }
+    taken.dropped = opened.camera.end_clip().map_err(Fault::stage)?;
+    Ok(taken)
+}
+
+fn phase(args: &Shoot, time_s: f64) -> Phase {
+    let after = |from_s: Option<f64>| from_s.is_some_and(|from_s| time_s >= from_s);
+    match (after(args.wet_from_s), after(args.spray_from_s)) {
+        (true, _) => Phase::Wet,
+        (_, true) => Phase::Spray,
+        _ => Phase::Dry,
+    }
+}
+
+fn write(args: &Shoot, to_write: &Mutex<Receiver<(ClipEntry, Picture)>>) -> Result<(), Fault> {
+    loop {
+        let next = to_write.lock().unwrap_or_else(PoisonError::into_inner).recv();
+        let Ok((entry, picture)) = next else { return Ok(()) };
+        let png = files::write_color_png(&picture.picture).map_err(Fault::stage)?;
+        disk::write(&args.out.join(&entry.file), png)?;
+    }
+}
+
+fn tell(args: &Shoot, taken: &Taken, outcome: &mut Outcome) {
+    let times_s: Vec<f64> = taken.entries.iter().map(|entry| entry.time_s).collect();
+    let span_s = times_s.last().zip(times_s.first()).map_or(0.0, |(last, first)| last - first);
+    let sustained = if span_s > 0.0 { (times_s.len() - 1) as f64 / span_s } else { 0.0 };
+    let longest_s = times_s.windows(2).map(|pair| pair[1] - pair[0]).fold(0.0, f64::max);
+    outcome.say(format!(
+        "{}: {} pictures, {sustained:.2} a second of {} asked for, the longest gap {longest_s:.2} s, {} dropped",
+        args.out.join("clip.csv").display(),
+        times_s.len(),
+        args.pictures_per_second,
+        taken.dropped
+    ));
+    if let Some(quality) = &taken.quality {
+        outcome.say(format!("  the first picture: {}", super::words(quality)));
+        outcome.put("sharpness_gray_per_px", json!(quality.sharpness_gray_per_px));
+        outcome.put("saturated_share", json!(quality.saturated_share));
+        outcome.put("dark_share", json!(quality.dark_share));
+        outcome.put("mean_gray", json!(quality.mean_gray));
+    }
+    outcome.put("pictures", json!(times_s.len()));
+    outcome.put("pictures_per_second", json!(sustained));
+    outcome.put("longest_gap_s", json!(longest_s));
+    outcome.put("dropped", json!(taken.dropped));
+}

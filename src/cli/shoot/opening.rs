@@ -1,0 +1,161 @@
+//! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is.
+//!
+//! A driver holds every picture against one size. A camera without a calibration is opened for another size first; it refuses
+//! with the size that it has, and is opened for that one.
+
+use super::super::args::Shoot;
+use super::super::fault::Fault;
+use super::super::live::{self, Simulated};
+use super::super::load::{Calibrated, CellFiles};
+use super::super::outcome::Outcome;
+use super::super::zivid;
+use crate::cell::{self, RobotKind};
+use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner};
+use crate::devices::zivid::{Patience, ZividScanner};
+use crate::geometry::PinholeCamera;
+use crate::sim;
+use serde_json::json;
+
+/// A camera, with what was learned while it was opened.
+pub struct Opened<C> {
+    /// The camera.
+    pub camera: C,
+    /// The simulated world that it looks at, where it does.
+    pub simulated: Option<Simulated>,
+    /// Temperature of its lens, °C.
+    lens_c: Option<f64>,
+}
+
+impl<C> Opened<C> {
+    fn of(camera: C) -> Self {
+        Opened { camera, simulated: None, lens_c: None }
+    }
+
+    /// What it told besides its pictures.
+    pub fn tell(&self, outcome: &mut Outcome) {
+        if let Some(celsius) = self.lens_c {
+            outcome.put("lens_c", json!(celsius));
+            outcome.say(format!("temperature of the camera's lens: {celsius:.1} °C"));
+        }
+    }
+}
+
+/// The lens's calibration; `None` where there is none yet.
+///
+/// # Errors
+/// Where its file cannot be read or has problems.
+pub fn lens(found: Result<Calibrated<PinholeCamera>, Fault>) -> Result<Option<PinholeCamera>, Fault> {
+    match found {
+        Ok(found) => Ok(Some(found.value)),
+        Err(Fault::NotCalibrated { .. } | Fault::CalibrationAway { .. }) => Ok(None),
+        Err(fault) => Err(fault),
+    }
+}
+
+/// A camera of this size: all that a driver asks of a calibration.
+pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
+    let (fx_px, fy_px) = (width_px as f64, width_px as f64);
+    let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
+    PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
+}
+
+/// Opens a camera for its calibrated size, or for its own; gives that size, too.
+///
+/// # Errors
+/// Where it cannot be opened, or does not deliver.
+pub fn sized<C>(
+    lens: Option<PinholeCamera>,
+    open: impl Fn(&PinholeCamera) -> Result<C, Fault>,
+    look: impl Fn(&mut C) -> Result<(), CameraError>,
+) -> Result<(C, [usize; 2]), Fault> {
+    if let Some(lens) = lens {
+        return Ok((open(&lens)?, [lens.width_px, lens.height_px]));
+    }
+    let other_px = [2, 2];
+    let mut camera = open(&of_size(other_px))?;
+    match look(&mut camera) {
+        Ok(()) => Ok((camera, other_px)),
+        Err(CameraError::WrongSize { found_px, .. }) => {
+            // A camera is let go before it is opened again.
+            drop(camera);
+            Ok((open(&of_size(found_px))?, found_px))
+        }
+        Err(error) => Err(Fault::stage(error)),
+    }
+}
+
+/// The simulated world around a mock controller of its own.
+fn simulated(files: &CellFiles, args: &Shoot, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
+    if files.cell.robot().kind() != RobotKind::Mock {
+        return Err(Fault::NoWorld);
+    }
+    let full = *sim::Cell::new(args.simulation.seed, sim::Scene::Good, 1).scanner();
+    Simulated::start(&files.cell, live::simulated_cell(&scanner.unwrap_or(full), args.simulation)?)
+}
+
+/// The fixed 3D camera.
+///
+/// # Errors
+/// Where it cannot be opened.
+pub fn scanner(
+    files: &CellFiles,
+    args: &Shoot,
+    progress: &dyn Fn(&str),
+) -> Result<Opened<Box<dyn Scanner>>, Fault> {
+    let lens = lens(files.scanner())?;
+    match files.cell.scanner() {
+        cell::Camera::Simulated => {
+            let simulated = simulated(files, args, lens)?;
+            let camera: Box<dyn Scanner> = Box::new(simulated.cameras().0);
+            Ok(Opened { simulated: Some(simulated), ..Opened::of(camera) })
+        }
+        cell::Camera::Recorded { folder } => {
+            let open = |lens: &PinholeCamera| RecordedScanner::open(folder, *lens).map_err(Fault::stage);
+            let look = |camera: &mut RecordedScanner| match args.what.is_scan() {
+                true => camera.capture_3d().map(drop),
+                false => camera.capture_2d().map(drop),
+            };
+            Ok(Opened::of(Box::new(sized(lens, open, look)?.0)))
+        }
+        cell::Camera::Device(camera) => {
+            progress("starting the 3D camera, which may take minutes");
+            let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
+            let ready = |scanner: &mut ZividScanner| -> Result<(), CameraError> {
+                Ok(scanner.ready(Patience::default().start())?)
+            };
+            let (mut scanner, _) = sized(lens, open, ready)?;
+            ready(&mut scanner).map_err(Fault::stage)?;
+            let lens_c = scanner.temperatures().map_err(Fault::stage)?.lens_c;
+            Ok(Opened { lens_c, ..Opened::of(Box::new(scanner)) })
+        }
+    }
+}
+
+/// The camera on the flange.
+///
+/// # Errors
+/// Where it cannot be opened.
+pub fn flange_camera(
+    files: &CellFiles,
+    args: &Shoot,
+    progress: &dyn Fn(&str),
+) -> Result<Opened<Box<dyn FlangeCamera>>, Fault> {
+    let own = lens(files.flange_camera())?;
+    match files.cell.flange_camera() {
+        cell::Camera::Simulated => {
+            let simulated = simulated(files, args, lens(files.scanner())?)?;
+            let camera: Box<dyn FlangeCamera> = Box::new(simulated.cameras().1);
+            Ok(Opened { simulated: Some(simulated), ..Opened::of(camera) })
+        }
+        cell::Camera::Recorded { folder } => {
+            let open = |lens: &PinholeCamera| RecordedFlangeCamera::open(folder, *lens).map_err(Fault::stage);
+            let look = |camera: &mut RecordedFlangeCamera| camera.capture().map(drop);
+            Ok(Opened::of(Box::new(sized(own, open, look)?.0)))
+        }
+        cell::Camera::Device(gige) => {
+            progress("looking for the flange camera");
+            let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
+            Ok(Opened::of(sized(own, open, |camera| camera.check())?.0))
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! How good a shot is, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
+//!
+//! Sharpness is the steepness of edges: the grey levels' slope between neighbours, √(gᵤ² + gᵥ²) by central differences, at the
+//! steepest hundredth of the pixels. It grows as the picture comes into focus and depends on what is in view; so it tells one
+//! focus from another before the same scene, and judges none.
+
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+
+/// A channel from this level on is saturated …
+const SATURATED: u8 = 254;
+/// … and a pixel whose brightest channel is below this one is dark.
+const DARK: u8 = 10;
+/// The steepest pixels.
+const STEEPEST: f64 = 0.01;
+
+/// What a picture's pixels say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PictureQuality {
+    /// Slope at the steepest hundredth of the pixels, grey levels a pixel.
+    pub sharpness_gray_per_px: f64,
+    /// Share of pixels with a saturated channel.
+    pub saturated_share: f64,
+    /// Share of dark pixels.
+    pub dark_share: f64,
+    /// Mean grey level.
+    pub mean_gray: f64,
+}
+
+impl PictureQuality {
+    /// Of a picture; all zero where it has no inner pixel.
+    pub fn of(picture: &ColorPicture) -> Self {
+        let gray = picture.to_gray();
+        let (width, height) = (gray.width, gray.height);
+        let at = |column: usize, row: usize| f64::from(gray.gray[row * width + column]);
+        let mut slopes = Vec::new();
+        for row in 1..height.saturating_sub(1) {
+            for column in 1..width.saturating_sub(1) {
+                let (du, dv) =
+                    (at(column + 1, row) - at(column - 1, row), at(column, row + 1) - at(column, row - 1));
+                slopes.push(du.hypot(dv) / 2.0);
+            }
+        }
+        let pixels = picture.rgb.len().max(1) as f64;
+        let share = |is_one: &dyn Fn(&[u8; 3]) -> bool| {
+            picture.rgb.iter().filter(|rgb| is_one(rgb)).count() as f64 / pixels
+        };
+        PictureQuality {
+            sharpness_gray_per_px: below(&mut slopes, 1.0 - STEEPEST).unwrap_or(0.0),
+            saturated_share: share(&|rgb| rgb.iter().any(|level| *level >= SATURATED)),
+            dark_share: share(&|rgb| rgb.iter().all(|level| *level < DARK)),
+            mean_gray: gray.gray.iter().map(|level| f64::from(*level)).sum::<f64>() / pixels,
+        }
+    }
+}
+
+/// What a scan's points say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScanQuality {
+    /// Pixels that have a point.
+    pub points: usize,
+    /// Share of pixels without one.
+    pub missing_share: f64,
+    /// Distance along the camera's axis within which 5, 50 and 95 % of the points lie, mm; none without points.
+    pub depth_mm: Option<[f64; 3]>,
+}
+
+impl ScanQuality {
+    /// Of a scan.
+    pub fn of(cloud: &OrganizedCloud<Camera>) -> Self {
+        let mut depths: Vec<f64> = cloud.valid().map(|(_, point)| point.mm.z).collect();
+        let points = depths.len();
+        let pixels = (cloud.width() * cloud.height()).max(1);
+        let mut at = |share: f64| below(&mut depths, share);
+        let depth_mm = match (at(0.05), at(0.5), at(0.95)) {
+            (Some(near), Some(middle), Some(far)) => Some([near, middle, far]),
+            _ => None,
+        };
+        ScanQuality { points, missing_share: 1.0 - points as f64 / pixels as f64, depth_mm }
+    }
+}
+
+/// The value below which this share of all lies; `None` where there are none.
+fn below(values: &mut [f64], share: f64) -> Option<f64> {
+    let index = ((values.len() as f64 * share) as usize).min(values.len().checked_sub(1)?);
+    Some(*values.select_nth_unstable_by(index, f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// By hand: an upright edge from 40 to 200 has a slope of 80 grey levels a pixel in two columns of twenty; blurred over four
+    /// pixels it has 40. A tenth of the pixels is saturated, another tenth dark.
+    #[test]
+    fn an_edge_is_as_steep_as_it_is_sharp() {
+        let picture = |levels: [u8; 20]| {
+            let mut picture = ColorPicture::filled(20, 10, [0; 3]);
+            picture.rgb.iter_mut().enumerate().for_each(|(index, rgb)| *rgb = [levels[index % 20]; 3]);
+            picture
+        };
+        let mut levels = [40; 20];
+        levels[10..].fill(200);
+        let sharp = PictureQuality::of(&picture(levels));
+        assert!((sharp.sharpness_gray_per_px - 80.0).abs() < 1.0 && sharp.saturated_share == 0.0, "{sharp:?}");
+        (levels[9], levels[10]) = (80, 160);
+        (levels[8], levels[11]) = (40, 200);
+        let soft = PictureQuality::of(&picture(levels));
+        assert!(soft.sharpness_gray_per_px < 65.0, "{soft:?}");
+        (levels[0], levels[1], levels[18], levels[19]) = (5, 5, 255, 255);
+        let clipped = PictureQuality::of(&picture(levels));
+        assert_eq!((clipped.saturated_share, clipped.dark_share), (0.1, 0.1));
+    }
+
+    /// By hand: of six pixels two have no point.
+    #[test]
+    fn missing_points_are_counted() {
+        let nan = [f32::NAN; 3];
+        let points = vec![[0.0, 0.0, 500.0], nan, [1.0, 0.0, 600.0], [0.0, 1.0, 700.0], nan, [1.0, 1.0, 800.0]];
+        let cloud = OrganizedCloud::<Camera>::new(3, 2, points, vec![[9; 3]; 6]).expect("six pixels");
+        let found = ScanQuality::of(&cloud);
+        assert_eq!(found.points, 4);
+        assert!((found.missing_share - 2.0 / 6.0).abs() < 1e-12 && found.depth_mm.is_some(), "{found:?}");
+    }
+}
