@@ -171,7 +171,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered) -> Option<(Det
             (at(&board_to_picture, at_place), ellipse_middle(&board_to_picture, at_place, radius)?);
         Some((places[*number], Pixel::at(pixel.u + seen.u - middle.u, pixel.v + seen.v - middle.v)))
     });
-    let corners = without_strays(corners.collect::<Option<_>>()?);
+    let corners = without_strays(corners.collect::<Option<_>>()?, picture);
     let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
     Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
 }
