@@ -8,7 +8,7 @@
 use super::board::Board;
 use super::crossings::noise;
 use super::foreign;
-use super::print::{Print, View};
+use super::print::{Matched, Print, View, likest};
 use super::saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use crate::imaging::ImagingError;
@@ -135,6 +135,82 @@ struct Placed {
     deviation_px: f64,
 }
 
+impl Placed {
+    /// By the print, in a picture with this much noise.
+    fn of(found: &Matched, noise: f64) -> Self {
+        let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
+        Placed { at: found.at, deviation_px: found.deviation_px.hypot(LEFT_PX * (left - USUAL_LEFT).max(0.0)) }
+    }
+}
+
+/// What is looked for by its print alone.
+pub(super) struct ByPrint<'a> {
+    pub picture: &'a GrayPicture,
+    /// It is looked for in the picture made smaller by so many times.
+    pub times: usize,
+    pub reach_mm: f64,
+    /// The contrast's sign: 1 where the print is darker than the ground.
+    pub sign: f64,
+}
+
+impl ByPrint<'_> {
+    /// The circles of a board, from where some of them are about and their radius; `None` where there are too few to compare,
+    /// or hardly one is there.
+    pub fn circles(&self, board: &Board, rough: &Corners, radius_mm: f64) -> Option<Corners> {
+        let small = if self.times == 1 { None } else { Some(foreign::reduced(self.picture, self.times).ok()?) };
+        let small = small.as_ref().unwrap_or(self.picture);
+        let noise = noise(small);
+        let known = vec![KNOWN_TOGETHER_PX; rough.len()];
+        let mut surface = Surface::through(rough, &known, self.picture.width as f64)?;
+        let step = (rough.len() / BLUR_CORNERS).max(1);
+        let view = |surface: &Surface, q, blur_px| self.smaller(surface.view(q, self.reach_mm, blur_px), small);
+        let views: Vec<View> = rough.iter().step_by(step).map(|(q, _)| view(&surface, *q, 1.0)).collect();
+        let blur_px = Print::of_circles(board, radius_mm).blur_px(small, &views, noise);
+        let tried =
+            RADII.map(|by| (by, Print::of_circles(board, by * radius_mm).unlike(small, &views, (blur_px, noise))));
+        let print = Print::of_circles(board, likest(tried)? * radius_mm);
+        let blur_px = print.blur_px(small, &views, noise);
+        let all: Corners = board.corners().into_iter().map(|q| (q, Pixel::at(0.0, 0.0))).collect();
+        let mut placed: Vec<Option<Placed>> = vec![None; all.len()];
+        for _ in 0..3 {
+            for ((q, _), placed) in all.iter().zip(&mut placed).filter(|(_, placed)| placed.is_none()) {
+                let found = print.matched(small, &view(&surface, *q, blur_px), noise);
+                let Some(found) = found.filter(|found| self.sign * found.contrast > 0.0) else { continue };
+                let own = Placed::of(&found, noise);
+                let own =
+                    Placed { at: self.whole(own.at, small), deviation_px: own.deviation_px * self.times as f64 };
+                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px().max(START_PX);
+                *placed = (own.deviation_px < KNOWN_TOGETHER_PX && is_near).then_some(own);
+            }
+            surface = surface_of(&all, &placed, self.picture)?;
+            let limit = surface.limit_px();
+            for ((q, _), placed) in all.iter().zip(&mut placed) {
+                *placed = placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= limit);
+            }
+        }
+        let drawn =
+            all.iter().zip(&placed).filter_map(|((q, _), placed)| Some((*q, surface.drawn(*q, (*placed)?)?)));
+        let corners: Corners = drawn.collect();
+        (2 * corners.len() >= all.len()).then_some(corners)
+    }
+
+    fn by(&self, small: &GrayPicture) -> [f64; 2] {
+        [small.width as f64 / self.picture.width as f64, small.height as f64 / self.picture.height as f64]
+    }
+
+    fn smaller(&self, view: View, small: &GrayPicture) -> View {
+        let [across, down] = self.by(small);
+        let scale = Matrix3::new(across, 0.0, (across - 1.0) / 2.0, 0.0, down, (down - 1.0) / 2.0, 0.0, 0.0, 1.0);
+        let start = Pixel::at((view.start.u + 0.5) * across - 0.5, (view.start.v + 0.5) * down - 0.5);
+        View { plane: scale * view.plane, start, most_px: 3.0 * PRINT_PX, ..view }
+    }
+
+    fn whole(&self, pixel: Pixel, small: &GrayPicture) -> Pixel {
+        let [across, down] = self.by(small);
+        Pixel::at((pixel.u + 0.5) / across - 0.5, (pixel.v + 0.5) / down - 0.5)
+    }
+}
+
 fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: &GrayPicture) -> Option<Surface> {
     let placed = corners.iter().zip(placed).filter_map(|((q, _), placed)| placed.map(|placed| (*q, placed)));
     let (corners, deviations): (Corners, Vec<f64>) =
@@ -162,6 +238,10 @@ const WELL_PX: f64 = 0.08;
 /// The print is looked at so far around a corner, in squares, and so far in the picture, px.
 pub(super) const PRINT_SQUARES: f64 = 0.5;
 pub(super) const PRINT_PX: f64 = 16.0;
+/// A circle's radius may be so many times that of a first estimate.
+const RADII: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
+/// A first place may be farther from where it is foretold, px.
+const START_PX: f64 = 1.5;
 /// The blur is found at so many corners.
 pub(super) const BLUR_CORNERS: usize = 6;
 /// Prints and lenses leave corners so far from a smooth surface, each way, px.

@@ -60,7 +60,7 @@ pub(super) struct View {
 
 const UNKNOWNS: usize = 9;
 /// Blurs that are tried, px.
-const BLURS_PX: [f64; 5] = [0.6, 1.1, 1.7, 2.3, 3.0];
+const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
 /// The print is drawn so many times at most, until it moves by less, px.
 const DRAWN: usize = 5;
 const SETTLED_PX: f64 = 0.03;
@@ -70,6 +70,8 @@ const TURNS: usize = 4;
 const LEAST_PART: f64 = 0.55;
 /// Less is no print, grey levels.
 const LEAST_CONTRAST: f64 = 8.0;
+/// A print that is not quite as it is drawn leaves this share of the contrast at its edges.
+const LEAST_LEFT: f64 = 0.06;
 /// What is left must be less than this share of the contrast, beside the noise.
 const MOST_LEFT: f64 = 0.2;
 
@@ -140,20 +142,15 @@ impl Print {
 
     /// The blur with which the print is most like the picture at these places, px.
     pub fn blur_px(&self, picture: &GrayPicture, views: &[View], noise: f64) -> f64 {
-        let left = |blur_px: f64| {
-            let all = views.iter().map(|view| self.matched(picture, &View { blur_px, ..*view }, noise));
-            let (mut sum, mut count) = (0.0, 0);
-            for found in all.flatten() {
-                sum += found.left / found.contrast.abs();
-                count += 1;
-            }
-            // Where the print does not fit it is the wrong one.
-            (std::cmp::Reverse(count), sum / f64::from(count.max(1)))
-        };
-        let all = BLURS_PX.map(|blur_px| (left(blur_px), blur_px));
-        let most = all.iter().map(|((count, _), _)| count.0).max().unwrap_or(0);
-        let best = all.into_iter().filter(|((count, _), _)| 4 * count.0 >= 3 * most);
-        best.min_by(|a, b| a.0.1.total_cmp(&b.0.1)).map_or(BLURS_PX[1], |(_, blur_px)| blur_px)
+        let of = |blur_px: f64| (blur_px, self.unlike(picture, views, (blur_px, noise)));
+        likest(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
+    }
+
+    /// At how many places the print is, and what it leaves of the contrast.
+    pub fn unlike(&self, picture: &GrayPicture, views: &[View], (blur_px, noise): (f64, f64)) -> (usize, f64) {
+        let all = views.iter().filter_map(|view| self.matched(picture, &View { blur_px, ..*view }, noise));
+        let left: Vec<f64> = all.map(|found| found.left / found.contrast.abs()).collect();
+        (left.len(), left.iter().sum::<f64>() / left.len().max(1) as f64)
     }
 
     /// The picture's and the print's grey levels in the window.
@@ -221,6 +218,13 @@ impl Print {
     }
 }
 
+/// Of what was tried, that which leaves least; where the print is at far fewer places than with another one it is the wrong one.
+pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
+    let most = tried.iter().map(|(_, (count, _))| *count).max()?;
+    let all = tried.into_iter().filter(|(_, (count, _))| *count > 0 && 4 * count >= 3 * most);
+    all.min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(tried, _)| tried)
+}
+
 /// A pixel and what the print has there.
 struct Seen {
     offset: Vector2<f64>,
@@ -256,13 +260,18 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
         let found = factor.solve(&pull);
         let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
         let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / 0.674;
-        let scale = 2.5 * usual.max(noise).max(0.5);
+        let scale = 2.5 * usual.max(noise).max(LEAST_LEFT * found[3].abs()).max(0.5);
         weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
         last = Some((found, factor, left, scale));
     }
     let (found, factor, left, scale) = last?;
     let near: Vec<f64> = left.iter().copied().filter(|left| left.abs() < scale).collect();
-    let part = near.len() as f64 / left.len() as f64;
+    // What counts are the edges of the print: a place of which a glare hides half is none.
+    let edges = |most: f64| {
+        let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < most);
+        seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
+    };
+    let part = (edges(scale) / edges(f64::INFINITY)).min(near.len() as f64 / left.len() as f64);
     let rms = (near.iter().map(|left| left * left).sum::<f64>() / near.len().max(1) as f64).sqrt();
     let contrast = found[3];
     let beyond = (rms * rms - 1.5 * noise * noise).max(0.0).sqrt();
