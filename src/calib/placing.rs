@@ -87,7 +87,7 @@ pub(super) fn modelled(
     for _ in 0..2 {
         for ((q, _), placed) in found.corners.iter().zip(&mut placed) {
             let there = surface.at(*q);
-            let is_near = |found: &Placed| found.at.distance_px(there) <= surface.limit_px();
+            let is_near = |found: &Placed| found.at.distance_px(there) <= surface.limit_px(*q, found);
             *placed = placed.filter(is_near).or_else(|| model.place(*q, there, window_px).filter(is_near));
             if placed.is_none_or(|placed| placed.deviation_px > WELL_PX) {
                 let blur_px = *blur_px.get_or_insert_with(|| {
@@ -105,7 +105,8 @@ pub(super) fn modelled(
         surface = next;
     }
     let drawn = found.corners.iter().zip(placed).filter_map(|((q, _), placed)| {
-        let placed = placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px())?;
+        let placed =
+            placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed))?;
         surface.drawn(*q, placed).map(|pixel| (*q, pixel))
     });
     let corners: Corners = drawn.collect();
@@ -179,13 +180,13 @@ impl ByPrint<'_> {
                 let own = Placed::of(&found, noise);
                 let own =
                     Placed { at: self.whole(own.at, small), deviation_px: own.deviation_px * self.times as f64 };
-                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px().max(START_PX);
-                *placed = (own.deviation_px < KNOWN_TOGETHER_PX && is_near).then_some(own);
+                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(START_PX);
+                *placed = (own.deviation_px < PRESENT_PX && is_near).then_some(own);
             }
             surface = surface_of(&all, &placed, self.picture)?;
-            let limit = surface.limit_px();
             for ((q, _), placed) in all.iter().zip(&mut placed) {
-                *placed = placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= limit);
+                *placed =
+                    placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed));
             }
         }
         let drawn =
@@ -222,15 +223,25 @@ fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: &GrayPictur
 pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners {
     let deviations_px = vec![0.0; corners.len()];
     let Some(surface) = Surface::through(&corners, &deviations_px, picture.width as f64) else { return corners };
-    corners.into_iter().filter(|(q, pixel)| surface.at(*q).distance_px(*pixel) <= surface.limit_px()).collect()
+    corners
+        .into_iter()
+        .filter(|(q, pixel)| {
+            surface.at(*q).distance_px(*pixel)
+                <= surface.limit_px(*q, &Placed { at: *pixel, deviation_px: KNOWN_PX })
+        })
+        .collect()
 }
 
 /// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
 const STANDS_APART_PX: f64 = 0.4;
 const STANDS_APART: f64 = 5.0;
+/// … and where it is placed well, by how well the surface is known there.
+const UNCERTAIN: f64 = 5.0;
 /// The noise lets a corner be known to so much, each way, px: alone, and where a surface through all of them helps.
 const KNOWN_PX: f64 = 0.2;
 const KNOWN_TOGETHER_PX: f64 = 0.7;
+/// … what is placed no better is there, and its place is that on the surface, px.
+const PRESENT_PX: f64 = 3.0;
 /// … and after that, px.
 const KNOWN_AT_LAST_PX: f64 = 0.17;
 /// A corner that the model places worse is looked for by its print as well, px.
@@ -324,16 +335,24 @@ impl Surface {
         Some(surface)
     }
 
-    /// A corner farther from it is another one, px.
-    fn limit_px(&self) -> f64 {
-        STANDS_APART_PX.max(STANDS_APART * self.usual_px)
+    /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
+    fn limit_px(&self, q: Point<BoardFrame>, placed: &Placed) -> f64 {
+        let is_well = placed.deviation_px < WELL_PX;
+        let own_px = if is_well { UNCERTAIN * self.variance(q).sqrt() } else { 0.0 };
+        let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
+        STANDS_APART_PX.max(STANDS_APART * self.usual_px).max(own_px)
+    }
+
+    /// How well it is known at a place, each way, px².
+    fn variance(&self, q: Point<BoardFrame>) -> f64 {
+        let terms = terms(&self.place(q));
+        (terms.transpose() * self.spread * terms)[(0, 0)]
     }
 
     /// Between a corner's own place and that on the surface: by how well each is known; `None` where both are not.
     fn drawn(&self, q: Point<BoardFrame>, placed: Placed) -> Option<Pixel> {
         let there = self.at(q);
-        let terms = terms(&self.place(q));
-        let of_surface = self.rough_px.powi(2) + (terms.transpose() * self.spread * terms)[(0, 0)];
+        let of_surface = self.rough_px.powi(2) + self.variance(q);
         let of_own = placed.deviation_px.powi(2);
         let own = of_surface / (of_surface + of_own);
         if own * of_own > KNOWN_AT_LAST_PX.powi(2) {

@@ -67,7 +67,7 @@ const SETTLED_PX: f64 = 0.03;
 /// Turns in which pixels lose weight.
 const TURNS: usize = 4;
 /// So much of the window's pixels must show the print.
-const LEAST_PART: f64 = 0.55;
+const LEAST_PART: f64 = 0.4;
 /// Less is no print, grey levels.
 const LEAST_CONTRAST: f64 = 8.0;
 /// A print that is not quite as it is drawn leaves this share of the contrast at its edges.
