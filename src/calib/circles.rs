@@ -9,10 +9,12 @@
 use super::blobs::{Blob, blobs};
 use super::board::Board;
 use super::circle_lattice;
+use super::circle_places::ByPrint;
 use super::crossings::Smooth;
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{ByPrint, Corners, Detected, without_strays};
+use super::placing::{Corners, Detected};
+use super::surface::without_strays;
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
