@@ -4,7 +4,7 @@ use super::foreign;
 use super::placing::{Corners, KNOWN_PX};
 use super::print::{Matched, Print, View};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
 /// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
 const STANDS_APART_PX: f64 = 0.4;
