@@ -11,6 +11,8 @@ const STANDS_APART_PX: f64 = 0.4;
 const STANDS_APART: f64 = 5.0;
 /// … and where it is placed well, by how well the surface is known there.
 const UNCERTAIN: f64 = 5.0;
+/// … and so far there in any case, px: at a board's outer corners a lens bends by more than a third degree.
+const WELL_APART_PX: f64 = 0.9;
 /// The noise lets a corner be known to so much, each way, px, where a surface through all of them helps.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// … and after that, px.
@@ -123,7 +125,7 @@ impl Surface {
     /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
     pub fn limit_px(&self, q: Point<BoardFrame>, placed: &Placed) -> f64 {
         let is_well = placed.deviation_px < WELL_PX;
-        let own_px = if is_well { UNCERTAIN * self.variance(q).sqrt() } else { 0.0 };
+        let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(WELL_APART_PX) } else { 0.0 };
         let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
         STANDS_APART_PX.max(STANDS_APART * self.usual_px).max(own_px)
     }
