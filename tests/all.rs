@@ -25,6 +25,7 @@ mod rehearsal;
 mod replay;
 mod robot;
 mod service;
+mod shoot;
 mod supervised;
 mod walk;
 mod wall;

@@ -338,6 +338,11 @@ pub enum Shot {
 }
 
 impl Shot {
+    /// Is it taken in the cell's own light?
+    pub fn needs_light(self) -> bool {
+        matches!(self, Shot::Picture | Shot::Film)
+    }
+
     /// Is it a 3D scan?
     pub fn is_scan(self) -> bool {
         self == Shot::Scan
@@ -362,12 +367,12 @@ pub struct Shoot {
     /// Pictures of a film that are asked for in a second, at most.
     #[arg(long, value_name = "N", default_value_t = 5.0, value_parser = film_rate)]
     pub pictures_per_second: f64,
-    /// From this second on the film's pictures are marked as taken under the spray.
+    /// From this second on the film's pictures are marked as taken under the spray, those before as dry.
     #[arg(long, value_name = "S")]
     pub spray_from_s: Option<f64>,
-    /// From this second on they are marked as wet.
-    #[arg(long, value_name = "S")]
-    pub wet_from_s: Option<f64>,
+    /// From this second on they are marked as wet; a film without water is marked so from its begin.
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    pub wet_from_s: f64,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,

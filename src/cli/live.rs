@@ -21,7 +21,7 @@ use crate::devices::mock::{self, ChannelFile, Controller, MockServer, Programs, 
 use crate::devices::robot::{Address, BlockingLink, link_limits};
 use crate::devices::world::{Follower, SimulatedWorld};
 use crate::eki::{CELLCMD, CELLSTAT, Pace};
-use crate::geometry::PinholeCamera;
+use crate::geometry::{Joints, PinholeCamera};
 use crate::sim;
 use serde_json::{Value, json};
 
@@ -63,6 +63,8 @@ pub struct Simulated {
 
 /// Width of the simulated scanner's picture at full size, px.
 pub const FULL_WIDTH_PX: usize = 1944;
+/// The simulated lamp gives its full light after so long, and some.
+const LAMP_MS: u64 = 500;
 /// The renderer's smallest pictures are this many times smaller.
 const SMALLEST: usize = 8;
 
@@ -229,9 +231,29 @@ impl Simulated {
     /// # Errors
     /// Where a port or thread cannot be had.
     pub fn start(cell: &Cell, simulated_cell: sim::Cell) -> Result<Self, Fault> {
+        Self::started(cell, simulated_cell, None)
+    }
+
+    /// The same with the arm parked, where the cell has such a pose, and the cell's light on where it is asked for.
+    ///
+    /// # Errors
+    /// As [`Simulated::start`].
+    pub fn start_parked(cell: &Cell, simulated_cell: sim::Cell, with_light: bool) -> Result<Self, Fault> {
+        let simulated = Self::started(cell, simulated_cell, cell.park())?;
+        if let Some(light) = cell.io().output(cell::Output::Light).filter(|_| with_light) {
+            simulated.server.handle().with(|controller| {
+                controller.switch_output(light, true);
+                controller.advance_ms(LAMP_MS);
+            });
+        }
+        Ok(simulated)
+    }
+
+    fn started(cell: &Cell, simulated_cell: sim::Cell, stands: Option<Joints>) -> Result<Self, Fault> {
         let world = SimulatedWorld::new(simulated_cell, cell).map_err(Fault::stage)?;
         let channel = |text| ChannelFile::parse(text).map_err(Fault::stage);
-        let setup = Setup { programs: programs(cell)?, ..world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?) };
+        let setup = world.setup(cell, channel(CELLCMD)?, channel(CELLSTAT)?);
+        let setup = Setup { programs: programs(cell)?, start: stands.unwrap_or(setup.start), ..setup };
         let controller = Controller::new(setup, world.terminals()).map_err(Fault::stage)?;
         let server = MockServer::start(controller, mock::Ports::free()).map_err(Fault::stage)?;
         Ok(Simulated { world, server })

@@ -331,7 +331,8 @@ impl Walk {
 
     /// The count of states has come to its end.
     fn turn_over(&mut self) {
-        self.cell.controller.set_shared("CELL_SEQ", i32::MAX - self.draw.random_range(0..4));
+        // One less than the last: the program may stand between its look at the count and its step.
+        self.cell.controller.set_shared("CELL_SEQ", i32::MAX - 1 - self.draw.random_range(0..4));
     }
 
     /// Nothing goes wrong any more: the link comes back and a path is executed.

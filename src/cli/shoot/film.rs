@@ -97,8 +97,7 @@ fn record(
 }
 
 fn phase(args: &Shoot, time_s: f64) -> Phase {
-    let after = |from_s: Option<f64>| from_s.is_some_and(|from_s| time_s >= from_s);
-    match (after(args.wet_from_s), after(args.spray_from_s)) {
+    match (time_s >= args.wet_from_s, args.spray_from_s.is_some_and(|from_s| time_s >= from_s)) {
         (true, _) => Phase::Wet,
         (_, true) => Phase::Spray,
         _ => Phase::Dry,

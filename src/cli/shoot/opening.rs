@@ -90,7 +90,8 @@ fn simulated(files: &CellFiles, args: &Shoot, scanner: Option<PinholeCamera>) ->
         return Err(Fault::NoWorld);
     }
     let full = *sim::Cell::new(args.simulation.seed, sim::Scene::Good, 1).scanner();
-    Simulated::start(&files.cell, live::simulated_cell(&scanner.unwrap_or(full), args.simulation)?)
+    let cell = live::simulated_cell(&scanner.unwrap_or(full), args.simulation)?;
+    Simulated::start_parked(&files.cell, cell, args.what.needs_light())
 }
 
 /// The fixed 3D camera.

@@ -1,7 +1,7 @@
 //! How good a shot is, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
 //!
 //! Sharpness is the steepness of edges: the grey levels' slope between neighbours, √(gᵤ² + gᵥ²) by central differences, at the
-//! steepest hundredth of the pixels. It grows as the picture comes into focus and depends on what is in view; so it tells one
+//! steepest thousandth of the pixels. It grows as the picture comes into focus and depends on what is in view; so it tells one
 //! focus from another before the same scene, and judges none.
 
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
@@ -11,12 +11,12 @@ const SATURATED: u8 = 254;
 /// … and a pixel whose brightest channel is below this one is dark.
 const DARK: u8 = 10;
 /// The steepest pixels.
-const STEEPEST: f64 = 0.01;
+const STEEPEST: f64 = 0.001;
 
 /// What a picture's pixels say.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureQuality {
-    /// Slope at the steepest hundredth of the pixels, grey levels a pixel.
+    /// Slope at the steepest thousandth of the pixels, grey levels a pixel.
     pub sharpness_gray_per_px: f64,
     /// Share of pixels with a saturated channel.
     pub saturated_share: f64,

@@ -7,6 +7,11 @@ use super::setup::Rule;
 const OFF_AGAIN_MS: u64 = 1_000;
 
 impl Controller {
+    /// A person switches an output on the teach pendant.
+    pub fn switch_output(&mut self, number: u16, on: bool) {
+        self.set_output(number, on);
+    }
+
     pub(super) fn set_output(&mut self, number: u16, value: bool) {
         if self.outputs.insert(number, value).unwrap_or(false) != value {
             self.world.on_output(number, value, self.now_ms);

@@ -1,0 +1,69 @@
+//! `panelprep shoot` as somebody uses it who has the cameras on the bench and nothing else.
+
+use super::commands::json;
+use serde_json::Value;
+use std::fs;
+use std::path::Path;
+
+fn number(told: &Value, key: &str) -> f64 {
+    told[key].as_f64().unwrap_or(f64::NAN)
+}
+
+/// A cell without any calibration, its cameras simulated: scans, pictures, corners and a film; and the film and the scans once
+/// more as a recorded camera plays them, which has no calibration either.
+#[test]
+fn cameras_without_a_calibration_take_pictures() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    fs::copy(Path::new(env!("CARGO_MANIFEST_DIR")).join("config/cell.toml"), folder.join("cell.toml"))
+        .expect("copied");
+    let shoot = |what: &str| json(folder, &format!("shoot --cell cell.toml {what}"));
+
+    let (exit, told) = shoot("scan --count 2 --out shots");
+    let scan = &told["shots"][1];
+    assert!(exit == 0 && number(scan, "points") > 100_000.0, "{told}");
+    assert!(
+        (0.05..0.95).contains(&number(scan, "missing_share")) && number(scan, "sharpness_gray_per_px") > 10.0,
+        "{told}"
+    );
+    for ending in ["pcd", "ply", "png"] {
+        assert!(folder.join(format!("shots/scan_0002.{ending}")).is_file(), "{ending}");
+    }
+    // Nothing is written over.
+    let before = fs::read(folder.join("shots/scan_0001.pcd")).expect("a scan");
+    assert_eq!(shoot("scan --out shots").0, 0);
+    assert_eq!(fs::read(folder.join("shots/scan_0001.pcd")).expect("a scan"), before);
+    assert!(folder.join("shots/scan_0003.ply").is_file());
+
+    let (exit, told) = shoot("corner --out shots");
+    assert!(exit == 0 && told["shots"][0]["size_px"] == serde_json::json!([2048, 1536]), "{told}");
+    assert!(folder.join("shots/corner_0001.json").is_file(), "the simulated arm says where it was");
+    let (exit, told) = shoot("picture --out shots");
+    assert!(exit == 0 && number(&told["shots"][0], "mean_gray") > 20.0, "the light is on: {told}");
+
+    let (exit, told) =
+        shoot("film --seconds 2 --pictures-per-second 2 --spray-from-s 0.4 --wet-from-s 0.9 --out film");
+    assert!(exit == 0 && number(&told, "pictures") >= 4.0 && number(&told, "dropped") == 0.0, "{told}");
+    assert!(
+        (number(&told, "pictures_per_second") - 2.0).abs() < 0.1 && number(&told, "longest_gap_s") < 0.6,
+        "{told}"
+    );
+    let list = fs::read_to_string(folder.join("film/clip.csv")).expect("a list");
+    assert!(["00001.png,0,dry", ",spray", ",wet"].iter().all(|part| list.contains(part)), "{list}");
+    let (exit, told) = shoot("film --seconds 1 --out film");
+    assert!(exit == 2 && told["reasons"].to_string().contains("another folder"), "{told}");
+
+    // As a recording.
+    fs::copy(folder.join("shots/scan_0001.pcd"), folder.join("film/scan_0001.pcd")).expect("copied");
+    let text = fs::read_to_string(folder.join("cell.toml")).expect("a cell");
+    let begin = text.find("[scanner]").expect("a scanner");
+    let end = begin + text[begin + 1..].find("\n[").map_or(text.len() - begin, |at| at + 1);
+    let recorded = format!("{}[scanner]\nkind = \"recorded\"\nfolder = \"film\"\n{}", &text[..begin], &text[end..]);
+    fs::write(folder.join("cell.toml"), recorded).expect("written");
+    let (exit, told) = shoot("scan --out again");
+    assert!(exit == 0 && told["shots"][0]["points"] == scan["points"], "{told}");
+    let (exit, told) = shoot("film --seconds 60 --out again");
+    assert!(exit == 0 && number(&told, "pictures") >= 4.0, "{told}");
+    let doctor = json(folder, "doctor --cell cell.toml").1.to_string();
+    assert!(!doctor.contains("calibrate first") && doctor.contains("recorded shots are played"), "{doctor}");
+}
