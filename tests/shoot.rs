@@ -44,10 +44,7 @@ fn cameras_without_a_calibration_take_pictures() {
     let (exit, told) =
         shoot("film --seconds 2 --pictures-per-second 2 --spray-from-s 0.4 --wet-from-s 0.9 --out film");
     assert!(exit == 0 && number(&told, "pictures") >= 4.0 && number(&told, "dropped") == 0.0, "{told}");
-    assert!(
-        (number(&told, "pictures_per_second") - 2.0).abs() < 0.1 && number(&told, "longest_gap_s") < 0.6,
-        "{told}"
-    );
+    assert!((number(&told, "pictures_per_s") - 2.0).abs() < 0.1 && number(&told, "longest_gap_s") < 0.6, "{told}");
     let list = fs::read_to_string(folder.join("film/clip.csv")).expect("a list");
     assert!(["00001.png,0,dry", ",spray", ",wet"].iter().all(|part| list.contains(part)), "{list}");
     let (exit, told) = shoot("film --seconds 1 --out film");

@@ -71,7 +71,7 @@ fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn 
         told["depth_mm"] = json!(scan.depth_mm);
         all.push(told);
     }
-    outcome.put("shots", json!(all));
+    listed(outcome, all);
     opened.tell(outcome);
     Ok(())
 }
@@ -84,7 +84,7 @@ fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
         let names = free_names(&args.out, "picture", &["png"]);
         all.push(kept(outcome, &names, &shot.picture, shot.time_s)?);
     }
-    outcome.put("shots", json!(all));
+    listed(outcome, all);
     opened.tell(outcome);
     Ok(())
 }
@@ -101,9 +101,20 @@ fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dy
             None => outcome.say("  the camera does not know where the flange was: write it down from the pendant"),
         }
     }
-    outcome.put("shots", json!(all));
+    listed(outcome, all);
     opened.tell(outcome);
     Ok(())
+}
+
+/// Every shot, with all files, and of scans the largest share of missing points.
+fn listed(outcome: &mut Outcome, all: Vec<Value>) {
+    let files: Vec<Value> = all.iter().filter_map(|shot| shot["files"].as_array()).flatten().cloned().collect();
+    let missing = all.iter().filter_map(|shot| shot["missing_share"].as_f64()).reduce(f64::max);
+    outcome.put("files", json!(files));
+    if let Some(missing) = missing {
+        outcome.put("missing_share", json!(missing));
+    }
+    outcome.put("shots", json!(all));
 }
 
 /// Writes a picture and tells of it.

@@ -283,8 +283,6 @@ fn between<Active: crate::geometry::Frame>(
 mod tests {
     use super::*;
     use crate::cell::Cell;
-    use crate::geometry::Point;
-    use crate::path::reach::postures;
 
     /// The number of a constant in the program that ships.
     fn shipped(name: &str) -> f64 {
@@ -299,21 +297,16 @@ mod tests {
         assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
     }
 
-    /// Found by a walk over the controller's programs: the arm stands 10 mm above a panel with axis 5 at 118.3°; 50 mm higher
-    /// it would need 122.3°, and its limit is 120°. 110 mm lower there is room for the retract.
+    /// Found by a walk over the controller's programs: the tool points down and stands so near to axis 5's limit that the arm
+    /// cannot lift it by 50 mm. Before a panel it can.
     #[test]
     fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 100.0, ..KukaPose::default() }.to_rigid();
-        let high = Joints::from([0.0, -156.228, 127.945, 0.0, 118.283, 0.0]);
-        let high = arm.base_from_flange(&high).expect("an arm") * flange_from_tool;
-        let retract = |lower_mm: f64| {
-            let down = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * lower_mm));
-            let pose = high * down;
-            let flange = pose * flange_from_tool.inverse();
-            let joints =
-                postures(&arm, &flange, Point::at(0.0, 0.0, 100.0)).into_iter().next().expect("within its limits");
+        let retract = |axes_deg: [f64; 6]| {
+            let joints = Joints::from(axes_deg);
+            let pose = arm.base_from_flange(&joints).expect("an arm") * flange_from_tool;
             let standing =
                 Standing { limits: cell.limits(), arm: cell.arm(), flange_from_tool, joints, things: None };
             let point =
@@ -322,8 +315,8 @@ mod tests {
             assert!(standing.retracts(&[in_air], &[pose], &[joints]).is_ok(), "nobody retracts from the air");
             standing.retracts(&[point], &[pose], &[joints]).map_err(|reason| (reason.code, reason.message))
         };
-        let (code, message) = retract(40.0).expect_err("axis 5 has no room");
+        let (code, message) = retract([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
         assert!(code == "retract_out_of_reach" && message.starts_with("waypoint 1: "), "{message}");
-        assert_eq!(retract(110.0), Ok(()));
+        assert_eq!(retract([0.0, -110.0, 135.0, 0.0, -25.0, 90.0]), Ok(()));
     }
 }

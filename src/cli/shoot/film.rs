@@ -132,8 +132,11 @@ fn tell(args: &Shoot, taken: &Taken, outcome: &mut Outcome) {
         outcome.put("dark_share", json!(quality.dark_share));
         outcome.put("mean_gray", json!(quality.mean_gray));
     }
+    let names = taken.entries.iter().map(|entry| entry.file.as_str()).chain(["clip.csv"]);
+    let files: Vec<String> = names.map(|name| args.out.join(name).display().to_string()).collect();
+    outcome.put("files", json!(files));
     outcome.put("pictures", json!(times_s.len()));
-    outcome.put("pictures_per_second", json!(sustained));
+    outcome.put("pictures_per_s", json!(sustained));
     outcome.put("longest_gap_s", json!(longest_s));
     outcome.put("dropped", json!(taken.dropped));
 }
