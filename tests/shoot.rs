@@ -50,6 +50,10 @@ fn cameras_without_a_calibration_take_pictures() {
     let (exit, told) = shoot("film --seconds 1 --out film");
     assert!(exit == 2 && told["reasons"].to_string().contains("another folder"), "{told}");
 
+    let (exit, told) = shoot("film --seconds 1 --wet-from-s 3 --out other");
+    assert!(exit == 2 && told["reasons"].to_string().contains("allowed is 0 to 1"), "{told}");
+    assert!(!folder.join("other").exists(), "nothing is taken");
+
     // As a recording.
     fs::copy(folder.join("shots/scan_0001.pcd"), folder.join("film/scan_0001.pcd")).expect("copied");
     let text = fs::read_to_string(folder.join("cell.toml")).expect("a cell");

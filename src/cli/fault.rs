@@ -131,10 +131,18 @@ pub enum Fault {
         state: String,
     },
     /// A film would be written over another one.
-    #[error("{} holds a clip.csv already; name another folder", folder.display())]
+    #[error("{} holds a film already, clip.csv or 00001.png; name another folder", folder.display())]
     ClipIsThere {
         /// The folder.
         folder: PathBuf,
+    },
+    /// No picture of a film would be wet, and no test could look at it.
+    #[error("--wet-from-s is {wet_from_s} and the film lasts {seconds} s; allowed is 0 to {seconds}")]
+    NeverWet {
+        /// As asked for.
+        wet_from_s: f64,
+        /// The film's length.
+        seconds: f64,
     },
     /// A simulated camera without a simulated world.
     #[error("a camera is simulated and there is no simulated world that it could look at")]

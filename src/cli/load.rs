@@ -219,16 +219,17 @@ impl CellFiles {
         }
     }
 
-    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
+    /// A mount that was measured with this arm, with its file's name and text.
+    fn mounted<M: Mount>(&self, file: Option<&PathBuf>) -> Result<(String, MountedPose<M>, String), Fault> {
         let (name, text) = self.text(M::TABLE, file)?;
         let mount = MountedPose::<M>::check(&name, &text)?;
         self.measured_with_this_arm(&name, &mount)?;
-        Ok(Calibrated {
-            value: mount.rigid(),
-            uncertainty_mm: mount.uncertainty_mm,
-            extent: LensExtent::default(),
-            text,
-        })
+        Ok((name, mount, text))
+    }
+
+    fn mount<M: Mount>(&self, file: Option<&PathBuf>) -> Result<Calibrated<Rigid<M::To, M::From>>, Fault> {
+        let (_, mount, text) = self.mounted::<M>(file)?;
+        Ok(calibrated(&mount, text))
     }
 
     /// The intrinsics of the fixed 3D camera.
@@ -276,13 +277,17 @@ impl CellFiles {
     /// # Errors
     /// As [`CellFiles::scanner`]; also where the file does not say that the tool's axis was measured.
     pub fn flange_from_tool(&self) -> Result<Calibrated<Rigid<Flange, Tool>>, Fault> {
-        let tool = self.tool_tip()?;
-        let file = self.cell.calibration().flange_from_tool.as_deref().map(name).unwrap_or_default();
-        match MountedPose::<ToolMount>::check(&file, &tool.text)?.axis_measured {
-            Some(true) => Ok(tool),
+        let (file, mounted, text) = self.mounted::<ToolMount>(self.cell.calibration().flange_from_tool.as_ref())?;
+        match mounted.axis_measured {
+            Some(true) => Ok(calibrated(&mounted, text)),
             _ => Err(Fault::NoAxis { file }),
         }
     }
+}
+
+fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigid<M::To, M::From>> {
+    let (value, uncertainty_mm) = (mount.rigid(), mount.uncertainty_mm);
+    Calibrated { value, uncertainty_mm, extent: LensExtent::default(), text }
 }
 
 /// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.

@@ -12,7 +12,7 @@ use crate::files::{self, Clip, ClipEntry};
 use crate::phase::Phase;
 use serde_json::json;
 use std::sync::mpsc::{Receiver, sync_channel};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 
 /// Pictures that wait to be written; where the disk is slower for longer, the camera drops some, and they are counted.
@@ -34,19 +34,27 @@ struct Taken {
 /// Where the folder holds a clip already, the camera does not deliver, or the disk refuses.
 pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     let list = args.out.join("clip.csv");
-    if list.exists() {
+    if list.exists() || args.out.join(file_name(1)).exists() {
         return Err(Fault::ClipIsThere { folder: args.out.clone() });
+    }
+    if !(0.0..=args.seconds).contains(&args.wet_from_s) {
+        return Err(Fault::NeverWet { wet_from_s: args.wet_from_s, seconds: args.seconds });
     }
     let mut opened = opening::scanner(files, args, progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));
     let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
-    let to_write = Mutex::new(to_write);
+    let to_write = Arc::new(Mutex::new(to_write));
     let taken = thread::scope(|scope| {
-        let writers: Vec<_> = (0..WRITERS).map(|_| scope.spawn(|| write(args, &to_write))).collect();
+        let writer = |to_write: Arc<_>| scope.spawn(move || write(args, &to_write));
+        let writers: Vec<_> = (0..WRITERS).map(|_| writer(to_write.clone())).collect();
+        // Where the disk refuses, the writers are the last to let go of it, and nothing waits for them.
+        drop(to_write);
         let taken = record(args, &mut opened, |entry, picture| pictures.send((entry, picture)).is_ok());
         drop(pictures);
-        let written = writers.into_iter().try_for_each(|writer| writer.join().unwrap_or(Ok(())));
-        written.and(taken)
+        let written: Vec<Result<(), Fault>> = (writers.into_iter())
+            .map(|writer| writer.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+            .collect();
+        written.into_iter().collect::<Result<(), Fault>>().and(taken)
     })?;
     let clip = Clip::new(taken.entries.clone()).map_err(Fault::stage)?;
     disk::write(&list, clip.to_csv())?;
@@ -78,7 +86,7 @@ fn record(
                 if taken.quality.is_none() {
                     taken.quality = Some(PictureQuality::of(&picture.picture));
                 }
-                let file = format!("{:05}.png", taken.entries.len() + 1);
+                let file = file_name(taken.entries.len() + 1);
                 let entry = ClipEntry { file, time_s: time_s.max(0.0), phase: phase(args, time_s) };
                 taken.entries.push(entry.clone());
                 if !keep(entry, picture) {
@@ -94,6 +102,10 @@ fn record(
     }
     taken.dropped = opened.camera.end_clip().map_err(Fault::stage)?;
     Ok(taken)
+}
+
+fn file_name(number: usize) -> String {
+    format!("{number:05}.png")
 }
 
 fn phase(args: &Shoot, time_s: f64) -> Phase {
