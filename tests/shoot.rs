@@ -54,6 +54,10 @@ fn cameras_without_a_calibration_take_pictures() {
     assert!(exit == 2 && told["reasons"].to_string().contains("allowed is 0 to 1"), "{told}");
     assert!(!folder.join("other").exists(), "nothing is taken");
 
+    // The folder cannot be made: more pictures come than may wait for the disk, and nothing waits for ever.
+    let (exit, told) = shoot("film --seconds 60 --pictures-per-second 20 --out cell.toml/film");
+    assert!(exit == 2 && told["reasons"].to_string().contains("cell.toml/film"), "{told}");
+
     // As a recording.
     fs::copy(folder.join("shots/scan_0001.pcd"), folder.join("film/scan_0001.pcd")).expect("copied");
     let text = fs::read_to_string(folder.join("cell.toml")).expect("a cell");

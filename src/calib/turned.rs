@@ -11,13 +11,13 @@
 
 use super::arrangement::Arrangement;
 use super::board::Board;
-use super::chain::Station;
+use super::chain::Seen;
 use super::consensus::triples;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::foreign;
 use super::pose::board_pose;
-use crate::geometry::{Board as BoardFrame, PinholeCamera, Point};
+use crate::geometry::{Base, Board as BoardFrame, Flange, PinholeCamera, Point, Rigid};
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// The angles of (1) differ by less than this, rad: an arm that is off its drawing, and corners in a small picture.
@@ -45,34 +45,35 @@ fn turned(corners: &Corners, turn: &Isometry3<f64>) -> Corners {
     corners.iter().map(|(q, pixel)| (Point::<BoardFrame>::new(turn * q.mm), *pixel)).collect()
 }
 
-/// Each station's corners as if every board had been taken the same way round.
+/// Names the corners of each picture, with the flange's pose beside them, as if every board had been taken the same way round.
 ///
 /// # Errors
-/// Where a station's corners determine no pose of the board.
+/// Where a picture's corners determine no pose of the board.
 pub fn same_way_round<A: Arrangement>(
     camera: &PinholeCamera,
     board: &Board,
-    stations: &[Station<A::From>],
-    corners: &[&Corners],
-) -> Result<Vec<Corners>, CalibError> {
+    pictures: &mut [(Rigid<Base, Flange>, &mut Corners)],
+) -> Result<(), CalibError> {
     let turns = turns(board);
-    let as_they_are = || corners.iter().map(|corners| (*corners).clone()).collect();
     if turns.len() < 2 {
-        return Ok(as_they_are());
+        return Ok(());
     }
-    let pose = |station: &Station<A::From>| Ok(*board_pose(camera, &station.seen)?.camera_from_board.isometry());
-    let poses: Vec<Isometry3<f64>> = stations.iter().map(pose).collect::<Result<_, CalibError>>()?;
-    let moved = |station: &Station<A::From>| A::to_from_holder(&station.base_from_flange).isometry().inverse();
+    let mut poses: Vec<Isometry3<f64>> = Vec::with_capacity(pictures.len());
+    for (_, corners) in pictures.iter() {
+        let found = board_pose::<A::From>(camera, &Seen::Pixels((*corners).clone()))?;
+        poses.push(*found.camera_from_board.isometry());
+    }
+    let moved = |flange: &Rigid<Base, Flange>| A::to_from_holder(flange).isometry().inverse();
     let stations = Stations {
-        holder_from_to: stations.iter().map(moved).collect(),
+        holder_from_to: pictures.iter().map(|(flange, _)| moved(flange)).collect(),
         turned: poses.iter().map(|pose| turns.iter().map(|turn| pose * turn.inverse()).collect()).collect(),
         middle: board.middle().mm,
     };
     let found = triples(poses.len()).flat_map(|triple| stations.of_triple(triple)).fold(None, nearer);
-    Ok(match found {
-        Some((_, ways)) => corners.iter().zip(ways).map(|(corners, way)| turned(corners, &turns[way])).collect(),
-        None => as_they_are(),
-    })
+    for ((_, corners), way) in pictures.iter_mut().zip(found.map(|(_, ways)| ways).unwrap_or_default()) {
+        **corners = turned(corners, &turns[way]);
+    }
+    Ok(())
 }
 
 /// The median distance of the boards from the first one's, mm, and the turn of each station.
@@ -139,7 +140,7 @@ impl Stations {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::calib::chain::Seen;
+    use crate::calib::chain::Station;
     use crate::calib::hand_eye::hand_eye;
     use crate::cell::ScannerMount;
     use crate::sim::{BoardCell, BoardPrint, RobotNoise};
@@ -173,8 +174,10 @@ mod tests {
                 });
                 all.collect()
             };
-            let each: Vec<&Corners> = corners.iter().collect();
-            let round = same_way_round::<ScannerMount>(&camera, &board, &stations(&corners), &each).expect("poses");
+            let mut round = corners.clone();
+            let flanges = shots.iter().map(|shot| shot.base_from_flange);
+            let mut pictures: Vec<_> = flanges.zip(&mut round).collect();
+            same_way_round::<ScannerMount>(&camera, &board, &mut pictures).expect("poses");
             let found = hand_eye::<ScannerMount>(&camera, &board, &stations(&round), None).expect("a mount");
             let off_mm = found.adjusted.to_from_camera.distance_at_mm(cell.base_from_camera(), found.at);
             assert!(

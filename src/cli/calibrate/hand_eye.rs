@@ -98,7 +98,9 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     let cell = cell(common)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
     let (mut looks, aside) = looks(args, (&board, arm.as_ref()), &camera, progress)?;
-    one_way_round::<A>(&camera, &board, &mut looks)?;
+    let mut pictures: Vec<_> =
+        looks.iter_mut().map(|look| (look.base_from_flange, &mut look.detected.corners)).collect();
+    same_way_round::<A>(&camera, &board, &mut pictures).map_err(Fault::stage)?;
     let stations: Vec<Station<A::From>> =
         looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
     progress("mount");
@@ -171,16 +173,6 @@ fn refused(error: &CalibError, out: &Path) -> Outcome {
     let mut outcome = Outcome::of(&Judgement::of(vec![reason], vec![]));
     outcome.say(format!("{}: not written", out.display()));
     outcome
-}
-
-/// Every board the same way round, where it looks alike from several sides.
-fn one_way_round<A: Mounted>(camera: &PinholeCamera, board: &Board, looks: &mut [Look]) -> Result<(), Fault> {
-    let stations: Vec<Station<A::From>> =
-        looks.iter().map(|look| station(look, Seen::Pixels(look.detected.corners.clone()))).collect();
-    let corners: Vec<_> = looks.iter().map(|look| &look.detected.corners).collect();
-    let all = same_way_round::<A>(camera, board, &stations, &corners).map_err(Fault::stage)?;
-    looks.iter_mut().zip(all).for_each(|(look, corners)| look.detected.corners = corners);
-    Ok(())
 }
 
 /// The corners as the 3D camera measured them, where it measured most of them.

@@ -186,14 +186,6 @@ fn looks(
     Ok(all.into_iter().filter_map(|found| found.map_err(|reason| aside.push(reason)).ok()).collect())
 }
 
-fn station<A: Arrangement>(look: &Look) -> Station<A::From> {
-    Station {
-        name: look.sight.name.clone(),
-        base_from_flange: look.pose.base_from_flange,
-        seen: Seen::Pixels(look.corners.clone()),
-    }
-}
-
 /// Mount and board to begin with, by the controller's poses; every board the same way round.
 fn start<A: Arrangement>(
     args: &Args,
@@ -202,11 +194,17 @@ fn start<A: Arrangement>(
     looks: &mut [Look],
 ) -> Result<Rig, Fault> {
     let board = super::board(&args.board)?;
-    let stations: Vec<Station<A::From>> = looks.iter().map(station::<A>).collect();
-    let corners: Vec<_> = looks.iter().map(|look| &look.corners).collect();
-    let all = same_way_round::<A>(camera, &board, &stations, &corners).map_err(Fault::stage)?;
-    looks.iter_mut().zip(all).for_each(|(look, corners)| look.corners = corners);
-    let stations: Vec<Station<A::From>> = looks.iter().map(station::<A>).collect();
+    let mut pictures: Vec<_> =
+        looks.iter_mut().map(|look| (look.pose.base_from_flange, &mut look.corners)).collect();
+    same_way_round::<A>(camera, &board, &mut pictures).map_err(Fault::stage)?;
+    let stations: Vec<Station<A::From>> = looks
+        .iter()
+        .map(|look| Station {
+            name: look.sight.name.clone(),
+            base_from_flange: look.pose.base_from_flange,
+            seen: Seen::Pixels(look.corners.clone()),
+        })
+        .collect();
     if stations.len() < MIN_STATIONS {
         let (found, given) = (stations.len(), stations.len());
         let error = CalibError::TooFewPictures { found, given, needed: MIN_STATIONS, first_reason: None };

@@ -18,8 +18,8 @@ use std::thread;
 /// Pictures that wait to be written; where the disk is slower for longer, the camera drops some, and they are counted.
 const WAITING: usize = 64;
 const WRITERS: usize = 2;
-/// A tick of the simulated controller, by which its cameras' time passes, ms.
-const TICK_MS: u64 = 12;
+/// A simulated cell's time passes in such steps while its next picture is waited for, ms.
+const STEP_MS: u64 = 12;
 
 /// What came.
 struct Taken {
@@ -95,7 +95,7 @@ fn record(
             }
             // A simulated cell's time passes when its controller's does.
             None => match &opened.simulated {
-                Some(simulated) => simulated.server.handle().with(|controller| controller.advance_ms(TICK_MS)),
+                Some(simulated) => simulated.server.handle().with(|controller| controller.advance_ms(STEP_MS)),
                 None => thread::sleep(std::time::Duration::from_millis(1)),
             },
         }
