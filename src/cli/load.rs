@@ -57,12 +57,13 @@ pub struct Calibrated<T> {
     pub text: String,
 }
 
-/// The serial number of the camera that such a file is the calibration of, where it names one.
+/// The serial number of the camera that such a file is the calibration of, where it is there and names one.
 ///
 /// # Errors
 /// Where it cannot be read or has problems.
 pub fn calibrated_serial(intrinsics: Option<&Path>) -> Result<Option<String>, Fault> {
-    let Some(file) = intrinsics else { return Ok(None) };
+    // A camera that is not calibrated yet is looked at, too: that a cycle's calibrations are there is asked elsewhere.
+    let Some(file) = intrinsics.filter(|file| file.exists()) else { return Ok(None) };
     Ok(Intrinsics::check(&name(file), &disk::read_text(file)?)?.serial)
 }
 
