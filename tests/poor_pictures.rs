@@ -31,8 +31,35 @@ fn chessboards_in_poor_pictures_are_found() {
             ("tilted", Hard { tilt_deg: 60.0, ..EASY }),
             ("in the dark", Hard { dark: true, ..EASY }),
             ("small", Hard { width_share: 0.25, ..EASY }),
+            // No corner alone is known to a fifth of a pixel: the surface through all of them is.
+            (
+                "noise, out of focus and small",
+                Hard { blur_px: 2.0, noise: 6.0, contrast: 60.0, width_share: 0.4, ..EASY },
+            ),
         ],
     );
+}
+
+/// So blurred and noisy that hardly one marker is read: the lattice of the squares tells where the corners are.
+#[test]
+fn charuco_boards_whose_markers_nobody_reads_are_found() {
+    let hard = Hard { blur_px: 1.3, noise: 6.0, contrast: 60.0, width_share: 0.4, ..Hard::EASY };
+    all_found("charuco:9x7:18:4X4_50", Some(25.0), &[("markers that are not read", hard)]);
+}
+
+/// A glare hides circles and lifts the mean of what is around others.
+#[test]
+fn circles_beside_a_glare_are_found() {
+    for text in ["circles:9x7:25", "acircles:4x11:20"] {
+        all_found(
+            text,
+            None,
+            &[
+                ("glare", Hard { glare: true, ..EASY }),
+                ("glare and little contrast", Hard { glare: true, contrast: 60.0, tilt_deg: 10.0, ..EASY }),
+            ],
+        );
+    }
 }
 
 #[test]

@@ -25,6 +25,10 @@ const ROUND: f64 = 0.12;
 const LONGEST: f64 = 3.5;
 /// A pixel must differ from its surroundings by so many grey levels.
 const LEAST_CONTRAST: f64 = 6.0;
+/// From this grey level on a pixel may belong to a glare, which would lift the mean of what is around it.
+const GLARE: u8 = 225;
+/// More than all grey levels of a picture together.
+const COUNT: u64 = 1 << 36;
 
 /// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them.
 ///
@@ -51,7 +55,9 @@ pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Re
 
 /// Sums of grey levels above and left of each pixel.
 struct Sums {
-    sums: Vec<u64>,
+    /// Of those that no glare can be: each adds [`COUNT`], and so the number is told as well.
+    without: Vec<u64>,
+    all: Vec<u64>,
     width: usize,
     height: usize,
 }
@@ -59,23 +65,36 @@ struct Sums {
 impl Sums {
     fn of(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
-        let mut sums = vec![0u64; (width + 1) * (height + 1)];
-        for row in 0..height {
-            let mut line = 0u64;
-            for column in 0..width {
-                line += u64::from(picture.gray[row * width + column]);
-                sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + line;
+        let added = |of: &dyn Fn(u8) -> u64| {
+            let mut sums = vec![0u64; (width + 1) * (height + 1)];
+            for row in 0..height {
+                let mut line = 0u64;
+                for column in 0..width {
+                    line += of(picture.gray[row * width + column]);
+                    sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + line;
+                }
             }
-        }
-        Sums { sums, width, height }
+            sums
+        };
+        let without = added(&|gray| if gray < GLARE { u64::from(gray) + COUNT } else { 0 });
+        Sums { without, all: added(&u64::from), width, height }
     }
 
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
         let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
         let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
-        let at = |row: usize, column: usize| self.sums[row * (self.width + 1) + column];
-        let sum = at(low, right) + at(top, left) - at(top, right) - at(low, left);
-        sum as f64 / ((right - left) * (low - top)) as f64
+        let sum = |sums: &[u64]| {
+            let at = |row: usize, column: usize| sums[row * (self.width + 1) + column];
+            at(low, right) + at(top, left) - at(top, right) - at(low, left)
+        };
+        let area = ((right - left) * (low - top)) as u64;
+        let without = sum(&self.without);
+        let count = without / COUNT;
+        // White paper may be as bright as a glare.
+        if 2 * count < area {
+            return sum(&self.all) as f64 / area as f64;
+        }
+        (without % COUNT) as f64 / count as f64
     }
 }
 

@@ -1,26 +1,40 @@
 //! ChArUco: markers say which corners are seen, also where a part of the board is covered.
 //!
-//! The markers are found by OpenCV's aruco. The homography through the markers around an inner corner foretells it, and
-//! `cornerSubPix` and `saddle` refine it with a window that ends before the markers do; a corner that is not between two markers
-//! which were seen counts where the model of `saddle` fits. The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
+//! The markers are found by OpenCV's aruco. From their corners those of the squares are foretold, and found by the print
+//! around them (`print`); from these the next ones, so that a few markers are enough. Where that finds too little, the lattice
+//! of a chessboard (`charuco_lattice`) does, which needs no marker that can be read.
+//! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
+use super::charuco_lattice::{Cells, identified};
 use super::chessboard;
+use super::crossings::{Smooth, noise};
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{Detected, modelled};
-use crate::geometry::{GrayPicture, Pixel};
+use super::placing::{Corners, Detected, modelled, refined, shortest_px};
+use super::print::{Print, View};
+use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES};
+use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
+use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
 /// Fewer corners than this place no board well.
 const MIN_CORNERS: usize = 8;
-/// How far a marker's corner may lie from the common plane, as a share of its side: a lens bends far less.
-const BENT: f64 = 0.15;
-/// … of all markers together, which a lens bends more.
+/// How far a marker's corner may lie from the common plane of all, as a share of its side: a lens bends far less.
 const BENT_WHOLE: f64 = 0.6;
-/// Markers within so many squares of a corner tell where it is.
-const NEAR_SQUARES: f64 = 2.2;
+/// So many places at most, within so many squares of a corner, tell where it is.
+const NEAR_SQUARES: f64 = 2.6;
+const NEAREST: usize = 20;
+/// From so many corners on the others are looked for, in so many rounds at most, and a corner that is known to so much, px,
+/// not farther from where it is foretold than this share of a square's side, is one.
+const MOST_ROUNDS: usize = 12;
+const KNOWN_PX: f64 = 0.6;
+const MOVED: f64 = 0.2;
+/// Where the markers lead to this share of the corners, the others are hidden.
+const ENOUGH: f64 = 0.6;
+/// Lattices of one look that are compared with the board.
+const MOST_LATTICES: usize = 6;
 
 pub(super) fn detect(
     name: &str,
@@ -38,41 +52,32 @@ pub(super) fn detect(
     let found = markers(picture, dictionary, squares.len())?;
     let seen =
         of_one_plane(found.iter().map(|(number, corners)| (squares[*number], *corners)).collect(), board, charuco);
-    let (mut corners, mut is_seen) = (Vec::new(), Vec::new());
-    for row in 0..board.rows() {
-        for column in 0..board.columns() {
-            let Some(q) = board.corner(column, row) else { continue };
-            // A marker's square is as far from the corner as its middle is, in squares.
-            let away = |(c, r): (usize, usize)| (c as f64 - column as f64 - 0.5).hypot(r as f64 - row as f64 - 0.5);
-            let mut near: Vec<Near> =
-                seen.iter().filter(|(square, _)| away(*square) < NEAR_SQUARES).copied().collect();
-            near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
-            near.truncate(4);
-            let beside = near.iter().filter(|(square, _)| away(*square) < 1.0).count();
-            if near.len() < 2 {
-                continue;
-            }
-            if let Some(corner) = foretold(board, charuco, &near, [q.mm.x, q.mm.y]) {
-                corners.push((q, corner));
-                is_seen.push(beside == 2);
-            }
+    let cells = marker_cells(board)?;
+    let print = Print::of(board, &cells);
+    let search = Search { picture, board, print: &print, noise: noise(picture) };
+    let (places, pixels) = placed(board, charuco, &seen);
+    let mut best = search.grown(places.into_iter().zip(pixels).collect());
+    if (best.len() as f64) < ENOUGH * board.count() as f64 {
+        let cells: Cells = squares.into_iter().zip(cells).collect();
+        let by_lattice = of_lattices(&search, &cells)?;
+        if by_lattice.len() > best.len() {
+            best = by_lattice;
         }
     }
     let none = || CalibError::NoBoard { picture: name.to_owned(), columns: board.columns(), rows: board.rows() };
-    if is_seen.iter().filter(|is_seen| **is_seen).count() < MIN_CORNERS {
+    if best.len() < MIN_CORNERS {
         return Err(none());
     }
-    let reach_px = corners.iter().map(|(_, (_, reach_px))| *reach_px).fold(f64::INFINITY, f64::min);
-    let chosen_px = half_window_px.unwrap_or(reach_px.clamp(3.0, 11.0) as usize);
+    let inset = (board.square_mm() - charuco.marker_mm) / 2.0 / board.square_mm();
+    let corners: Corners = best.into_values().collect();
     if half_window_px.is_some() {
-        let mut kept = is_seen.iter();
-        corners.retain(|_| kept.next().copied().unwrap_or(false));
+        return Ok(refined(picture, &corners, board.square_mm(), half_window_px)?);
     }
-    let rough: Vec<Pixel> = corners.iter().map(|(_, (pixel, _))| *pixel).collect();
-    let refined = foreign::refine_corners(picture, &rough, chosen_px)?;
-    let corners = corners.iter().map(|(q, _)| *q).zip(refined).collect();
-    let found = Detected { corners, half_window_px: chosen_px, modelled: 0 };
-    let found = if half_window_px.is_none() { modelled(picture, board, found, &is_seen) } else { found };
+    // The window ends before the markers do.
+    let half_window_px = (1.2 * inset * shortest_px(&corners, board.square_mm())).clamp(3.0, 11.0) as usize;
+    let is_seen = vec![true; corners.len()];
+    let found = Detected { corners, half_window_px, modelled: 0 };
+    let found = modelled(picture, board, found, &is_seen, &print);
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
 }
 
@@ -141,24 +146,109 @@ fn markers(
 
 type Near = ((usize, usize), [Pixel; 4]);
 
-/// Where a corner of the board is, from the markers near it, and a window around it that is clear of markers, px.
-fn foretold(board: &Board, charuco: &Charuco, near: &[Near], at: [f64; 2]) -> Option<(Pixel, f64)> {
-    let (places, pixels) = placed(board, charuco, near);
-    let places: Vec<[f64; 2]> = places.iter().map(|[x, y]| [x - at[0], y - at[1]]).collect();
-    let plane = foreign::homography(&places, &pixels)?;
-    let corner = pixel_of(&plane, [0.0, 0.0]);
-    let inset = (board.square_mm() - charuco.marker_mm) / 2.0;
-    let around = [[-inset, -inset], [inset, -inset], [inset, inset], [-inset, inset]];
-    let nearest =
-        around.iter().map(|place| pixel_of(&plane, *place).distance_px(corner)).fold(f64::INFINITY, f64::min);
-    // Markers of another layout, or of another board, do not lie on one plane together.
-    let side_px = pixels[0].distance_px(pixels[1]);
-    let is_bent = places
-        .iter()
-        .zip(&pixels)
-        .any(|(place, pixel)| pixel_of(&plane, *place).distance_px(*pixel) > BENT * side_px);
-    // The marker's corner is √2 insets away, the window's side only one: 0.6 of the way is clear of it.
-    (!is_bent).then_some((corner, 0.6 * nearest))
+/// Places of the board, mm, and where they are seen.
+type Known = Vec<([f64; 2], Pixel)>;
+/// Corners by column and row.
+type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
+
+/// The largest part of the board that lattices of corners hold.
+fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
+    let smooth = Smooth::of(search.picture);
+    let (side, mut best) = (search.board.square_mm(), Grown::new());
+    for times in chessboard::reductions(search.picture) {
+        let mut grids = chessboard::look(search.picture, times)?;
+        grids.sort_by_key(|grid| std::cmp::Reverse(grid.seen()));
+        for grid in grids.into_iter().filter(|grid| grid.seen() >= MIN_CORNERS).take(MOST_LATTICES) {
+            let Some(corners) = identified(&smooth, &grid, search.board, cells) else { continue };
+            let known =
+                corners.into_iter().map(|((c, r), pixel)| ([f64::from(c) * side, f64::from(r) * side], pixel));
+            let grown = search.grown(known.collect());
+            if grown.len() > best.len() {
+                best = grown;
+            }
+            if best.len() == search.board.count() {
+                return Ok(best);
+            }
+        }
+    }
+    Ok(best)
+}
+
+/// What looks for corners from others.
+struct Search<'a> {
+    picture: &'a GrayPicture,
+    board: &'a Board,
+    print: &'a Print,
+    noise: f64,
+}
+
+impl Search<'_> {
+    /// All corners that are found from places that are known, each from the ones near it.
+    fn grown(&self, mut known: Known) -> Grown {
+        let mut all = Grown::new();
+        let mut blur_px = None;
+        for _ in 0..MOST_ROUNDS {
+            let mut views: Vec<((usize, usize), View)> = Vec::new();
+            for row in 0..self.board.rows() {
+                let columns = (0..self.board.columns()).filter(|column| !all.contains_key(&(*column, row)));
+                views.extend(columns.filter_map(|column| Some(((column, row), self.view(&known, column, row)?))));
+            }
+            let blur_px = *blur_px.get_or_insert_with(|| {
+                let step = (views.len() / BLUR_CORNERS).max(1);
+                let some: Vec<View> = views.iter().step_by(step).map(|(_, view)| *view).collect();
+                self.print.blur_px(self.picture, &some, self.noise)
+            });
+            let found = views.into_iter().filter_map(|(at, view)| {
+                let found = self.print.matched(self.picture, &View { blur_px, ..view }, self.noise)?;
+                let is_near = found.at.distance_px(view.start) < MOVED * self.square_px(&view);
+                (found.contrast > 0.0 && found.deviation_px < KNOWN_PX && is_near).then_some((at, found.at))
+            });
+            let found: Vec<((usize, usize), Pixel)> = found.collect();
+            if found.is_empty() {
+                break;
+            }
+            for ((column, row), pixel) in found {
+                if let Some(q) = self.board.corner(column, row) {
+                    known.push(([q.mm.x, q.mm.y], pixel));
+                    all.insert((column, row), (q, pixel));
+                }
+            }
+        }
+        all
+    }
+
+    /// A corner as those near it foretell it.
+    fn view(&self, known: &Known, column: usize, row: usize) -> Option<View> {
+        let q = self.board.corner(column, row)?;
+        let side = self.board.square_mm();
+        let away = |[x, y]: [f64; 2]| (x - q.mm.x).hypot(y - q.mm.y);
+        let mut near: Known =
+            known.iter().filter(|(place, _)| away(*place) < NEAR_SQUARES * side).copied().collect();
+        near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
+        near.truncate(NEAREST);
+        let reach = |axis: usize| {
+            let along = near.iter().map(|(place, _)| place[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        if near.len() < 6 || reach(0).min(reach(1)) < 0.6 * side {
+            return None;
+        }
+        let (places, pixels): (Vec<[f64; 2]>, Vec<Pixel>) =
+            near.into_iter().map(|([x, y], pixel)| ([x - q.mm.x, y - q.mm.y], pixel)).unzip();
+        let shift = Matrix3::new(1.0, 0.0, -q.mm.x, 0.0, 1.0, -q.mm.y, 0.0, 0.0, 1.0);
+        let plane = foreign::homography(&places, &pixels)? * shift;
+        let start = pixel_of(&plane, [q.mm.x, q.mm.y]);
+        let reach_mm = PRINT_SQUARES * side;
+        Some(View { plane, place: [q.mm.x, q.mm.y], start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
+    }
+
+    /// The shorter side of a square there, px.
+    fn square_px(&self, view: &View) -> f64 {
+        let ([x, y], side) = (view.place, self.board.square_mm());
+        let there = pixel_of(&view.plane, view.place);
+        let next = [[x + side, y], [x, y + side]].map(|place| pixel_of(&view.plane, place).distance_px(there));
+        next[0].min(next[1])
+    }
 }
 
 /// The cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing it.

@@ -22,12 +22,13 @@ const MOST_PX: usize = 3_400_000;
 const LEAST_SIDE_PX: usize = 480;
 /// The last look sees at most so many pixels.
 const SECTOR_BASED_PX: usize = 850_000;
-/// An outer line of which less was seen is none: of a board with a glare, and of one beside which something looks like corners.
-const LINE_SHARES: [f64; 2] = [0.45, 0.65];
+/// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of one beside
+/// which something looks like corners.
+const LINE_SHARES: [f64; 3] = [0.2, 0.45, 0.65];
 /// The smallest chessboard that is called one, inner corners.
 const SMALLEST: usize = 3;
 /// So many of the board's corners must be seen.
-const SEEN_SHARE: f64 = 0.65;
+const SEEN_SHARE: f64 = 0.5;
 /// … and of another board, before it is called one.
 const OTHER_SHARE: f64 = 0.8;
 /// A line beyond the board of which so many places are corners is one of a larger board.
@@ -115,7 +116,7 @@ pub(super) fn reductions(picture: &GrayPicture) -> Vec<usize> {
 }
 
 /// The lattices of a picture made smaller, in pixels of the whole one.
-fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
+pub(super) fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> {
     let small = if times == 1 { None } else { Some(foreign::reduced(picture, times)?) };
     let small = small.as_ref().unwrap_or(picture);
     let (across, down) = (picture.width as f64 / small.width as f64, picture.height as f64 / small.height as f64);
@@ -125,9 +126,9 @@ fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> 
     let found = lattices(&smooth, &all);
     // An outer line of which half is missing may be hidden, or be something beside the board.
     let grids = found.into_iter().flat_map(|lattice| {
-        let [hidden, beside] = LINE_SHARES.map(|share| trimmed(lattice.clone(), share));
-        let is_same = hidden.len() == beside.len();
-        std::iter::once(hidden).chain((!is_same).then_some(beside))
+        let mut all = LINE_SHARES.map(|share| trimmed(lattice.clone(), share)).to_vec();
+        all.dedup_by_key(|lattice| lattice.len());
+        all
     });
     let scaled = grids.filter_map(|lattice| Grid::of(&lattice, &all)).map(|mut grid| {
         grid.nodes.iter_mut().for_each(|node| node.pixel = whole(node.pixel));
@@ -138,11 +139,11 @@ fn look(picture: &GrayPicture, times: usize) -> Result<Vec<Grid>, ImagingError> 
 
 /// Corners in rows.
 #[derive(Debug, Clone, PartialEq)]
-struct Grid {
-    columns: usize,
-    rows: usize,
+pub(super) struct Grid {
+    pub columns: usize,
+    pub rows: usize,
     /// Row by row.
-    nodes: Vec<Node>,
+    pub nodes: Vec<Node>,
 }
 
 impl Grid {
@@ -174,7 +175,7 @@ impl Grid {
         Some(Grid { columns, rows, nodes: (0..columns * rows).map(node).collect::<Option<_>>()? })
     }
 
-    fn seen(&self) -> usize {
+    pub fn seen(&self) -> usize {
         self.nodes.iter().filter(|node| node.is_seen).count()
     }
 

@@ -9,10 +9,12 @@
 use super::blobs::{Blob, blobs};
 use super::board::Board;
 use super::circle_lattice;
+use super::circle_places::ByPrint;
 use super::crossings::Smooth;
 use super::error::CalibError;
 use super::foreign;
-use super::placing::{Detected, without_strays};
+use super::placing::{Corners, Detected};
+use super::surface::without_strays;
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -20,10 +22,14 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 const CANDIDATES_EACH: usize = 3;
 const MOST_CANDIDATES: usize = 450;
 /// Surroundings for a blob's threshold, as parts of the picture's longer side.
-const REACHES: [usize; 2] = [12, 32];
+const REACHES: [usize; 3] = [12, 32, 80];
+/// Grids that are placed.
+const MOST_GRIDS: usize = 3;
 /// The window reaches so far towards the neighbours' middles; the outermost part of it is ground.
 const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
+/// Circles with windows that reach farther are placed in a smaller picture, px.
+const REACH_PX: f64 = 13.0;
 /// A circle that is found farther from where its grid has it is none, as a share of the distance to its neighbour.
 const BENT: f64 = 0.2;
 
@@ -41,8 +47,8 @@ pub(super) fn detect(
     asymmetric: bool,
     sizes: &[usize],
 ) -> Result<Detected, CalibError> {
-    let mut best: Option<Detected> = None;
-    for &times in sizes {
+    let mut all: Vec<(Numbered, bool)> = Vec::new();
+    'looks: for &times in sizes {
         let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
         let small = Smooth::of(&small).picture();
         for (lighter, parts) in [false, true].into_iter().flat_map(|lighter| REACHES.map(|parts| (lighter, parts)))
@@ -53,24 +59,22 @@ pub(super) fn detect(
             let down = picture.height as f64 / small.height as f64;
             let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
             let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
-            let Some((placed, radii_mm)) = placed(picture, board, &rough) else { continue };
-            let turned = if asymmetric { None } else { marked_first(&rough, &radii_mm, board) };
-            let placed = match turned {
-                Some(turned) => self::placed(picture, board, &turned).map_or(placed, |(placed, _)| placed),
-                None => placed,
-            };
-            let is_whole = placed.corners.len() == board.count();
-            if best.as_ref().is_none_or(|best| best.corners.len() < placed.corners.len()) {
-                best = Some(placed);
-            }
+            let is_whole = rough.len() == board.count();
+            all.push((rough, lighter));
             if is_whole {
-                break;
+                break 'looks;
             }
-        }
-        if best.as_ref().is_some_and(|best| best.corners.len() == board.count()) {
-            break;
         }
     }
+    // The largest grid is the likeliest; the next ones are looked at where it is none.
+    all.sort_by_key(|(rough, _)| std::cmp::Reverse(rough.len()));
+    let best = all.iter().take(MOST_GRIDS).find_map(|(rough, lighter)| {
+        let (first, radii_mm) = placed(picture, board, rough, *lighter)?;
+        let turned = if asymmetric { None } else { marked_first(rough, &radii_mm, board) };
+        Some(
+            turned.and_then(|turned| placed(picture, board, &turned, *lighter)).map_or(first, |(placed, _)| placed),
+        )
+    });
     let none = || CalibError::NoCircles { picture: name.to_owned(), columns: board.columns(), rows: board.rows() };
     best.ok_or_else(none)
 }
@@ -126,7 +130,7 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
 
 /// All centres to sub-pixel, and the circles' radii; `None` where what was found is no plane grid. Circles that no centre is
 /// found of, and those that stand apart from the others, are left out.
-fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered) -> Option<(Detected, Vec<f64>)> {
+fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool) -> Option<(Detected, Vec<f64>)> {
     let places = board.corners();
     let place = |number: usize| [places[number].mm.x, places[number].mm.y];
     let plane: Vec<[f64; 2]> = rough.iter().map(|(number, _)| place(*number)).collect();
@@ -163,6 +167,11 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered) -> Option<(Det
     let plane: Vec<[f64; 2]> = found.iter().map(|(number, ..)| place(*number)).collect();
     let pixels: Vec<Pixel> = found.iter().map(|(_, pixel, _)| *pixel).collect();
     let board_to_picture = foreign::homography(&plane, &pixels)?;
+    let found_by_print = printed(picture, board, &board_to_picture, (&found, radius_mm), lighter)?;
+    let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
+    if let Some(corners) = found_by_print {
+        return Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm));
+    }
     let corners = found.iter().map(|(number, pixel, radius)| {
         let at_place = place(*number);
         // A mark is as large as it is; of the others all are one size.
@@ -171,9 +180,38 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered) -> Option<(Det
             (at(&board_to_picture, at_place), ellipse_middle(&board_to_picture, at_place, radius)?);
         Some((places[*number], Pixel::at(pixel.u + seen.u - middle.u, pixel.v + seen.v - middle.v)))
     });
-    let corners = without_strays(corners.collect::<Option<_>>()?);
-    let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
+    let corners = without_strays(corners.collect::<Option<_>>()?, picture);
     Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
+}
+
+/// All circles by their print, also those that were not found before; `Some(None)` where there are too few to compare.
+fn printed(
+    picture: &GrayPicture,
+    board: &Board,
+    plane: &Matrix3<f64>,
+    (found, radius_mm): (&[(usize, Pixel, f64)], f64),
+    lighter: bool,
+) -> Option<Option<Corners>> {
+    let places = board.corners();
+    let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
+    let reach_mm = WINDOW * neighbour_mm;
+    let middle = slope(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
+    // Large circles are placed as well in a smaller picture.
+    let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
+    let times = (reach_px / REACH_PX).max(1.0) as usize;
+    let rough: Corners = found
+        .iter()
+        .filter_map(|(number, pixel, radius)| {
+            let q = places[*number];
+            let (seen, ellipse) = (
+                at(plane, [q.mm.x, q.mm.y]),
+                ellipse_middle(plane, [q.mm.x, q.mm.y], radius.min(2.0 * radius_mm))?,
+            );
+            Some((q, Pixel::at(pixel.u + seen.u - ellipse.u, pixel.v + seen.v - ellipse.v)))
+        })
+        .collect();
+    let sign = if lighter { -1.0 } else { 1.0 };
+    Some(ByPrint { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm))
 }
 
 fn at(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {

@@ -10,6 +10,7 @@ use super::circles;
 use super::error::CalibError;
 use super::placing;
 pub use super::placing::{Corners, Detected};
+use super::print::Print;
 use crate::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 
 /// Finds the board's corners. `half_window_px` overrides the window; `name` is the picture's in messages.
@@ -42,7 +43,7 @@ pub fn detect(
     let corners: Corners = all.iter().map(|(q, node)| (*q, node.pixel)).collect();
     let found = placing::refined(picture, &corners, board.square_mm(), None)?;
     let is_seen: Vec<bool> = rough.iter().map(|node| node.is_seen).collect();
-    let found = placing::modelled(picture, board, found, &is_seen);
+    let found = placing::modelled(picture, board, found, &is_seen, &Print::of(board, &[]));
     // A board of which most corners cannot be placed is in the picture, and of no use.
     if 2 * found.corners.len() < board.count() {
         return Err(CalibError::NoBoard { picture: picture_name, columns, rows });

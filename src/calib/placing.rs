@@ -8,10 +8,12 @@
 use super::board::Board;
 use super::crossings::noise;
 use super::foreign;
+use super::print::Print;
 use super::saddle;
-use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
+use super::surface::{KNOWN_TOGETHER_PX, LEFT_PX, PRINT_SQUARES, Placed, TERMS, USUAL_LEFT, WELL_PX, surface_of};
+use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Vector2, Vector3};
 use std::collections::BTreeMap;
 
 /// Corners of the board with their pixels.
@@ -38,7 +40,8 @@ pub(super) fn refined(
     square_mm: f64,
     half_window_px: Option<usize>,
 ) -> Result<Detected, ImagingError> {
-    let chosen_px = half_window_px.unwrap_or_else(|| window(rough, square_mm));
+    let chosen_px = half_window_px
+        .unwrap_or_else(|| (WINDOW_SHARE * shortest_px(rough, square_mm)).clamp(WINDOW_PX.0, WINDOW_PX.1) as usize);
     let pixels: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
     let pixels = foreign::refine_corners(picture, &pixels, chosen_px)?;
     Ok(Detected {
@@ -48,129 +51,86 @@ pub(super) fn refined(
     })
 }
 
-/// With every corner placed by the model of the grey levels that has neighbours and fits it. Where it does not fit at first, it
-/// is tried again from where the others foretell the corner. Of the rest those are kept that were seen where the others
-/// foretell them.
-pub(super) fn modelled(picture: &GrayPicture, board: &Board, found: Detected, is_seen: &[bool]) -> Detected {
+/// With every corner placed by the model of the grey levels that has neighbours and fits it. Where it does not fit, or places
+/// the corner badly, the print around it is looked for where the others foretell it. The less well the noise lets a corner be
+/// known, the more it is moved to the smooth surface through all, and one that is not known well enough after that is left out.
+pub(super) fn modelled(
+    picture: &GrayPicture,
+    board: &Board,
+    found: Detected,
+    is_seen: &[bool],
+    print: &Print,
+) -> Detected {
     let window_px = found.half_window_px;
     let model = Model::of(picture, &found.corners, board.square_mm());
-    let mut placed: Vec<Option<Pixel>> =
+    let mut placed: Vec<Option<Placed>> =
         found.corners.iter().map(|(q, pixel)| model.place(*q, *pixel, window_px)).collect();
-    let of_models: Corners =
-        found.corners.iter().zip(&placed).filter_map(|((q, _), placed)| Some((*q, (*placed)?))).collect();
-    let enough = 2 * of_models.len() >= found.corners.len();
-    let Some(surface) = Surface::through(&of_models).filter(|_| enough) else {
-        if found.corners.len() >= 2 * TERMS {
-            return Detected { corners: of_models.clone(), modelled: of_models.len(), ..found };
-        }
-        let corners = found.corners.iter().zip(&placed).map(|((q, pixel), placed)| (*q, placed.unwrap_or(*pixel)));
-        let seen = is_seen.iter().copied().chain(std::iter::repeat(true));
-        let kept =
-            corners.zip(placed.iter().zip(seen)).filter(|(_, (placed, is_seen))| placed.is_some() || *is_seen);
-        return Detected { corners: kept.map(|(corner, _)| corner).collect(), modelled: of_models.len(), ..found };
+    let enough = 2 * placed.iter().flatten().count() >= found.corners.len();
+    // Where the model places too few, those that were seen are known well enough to begin with.
+    let begun: Vec<Option<Placed>> = match enough {
+        true => placed.clone(),
+        false => found
+            .corners
+            .iter()
+            .zip(&placed)
+            .zip(is_seen)
+            .map(|(((_, pixel), placed), is_seen)| {
+                placed.or(is_seen.then_some(Placed { at: *pixel, deviation_px: KNOWN_TOGETHER_PX }))
+            })
+            .collect(),
     };
-    for ((q, _), placed) in found.corners.iter().zip(&mut placed) {
-        *placed = placed
-            .or_else(|| model.place(*q, surface.at(*q), window_px))
-            .or_else(|| model.place(*q, surface.at(*q), (window_px / 2).max(WINDOW_PX.0 as usize)));
+    let enough = 2 * begun.iter().flatten().count() >= found.corners.len();
+    let Some(mut surface) = surface_of(&found.corners, &begun, picture).filter(|_| enough) else {
+        return one_by_one(found, placed, is_seen);
+    };
+    let reach_mm = PRINT_SQUARES * board.square_mm();
+    let mut blur_px = None;
+    for _ in 0..2 {
+        for ((q, _), placed) in found.corners.iter().zip(&mut placed) {
+            let there = surface.at(*q);
+            let is_near = |found: &Placed| found.at.distance_px(there) <= surface.limit_px(*q, found);
+            *placed = placed.filter(is_near).or_else(|| model.place(*q, there, window_px).filter(is_near));
+            if placed.is_none_or(|placed| placed.deviation_px > WELL_PX) {
+                let blur_px = *blur_px.get_or_insert_with(|| {
+                    surface.blur_px(picture, print, (&found.corners, reach_mm), model.noise)
+                });
+                let by_print = print.matched(picture, &surface.view(*q, reach_mm, blur_px), model.noise);
+                let by_print = by_print
+                    .filter(|found| found.contrast > 0.0)
+                    .map(|found| Placed { at: found.at, deviation_px: found.deviation_px });
+                let better = |own: &Placed| placed.is_none_or(|placed| own.deviation_px < placed.deviation_px);
+                *placed = by_print.filter(is_near).filter(better).or(*placed);
+            }
+        }
+        let Some(next) = surface_of(&found.corners, &placed, picture) else { break };
+        surface = next;
     }
-    let (limit, limit_without) =
-        (STANDS_APART_PX.max(STANDS_APART * surface.usual_px), NEARLY_PX.max(2.0 * surface.usual_px));
+    let drawn = found.corners.iter().zip(placed).filter_map(|((q, _), placed)| {
+        let placed =
+            placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed))?;
+        surface.drawn(*q, placed).map(|pixel| (*q, pixel))
+    });
+    let corners: Corners = drawn.collect();
+    Detected { modelled: corners.len(), corners, ..found }
+}
+
+/// Corners of which too few are placed to compare them: those that the model places well, or that were seen.
+fn one_by_one(found: Detected, placed: Vec<Option<Placed>>, is_seen: &[bool]) -> Detected {
+    let well =
+        |placed: Option<Placed>| placed.filter(|placed| placed.deviation_px < KNOWN_PX).map(|placed| placed.at);
+    let placed: Vec<Option<Pixel>> = placed.into_iter().map(well).collect();
+    let modelled = placed.iter().flatten().count();
+    let is_large = found.corners.len() >= 2 * TERMS;
     let seen = is_seen.iter().copied().chain(std::iter::repeat(true));
-    let mut corners = Corners::new();
-    let mut modelled = 0;
-    for (((q, pixel), placed), is_seen) in found.corners.iter().zip(placed).zip(seen) {
-        let there = surface.at(*q);
-        match placed {
-            Some(placed) if placed.distance_px(there) <= limit => {
-                modelled += 1;
-                corners.push((*q, placed));
-            }
-            None if is_seen && pixel.distance_px(there) <= limit_without => corners.push((*q, *pixel)),
-            _ => {}
-        }
-    }
-    Detected { corners, modelled, ..found }
+    let kept = found.corners.iter().zip(placed.iter().zip(seen)).filter_map(|((q, pixel), (placed, is_seen))| {
+        let without = (is_seen && !is_large).then_some(*pixel);
+        placed.or(without).map(|pixel| (*q, pixel))
+    });
+    Detected { corners: kept.collect(), modelled, ..found }
 }
 
-/// Without those that stand apart from the smooth surface through the others.
-pub(super) fn without_strays(corners: Corners) -> Corners {
-    let Some(surface) = Surface::through(&corners) else { return corners };
-    let limit = STANDS_APART_PX.max(STANDS_APART * surface.usual_px);
-    corners.into_iter().filter(|(q, pixel)| surface.at(*q).distance_px(*pixel) <= limit).collect()
-}
-
-/// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
-const STANDS_APART_PX: f64 = 0.4;
-const STANDS_APART: f64 = 5.0;
-/// The same without a model, px.
-const NEARLY_PX: f64 = 0.2;
-/// The noise lets a corner be known to so much, each way, px.
-const KNOWN_PX: f64 = 0.2;
-
-/// A smooth surface through corners: a plane's homography, and what a lens and a board that is not quite flat bend it by, a
-/// polynomial of third degree.
-struct Surface {
-    middle: Vector2<f64>,
-    reach_mm: f64,
-    plane: Matrix3<f64>,
-    bend: SMatrix<f64, TERMS, 2>,
-    /// The median distance of the corners from it, px.
-    usual_px: f64,
-}
-
-const TERMS: usize = 10;
-
-impl Surface {
-    /// `None` where there are too few corners to compare.
-    fn through(corners: &Corners) -> Option<Self> {
-        if corners.len() < 2 * TERMS {
-            return None;
-        }
-        let middle = corners.iter().map(|(q, _)| q.mm.coords.xy()).sum::<Vector2<f64>>() / corners.len() as f64;
-        let reach_mm = corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle).amax()).fold(1e-9, f64::max);
-        let places: Vec<Vector2<f64>> =
-            corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle) / reach_mm).collect();
-        let pairs: Vec<[f64; 2]> = places.iter().map(|place| [place.x, place.y]).collect();
-        let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
-        let plane = foreign::homography(&pairs, &pixels)?;
-        let mut surface = Surface { middle, reach_mm, plane, bend: SMatrix::zeros(), usual_px: 0.0 };
-        let mut weights = vec![1.0; corners.len()];
-        for _ in 0..4 {
-            let mut normal = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-9;
-            let mut pull = SMatrix::<f64, TERMS, 2>::zeros();
-            for ((place, pixel), weight) in places.iter().zip(&pixels).zip(&weights) {
-                let (by, flat) = (terms(place), on_plane(&plane, place));
-                normal += by * by.transpose() * *weight;
-                pull += by * (Vector2::new(pixel.u, pixel.v) - flat).transpose() * *weight;
-            }
-            surface.bend = normal.cholesky()?.solve(&pull);
-            let apart: Vec<f64> = corners.iter().map(|(q, pixel)| surface.at(*q).distance_px(*pixel)).collect();
-            surface.usual_px = median(&mut apart.clone())?;
-            // A far one pulls no more (Geman and McClure).
-            let usual = surface.usual_px.max(0.02);
-            weights = apart.iter().map(|apart| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2)).collect();
-        }
-        Some(surface)
-    }
-
-    /// Where it has a place of the board.
-    fn at(&self, q: Point<BoardFrame>) -> Pixel {
-        let place = (q.mm.coords.xy() - self.middle) / self.reach_mm;
-        let there = on_plane(&self.plane, &place) + self.bend.transpose() * terms(&place);
-        Pixel::at(there.x, there.y)
-    }
-}
-
-fn on_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
-    let p = plane * place.push(1.0);
-    p.xy() / p.z
-}
-
-fn terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
-    let (x, y) = (place.x, place.y);
-    SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
-}
+/// The noise lets a corner be known to so much, each way, px, where it is alone.
+pub(super) const KNOWN_PX: f64 = 0.2;
 
 /// The model of the grey levels around corners whose neighbours tell the directions of their edges.
 struct Model<'a> {
@@ -185,10 +145,17 @@ impl<'a> Model<'a> {
     }
 
     /// Where it places a corner, from a start; `None` where it does not fit.
-    fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<Pixel> {
-        let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
-        let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;
-        (found.deviation_px < KNOWN_PX).then_some(found.at)
+    fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<Placed> {
+        self.judged(saddle::refine(self.picture, start, self.edges(q, start)?, half_window_px, self.noise)?)
+    }
+
+    fn judged(&self, found: saddle::Saddle) -> Option<Placed> {
+        let deviation_px = found.deviation_px.hypot(LEFT_PX * (found.left - USUAL_LEFT).max(0.0));
+        (deviation_px < KNOWN_TOGETHER_PX).then_some(Placed { at: found.at, deviation_px })
+    }
+
+    fn edges(&self, q: Point<BoardFrame>, start: Pixel) -> Option<[Vector2<f64>; 2]> {
+        Some([self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?])
     }
 
     fn edge(&self, q: Point<BoardFrame>, pixel: Pixel, step: Vector3<f64>) -> Option<Vector2<f64>> {
@@ -223,7 +190,8 @@ impl Neighbours {
     }
 }
 
-fn window(corners: &Corners, square_mm: f64) -> usize {
+/// The shortest distance between neighbours, px.
+pub(super) fn shortest_px(corners: &Corners, square_mm: f64) -> f64 {
     let by_place = Neighbours::of(corners, square_mm);
     let next = |q: &Point<BoardFrame>, pixel: &Pixel, step: Vector3<f64>| {
         let there = by_place.at(q.mm + step * square_mm)?;
@@ -235,6 +203,5 @@ fn window(corners: &Corners, square_mm: f64) -> usize {
             .filter_map(|step| next(q, pixel, step))
             .fold(f64::INFINITY, f64::min)
     };
-    let shortest = corners.iter().map(both).fold(f64::INFINITY, f64::min);
-    (WINDOW_SHARE * shortest).clamp(WINDOW_PX.0, WINDOW_PX.1) as usize
+    corners.iter().map(both).fold(f64::INFINITY, f64::min)
 }

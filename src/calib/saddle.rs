@@ -40,6 +40,8 @@ pub(super) struct Saddle {
     pub deviation_px: f64,
     /// Half the contrast; its sign says which squares are black.
     pub contrast: f64,
+    /// What the model leaves beside the noise, rms, as a share of the half contrast.
+    pub left: f64,
 }
 
 /// The corner near `start`, whose edges run along `edges`, in a picture with this much white noise; `None` where the window
@@ -52,7 +54,12 @@ pub(super) fn refine(
     noise: f64,
 ) -> Option<Saddle> {
     let patch = Patch::around(picture, start, half_window_px)?;
-    let mut model = patch.begin(start, edges);
+    let (model, sums) = settled(&patch, patch.begin(start, edges))?;
+    judged(&patch, (&model, &sums), start, noise)
+}
+
+/// The model with the least squares; `None` where it does not settle.
+fn settled(patch: &Patch, mut model: Model) -> Option<(Model, Sums)> {
     let mut here = patch.sums(&model);
     let mut damping = 1e-3;
     for _ in 0..MAX_STEPS {
@@ -65,23 +72,29 @@ pub(super) fn refine(
         let step = factor.solve(&here.gradient);
         let next = model.moved(&step);
         let there = patch.sums(&next);
-        let settled = step.fixed_rows::<2>(0).norm() < SETTLED_PX;
+        let is_settled = step.fixed_rows::<2>(0).norm() < SETTLED_PX;
         if there.square <= here.square {
             (model, here) = (next, there);
             damping *= 0.1;
         } else {
             damping *= 10.0;
         }
-        if settled {
-            let count = patch.pixels.len() as f64;
-            let is_sound = model.is_sound(start, (here.square / count, count), noise);
-            let spread = if is_sound { here.normal.cholesky()?.inverse() } else { return None };
-            let of_noise = noise.max((here.square / count).sqrt());
-            let deviation_px = of_noise * spread[(0, 0)].max(spread[(1, 1)]).sqrt();
-            return Some(Saddle { at: model.at, deviation_px, contrast: model.contrast });
+        if is_settled {
+            return Some((model, here));
         }
     }
     None
+}
+
+/// The corner where the model is sound.
+fn judged(patch: &Patch, (model, sums): (&Model, &Sums), start: Pixel, noise: f64) -> Option<Saddle> {
+    let count = patch.pixels.len() as f64;
+    let mean_square = sums.square / count;
+    let is_sound = model.is_sound(start, (mean_square, count), noise);
+    let spread = if is_sound { sums.normal.cholesky()?.inverse() } else { return None };
+    let deviation_px = noise.max(mean_square.sqrt()) * spread[(0, 0)].max(spread[(1, 1)]).sqrt();
+    let left = (mean_square - noise * noise).max(0.0).sqrt() / model.contrast.abs();
+    Some(Saddle { at: model.at, deviation_px, contrast: model.contrast, left })
 }
 
 /// The unknowns of (1).

@@ -1,6 +1,7 @@
 //! Boards in poor pictures: how many are found, how well, and how fast, beside OpenCV's own detectors in the same run.
-//! `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone]`: so many mixtures of each kind of board, of one kind,
-//! of one part, without OpenCV's detectors.
+//! `cargo bench --bench boards -- [MIXTURES] [KIND] [only=WORDS] [alone] [after=NUMBER] [save=FOLDER]`: so many mixtures of each
+//! kind of board, of one kind, of one part, without OpenCV's detectors, with the seeds after this one; what is not found is
+//! written there as a PGM picture.
 
 #[path = "../board_pictures.rs"]
 mod board_pictures;
@@ -49,18 +50,34 @@ fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     let mixtures = arguments.iter().find_map(|argument| argument.parse::<u64>().ok()).unwrap_or(60);
     let is_alone = arguments.iter().any(|argument| argument == "alone");
-    let part = arguments.iter().find_map(|argument| argument.strip_prefix("only=")).unwrap_or("");
+    let named = |name: &str| arguments.iter().find_map(|argument| argument.strip_prefix(name));
+    let chosen = Chosen {
+        mixtures,
+        part: named("only=").unwrap_or(""),
+        after: named("after=").and_then(|number| number.parse().ok()).unwrap_or(0),
+        folder: named("save="),
+    };
     let only = arguments.iter().find(|argument| KINDS.iter().any(|(kind, ..)| kind == argument));
     let mut missed = 0;
     for (kind, text, peers) in KINDS {
         if only.is_none_or(|only| only == kind) {
             let square_mm = if text.contains("circles") { None } else { Some(25.0) };
             let Ok(board) = Board::parse(text, square_mm) else { return ExitCode::FAILURE };
-            missed += sweep(kind, &board, if is_alone { &peers[..1] } else { peers }, (mixtures, part));
+            missed += sweep(kind, &board, if is_alone { &peers[..1] } else { peers }, &chosen);
         }
     }
     println!("{missed} floors were missed");
     if missed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}
+
+/// What part of the sweep runs.
+struct Chosen<'a> {
+    mixtures: u64,
+    part: &'a str,
+    /// The seeds begin after this one.
+    after: u64,
+    /// Where pictures go of which not all was found.
+    folder: Option<&'a str>,
 }
 
 /// What is hard alone; blur and size as far as markers can be read.
@@ -130,16 +147,17 @@ impl Tally {
     }
 }
 
-fn sweep(kind: &str, board: &Board, peers: &[Peer], (mixtures, part): (u64, &str)) -> usize {
+fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
     let camera = camera(WIDTH_PX);
     let mut all: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();
     let mut groups: Vec<(String, Vec<(Hard, u64)>)> = singles(board)
         .into_iter()
-        .map(|(name, hard)| (name.to_owned(), (1..=SEEDS).map(|seed| (hard, seed)).collect()))
+        .map(|(name, hard)| (name.to_owned(), (1..=SEEDS).map(|seed| (hard, chosen.after + seed)).collect()))
         .collect();
-    let mixed = (1..=mixtures).map(|seed| (mixture(board, &camera, seed), 1000 + seed));
+    let seeds = chosen.after + 1..=chosen.after + chosen.mixtures;
+    let mixed = seeds.map(|seed| (mixture(board, &camera, seed), 1000 + seed));
     groups.push(("mixtures".to_owned(), mixed.collect()));
-    for (name, cases) in groups.into_iter().filter(|(name, _)| name.contains(part)) {
+    for (name, cases) in groups.into_iter().filter(|(name, _)| name.contains(chosen.part)) {
         let mut here: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();
         for (hard, seed) in cases {
             let rendered = render(board, &camera, &hard, seed);
@@ -147,6 +165,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], (mixtures, part): (u64, &str
                 let (judged, seconds) = timed(peer, board, &rendered);
                 if index == 0 && !matches!(judged, Judged::Found(_)) {
                     println!("        {judged:?} in seed {seed}: {hard:?}");
+                    save(chosen.folder, &format!("{kind}_{seed}"), &rendered.picture);
                 }
                 here[index].add(judged, seconds);
                 all[index].add(judged, seconds);
@@ -157,7 +176,7 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], (mixtures, part): (u64, &str
         }
     }
     let mut nothing: Vec<Tally> = peers.iter().map(|_| Tally::default()).collect();
-    for seed in 1..=2 * SEEDS {
+    for seed in chosen.after + 1..=chosen.after + 2 * SEEDS {
         let rendered = Rendered { picture: no_board(&camera, seed), truth: vec![] };
         for (peer, tally) in peers.iter().zip(&mut nothing) {
             let started = Instant::now();
@@ -200,6 +219,14 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], (mixtures, part): (u64, &str
         );
     }
     usize::from(!good)
+}
+
+fn save(folder: Option<&str>, name: &str, picture: &GrayPicture) {
+    if let Some(folder) = folder {
+        let head = format!("P5 {} {} 255\n", picture.width, picture.height);
+        let bytes = [head.as_bytes(), &picture.gray].concat();
+        std::fs::write(format!("{folder}/{name}.pgm"), bytes).expect("a folder for pictures");
+    }
 }
 
 fn timed(peer: &Peer, board: &Board, rendered: &Rendered) -> (Judged, f64) {

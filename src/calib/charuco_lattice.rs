@@ -1,0 +1,106 @@
+//! Which corners of a ChArUco board the corners of a lattice are: told by the cells of its markers, none of which need be read.
+//!
+//! A ChArUco board's squares meet in corners as a chessboard's do, and `chessboard` joins them to a lattice also where
+//! blur, noise or a glare hides what the markers say. The lattice may lie on the board in four turns and at several
+//! places. For each the grey levels at the middles of all cells are compared with what is printed there, square by
+//! square, and one place must be clearly the best.
+
+use super::board::Board;
+use super::chessboard::Grid;
+use super::crossings::Smooth;
+use super::foreign;
+use crate::geometry::Pixel;
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+/// The correlation of the grey levels with the print, over all squares with markers, and how far it is above the second.
+const ALIKE: f64 = 0.4;
+const ABOVE: f64 = 0.15;
+/// Squares of a marker that must be compared.
+const LEAST_SQUARES: usize = 4;
+
+/// Corners by column and row of the board.
+pub(super) type Corners = Vec<((i32, i32), Pixel)>;
+
+/// The cells of a board's markers, each square's by column and row.
+pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
+
+/// The seen corners of a lattice as those of the board; `None` where no place is clearly the right one.
+pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Cells) -> Option<Corners> {
+    let share = board.markers()?.marker_mm / board.square_mm();
+    let mut seen: Corners = Vec::new();
+    for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
+        seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
+    }
+    let (mut wide, mut high) = (grid.columns as i32, grid.rows as i32);
+    if is_mirrored(grid) {
+        seen.iter_mut().for_each(|((column, _), _)| *column = wide - 1 - *column);
+    }
+    let (columns, rows) = (board.columns() as i32, board.rows() as i32);
+    let mut scores: Vec<(f64, Corners)> = Vec::new();
+    for _ in 0..4 {
+        for right in (-1).min(columns - wide)..=(columns - wide + 1).max(0) {
+            for down in (-1).min(rows - high)..=(rows - high + 1).max(0) {
+                let moved = seen.iter().map(|((c, r), pixel)| ((c + right, r + down), *pixel));
+                let inside: Corners =
+                    moved.filter(|((c, r), _)| (0..columns).contains(c) && (0..rows).contains(r)).collect();
+                if 4 * inside.len() >= 3 * seen.len()
+                    && let Some(score) = likeness(smooth, &inside, cells, share)
+                {
+                    scores.push((score, inside));
+                }
+            }
+        }
+        // A quarter turn: (column, row) becomes (row, −column).
+        seen.iter_mut().for_each(|(at, _)| *at = (at.1, wide - 1 - at.0));
+        (wide, high) = (high, wide);
+    }
+    scores.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let second = scores.get(1).map_or(0.0, |(score, _)| *score);
+    let (best, corners) = scores.into_iter().next()?;
+    (best > ALIKE && best > second + ABOVE).then_some(corners)
+}
+
+fn is_mirrored(grid: &Grid) -> bool {
+    let [first, right, below] =
+        [0, grid.columns - 1, (grid.rows - 1) * grid.columns].map(|index| grid.nodes[index].pixel);
+    (right.u - first.u) * (below.v - first.v) < (right.v - first.v) * (below.u - first.u)
+}
+
+/// The mean correlation of the grey levels with the print, over the squares beside the corners.
+fn likeness(smooth: &Smooth, corners: &Corners, cells: &Cells, share: f64) -> Option<f64> {
+    let places: Vec<[f64; 2]> = corners.iter().map(|((c, r), _)| [f64::from(*c), f64::from(*r)]).collect();
+    let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
+    let plane = if places.len() >= 4 { foreign::homography(&places, &pixels)? } else { return None };
+    let is_beside = |(column, row): (usize, usize)| {
+        // The square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+        let (column, row) = (column as i32, row as i32);
+        let near = |(c, r): (i32, i32)| (column - 1..=column).contains(&c) && (row - 1..=row).contains(&r);
+        corners.iter().filter(|(at, _)| near(*at)).count() >= 2
+    };
+    let squares = cells.iter().filter(|(square, _)| is_beside(*square));
+    let all: Vec<f64> =
+        squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share))).collect();
+    (all.len() >= LEAST_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
+}
+
+fn correlation(
+    smooth: &Smooth,
+    plane: &Matrix3<f64>,
+    square: (usize, usize),
+    (cells, share): (&[bool], f64),
+) -> f64 {
+    let side = (cells.len() as f64).sqrt() as usize;
+    let at = |index: usize, square: usize| {
+        square as f64 - 1.0 + (1.0 - share) / 2.0 + share * (index as f64 + 0.5) / side as f64
+    };
+    let pairs: Vec<(f64, f64)> = (cells.iter().enumerate())
+        .map(|(index, is_white)| {
+            let p = plane * Vector3::new(at(index % side, square.0), at(index / side, square.1), 1.0);
+            (smooth.at(Vector2::new(p.x / p.z, p.y / p.z)), f64::from(u8::from(*is_white)))
+        })
+        .collect();
+    let count = pairs.len() as f64;
+    let (gray, ink) = pairs.iter().fold((0.0, 0.0), |(g, i), pair| (g + pair.0 / count, i + pair.1 / count));
+    let sum = |of: &dyn Fn(f64, f64) -> f64| pairs.iter().map(|(g, i)| of(g - gray, i - ink)).sum::<f64>();
+    sum(&|g, i| g * i) / (sum(&|g, _| g * g) * sum(&|_, i| i * i)).sqrt().max(1e-9)
+}

@@ -1,0 +1,83 @@
+//! The circles of a board placed by their print (`print`) and the smooth surface through all (`surface`).
+
+use super::board::Board;
+use super::crossings::noise;
+use super::foreign;
+use super::placing::Corners;
+use super::print::{Print, View, likest};
+use super::surface::{BLUR_CORNERS, KNOWN_TOGETHER_PX, PRINT_PX, Placed, START_PX, Surface, surface_of};
+use crate::geometry::{GrayPicture, Pixel};
+use nalgebra::Matrix3;
+
+/// What is placed no better is not there, each way, px.
+const PRESENT_PX: f64 = 3.0;
+/// A circle's radius may be so many times that of a first estimate.
+const RADII: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
+
+/// What is looked for by its print alone.
+pub(super) struct ByPrint<'a> {
+    pub picture: &'a GrayPicture,
+    /// It is looked for in the picture made smaller by so many times.
+    pub times: usize,
+    pub reach_mm: f64,
+    /// The contrast's sign: 1 where the print is darker than the ground.
+    pub sign: f64,
+}
+
+impl ByPrint<'_> {
+    /// The circles of a board, from where some of them are about and their radius; `None` where there are too few to compare,
+    /// or hardly one is there.
+    pub fn circles(&self, board: &Board, rough: &Corners, radius_mm: f64) -> Option<Corners> {
+        let small = if self.times == 1 { None } else { Some(foreign::reduced(self.picture, self.times).ok()?) };
+        let small = small.as_ref().unwrap_or(self.picture);
+        let noise = noise(small);
+        let known = vec![KNOWN_TOGETHER_PX; rough.len()];
+        let mut surface = Surface::through(rough, &known, self.picture.width as f64)?;
+        let step = (rough.len() / BLUR_CORNERS).max(1);
+        let view = |surface: &Surface, q, blur_px| self.smaller(surface.view(q, self.reach_mm, blur_px), small);
+        let views: Vec<View> = rough.iter().step_by(step).map(|(q, _)| view(&surface, *q, 1.0)).collect();
+        let blur_px = Print::of_circles(board, radius_mm).blur_px(small, &views, noise);
+        let tried =
+            RADII.map(|by| (by, Print::of_circles(board, by * radius_mm).unlike(small, &views, (blur_px, noise))));
+        let print = Print::of_circles(board, likest(tried)? * radius_mm);
+        let blur_px = print.blur_px(small, &views, noise);
+        let all: Corners = board.corners().into_iter().map(|q| (q, Pixel::at(0.0, 0.0))).collect();
+        let mut placed: Vec<Option<Placed>> = vec![None; all.len()];
+        for _ in 0..3 {
+            for ((q, _), placed) in all.iter().zip(&mut placed).filter(|(_, placed)| placed.is_none()) {
+                let found = print.matched(small, &view(&surface, *q, blur_px), noise);
+                let Some(found) = found.filter(|found| self.sign * found.contrast > 0.0) else { continue };
+                let own = Placed::of(&found, noise);
+                let own =
+                    Placed { at: self.whole(own.at, small), deviation_px: own.deviation_px * self.times as f64 };
+                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(START_PX);
+                *placed = (own.deviation_px < PRESENT_PX && is_near).then_some(own);
+            }
+            surface = surface_of(&all, &placed, self.picture)?;
+            for ((q, _), placed) in all.iter().zip(&mut placed) {
+                *placed =
+                    placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed));
+            }
+        }
+        let drawn =
+            all.iter().zip(&placed).filter_map(|((q, _), placed)| Some((*q, surface.drawn(*q, (*placed)?)?)));
+        let corners: Corners = drawn.collect();
+        (2 * corners.len() >= all.len()).then_some(corners)
+    }
+
+    fn by(&self, small: &GrayPicture) -> [f64; 2] {
+        [small.width as f64 / self.picture.width as f64, small.height as f64 / self.picture.height as f64]
+    }
+
+    fn smaller(&self, view: View, small: &GrayPicture) -> View {
+        let [across, down] = self.by(small);
+        let scale = Matrix3::new(across, 0.0, (across - 1.0) / 2.0, 0.0, down, (down - 1.0) / 2.0, 0.0, 0.0, 1.0);
+        let start = Pixel::at((view.start.u + 0.5) * across - 0.5, (view.start.v + 0.5) * down - 0.5);
+        View { plane: scale * view.plane, start, most_px: 3.0 * PRINT_PX, ..view }
+    }
+
+    fn whole(&self, pixel: Pixel, small: &GrayPicture) -> Pixel {
+        let [across, down] = self.by(small);
+        Pixel::at((pixel.u + 0.5) / across - 0.5, (pixel.v + 0.5) / down - 0.5)
+    }
+}

@@ -1,0 +1,310 @@
+//! A place of a board by all of its print around it: for poor pictures, in which a corner alone is not well known.
+//!
+//! What is printed is known, and where the rest of the board is tells how it is turned and tilted. The print around a place is
+//! drawn as the camera would see it, p(x), with the picture's blur. The grey levels are
+//!     g(x) = m + l · x + x · q x + a · p(x − d),                                                                (1)
+//! with mean m, light that changes by l and q, contrast a and the shift d that is looked for. With p(x − d) ≈ p(x) − ∇p · d this
+//! is linear in m, l, q, a and a d; the print is drawn again at the place that was found. Pixels that show something else, such as
+//! a glare, lose their weight. So the rims of markers and circles count with the corners.
+
+use super::board::Board;
+use crate::geometry::{GrayPicture, Pixel, median};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+
+/// What a board has printed.
+pub(super) struct Print {
+    kind: Kind,
+    square_mm: f64,
+    columns: usize,
+    rows: usize,
+}
+
+enum Kind {
+    Squares,
+    /// The markers' cells by the number of the square, and the marker's side by that of the square.
+    Markers {
+        cells: Vec<Option<Vec<bool>>>,
+        share: f64,
+    },
+    /// Circles of a radius, mm, each of which is looked at alone.
+    Circles(f64),
+}
+
+/// A place that was found.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Matched {
+    pub at: Pixel,
+    /// How well noise and what is left let it be known, each way, px.
+    pub deviation_px: f64,
+    /// White less black, grey levels.
+    pub contrast: f64,
+    /// What the print leaves of the grey levels, rms.
+    pub left: f64,
+}
+
+/// Where and how the print around a place is looked at.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct View {
+    /// From the board, mm, to the picture near the place.
+    pub plane: Matrix3<f64>,
+    /// The place on the board, mm.
+    pub place: [f64; 2],
+    /// Where it is looked for.
+    pub start: Pixel,
+    /// The window's half side on the board, mm, and at most in the picture, px.
+    pub reach_mm: f64,
+    pub most_px: f64,
+    /// The deviation of the picture's blur, px.
+    pub blur_px: f64,
+}
+
+const UNKNOWNS: usize = 9;
+/// Blurs that are tried, px.
+const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
+/// The print is drawn so many times at most, until it moves by less, px.
+const DRAWN: usize = 5;
+const SETTLED_PX: f64 = 0.03;
+/// Turns in which pixels lose weight.
+const TURNS: usize = 4;
+/// So much of the window's pixels must show the print.
+const LEAST_PART: f64 = 0.4;
+/// Less is no print, grey levels.
+const LEAST_CONTRAST: f64 = 8.0;
+/// A print that is not quite as it is drawn leaves this share of the contrast at its edges.
+const LEAST_LEFT: f64 = 0.06;
+/// What is left must be less than this share of the contrast, beside the noise.
+const MOST_LEFT: f64 = 0.2;
+
+impl Print {
+    /// Of a chessboard, or a board with markers.
+    pub fn of(board: &Board, cells: &[Vec<bool>]) -> Self {
+        let (columns, rows) = (board.columns() + 1, board.rows() + 1);
+        let kind = match board.markers() {
+            None => Kind::Squares,
+            Some(markers) => {
+                let mut by_square = vec![None; columns * rows];
+                for ((column, row), cells) in board.marker_squares().into_iter().zip(cells) {
+                    by_square[row * columns + column] = Some(cells.clone());
+                }
+                Kind::Markers { cells: by_square, share: markers.marker_mm / board.square_mm() }
+            }
+        };
+        Print { kind, square_mm: board.square_mm(), columns, rows }
+    }
+
+    /// Of a board of circles with this radius.
+    pub fn of_circles(board: &Board, radius_mm: f64) -> Self {
+        Print {
+            kind: Kind::Circles(radius_mm),
+            square_mm: board.square_mm(),
+            columns: board.columns(),
+            rows: board.rows(),
+        }
+    }
+
+    /// Black 0, white 1, around a place of the board.
+    fn ink(&self, [x, y]: [f64; 2], place: [f64; 2]) -> f32 {
+        if let Kind::Circles(radius_mm) = self.kind {
+            return if (x - place[0]).hypot(y - place[1]) < radius_mm { 0.0 } else { 1.0 };
+        }
+        let (u, v) = (x / self.square_mm + 1.0, y / self.square_mm + 1.0);
+        if u < 0.0 || v < 0.0 || u >= self.columns as f64 || v >= self.rows as f64 {
+            return 1.0;
+        }
+        let (column, row) = (u as usize, v as usize);
+        let Kind::Markers { cells, share } = &self.kind else { return ((column + row) % 2) as f32 };
+        let Some(cells) = &cells[row * self.columns + column] else { return 0.0 };
+        let side = (cells.len() as f64).sqrt();
+        let [across, down] = [u, v].map(|at| (at.fract() - (1.0 - share) / 2.0) / share * side);
+        let is_inside = (0.0..side).contains(&across) && (0.0..side).contains(&down);
+        let is_black = is_inside && !cells[down as usize * side as usize + across as usize];
+        if is_black { 0.0 } else { 1.0 }
+    }
+
+    /// Where the print is near the start, in a picture with this much white noise; `None` where it is not.
+    pub fn matched(&self, picture: &GrayPicture, view: &View, noise: f64) -> Option<Matched> {
+        let mut view = *view;
+        let first = view.start;
+        for turn in 0..DRAWN {
+            let drawn = self.drawn(picture, &view)?;
+            let fitted = fitted(&drawn, noise)?;
+            let step = Vector2::new(fitted.at.u - view.start.u, fitted.at.v - view.start.v);
+            view.start = fitted.at;
+            if view.start.distance_px(first) > 0.35 * view.most_px.max(4.0) {
+                return None;
+            }
+            if step.norm() < SETTLED_PX || turn + 1 == DRAWN {
+                return Some(fitted).filter(|_| step.norm() < 0.3);
+            }
+        }
+        None
+    }
+
+    /// The blur with which the print is most like the picture at these places, px.
+    pub fn blur_px(&self, picture: &GrayPicture, views: &[View], noise: f64) -> f64 {
+        let of = |blur_px: f64| (blur_px, self.unlike(picture, views, (blur_px, noise)));
+        likest(BLURS_PX.map(of)).unwrap_or(BLURS_PX[1])
+    }
+
+    /// At how many places the print is, and what it leaves of the contrast.
+    pub fn unlike(&self, picture: &GrayPicture, views: &[View], (blur_px, noise): (f64, f64)) -> (usize, f64) {
+        let all = views.iter().filter_map(|view| self.matched(picture, &View { blur_px, ..*view }, noise));
+        let left: Vec<f64> = all.map(|found| found.left / found.contrast.abs()).collect();
+        (left.len(), left.iter().sum::<f64>() / left.len().max(1) as f64)
+    }
+
+    /// The picture's and the print's grey levels in the window.
+    fn drawn(&self, picture: &GrayPicture, view: &View) -> Option<Drawn> {
+        let inverse = view.plane.try_inverse()?;
+        let there = view.plane * Vector3::new(view.place[0], view.place[1], 1.0);
+        let shift = Vector2::new(view.start.u - there.x / there.z, view.start.v - there.y / there.z);
+        let on_board = |u: f64, v: f64| {
+            let q = inverse * Vector3::new(u - shift.x, v - shift.y, 1.0);
+            [q.x / q.z, q.y / q.z]
+        };
+        let (column, row) = view.start.whole(picture.width, picture.height)?;
+        let is_round = matches!(self.kind, Kind::Circles(_));
+        let corner = |x: f64, y: f64| {
+            let p = view.plane * Vector3::new(view.place[0] + x, view.place[1] + y, 1.0);
+            (p.x / p.z - there.x / there.z).abs().max((p.y / p.z - there.y / there.z).abs())
+        };
+        let r = view.reach_mm;
+        let reach_px =
+            [(-r, -r), (r, -r), (-r, r), (r, r)].map(|(x, y)| corner(x, y)).into_iter().fold(2.0, f64::max);
+        let half = reach_px.min(view.most_px).ceil() as isize;
+        let margin = 1 + (2.5 * view.blur_px).ceil() as isize;
+        let side = (2 * (half + margin) + 1) as usize;
+        let ink: Vec<f32> = (0..side * side)
+            .map(|index| {
+                let u = column as f64 + (index % side) as f64 - (half + margin) as f64;
+                let v = row as f64 + (index / side) as f64 - (half + margin) as f64;
+                let ray = |du: f64, dv: f64| self.ink(on_board(u + du, v + dv), view.place);
+                let rays = [ray(-0.45, -0.45), ray(0.45, -0.45), ray(-0.45, 0.45), ray(0.45, 0.45)];
+                let sum: f32 = rays.iter().sum();
+                if sum == 0.0 || sum == 4.0 {
+                    return sum / 4.0;
+                }
+                let part = |index: usize| (index as f64 + 0.5) / 4.0 - 0.5;
+                (0..16).map(|index| ray(part(index % 4), part(index / 4))).sum::<f32>() / 16.0
+            })
+            .collect();
+        let ink = blurred(&ink, side, view.blur_px);
+        let mut pixels = Vec::with_capacity(side * side);
+        for dv in -half..=half {
+            for du in -half..=half {
+                let (u, v) = (column as isize + du, row as isize + dv);
+                if u < 0 || v < 0 || u >= picture.width as isize || v >= picture.height as isize {
+                    continue;
+                }
+                let q = on_board(u as f64, v as f64);
+                let away = [q[0] - view.place[0], q[1] - view.place[1]];
+                let far = if is_round { away[0].hypot(away[1]) } else { away[0].abs().max(away[1].abs()) };
+                if far > view.reach_mm {
+                    continue;
+                }
+                let index = (dv + half + margin) as usize * side + (du + half + margin) as usize;
+                pixels.push(Seen {
+                    offset: Vector2::new(u as f64 - view.start.u, v as f64 - view.start.v),
+                    gray: f64::from(picture.gray[v as usize * picture.width + u as usize]),
+                    ink: f64::from(ink[index]),
+                    slope: Vector2::new(
+                        f64::from(ink[index + 1] - ink[index - 1]) / 2.0,
+                        f64::from(ink[index + side] - ink[index - side]) / 2.0,
+                    ),
+                });
+            }
+        }
+        (pixels.len() > 3 * UNKNOWNS).then_some(Drawn { pixels, start: view.start, reach_px: half as f64 })
+    }
+}
+
+/// Of what was tried, that which leaves least; where the print is at far fewer places than with another one it is the wrong one.
+pub(super) fn likest<const N: usize>(tried: [(f64, (usize, f64)); N]) -> Option<f64> {
+    let most = tried.iter().map(|(_, (count, _))| *count).max()?;
+    let all = tried.into_iter().filter(|(_, (count, _))| *count > 0 && 4 * count >= 3 * most);
+    all.min_by(|a, b| a.1.1.total_cmp(&b.1.1)).map(|(tried, _)| tried)
+}
+
+/// A pixel and what the print has there.
+struct Seen {
+    offset: Vector2<f64>,
+    gray: f64,
+    ink: f64,
+    slope: Vector2<f64>,
+}
+
+struct Drawn {
+    pixels: Vec<Seen>,
+    start: Pixel,
+    reach_px: f64,
+}
+
+/// The least squares of (1), without pixels that show something else.
+fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
+    let by = |seen: &Seen| -> SVector<f64, UNKNOWNS> {
+        let offset = seen.offset / drawn.reach_px;
+        let (x, y) = (offset.x, offset.y);
+        SVector::from([1.0, x, y, seen.ink, -seen.slope.x, -seen.slope.y, x * x, x * y, y * y])
+    };
+    let mut weights = vec![1.0; drawn.pixels.len()];
+    let mut last = None;
+    for _ in 0..TURNS {
+        let mut normal = SMatrix::<f64, UNKNOWNS, UNKNOWNS>::identity() * 1e-9;
+        let mut pull = SVector::<f64, UNKNOWNS>::zeros();
+        for (seen, weight) in drawn.pixels.iter().zip(&weights) {
+            let by = by(seen);
+            normal.ger(*weight, &by, &by, 1.0);
+            pull += by * (*weight * seen.gray);
+        }
+        let factor = normal.cholesky()?;
+        let found = factor.solve(&pull);
+        let left: Vec<f64> = drawn.pixels.iter().map(|seen| seen.gray - by(seen).dot(&found)).collect();
+        let usual = median(&mut left.iter().map(|left| left.abs()).collect::<Vec<_>>())? / 0.674;
+        let scale = 2.5 * usual.max(noise).max(LEAST_LEFT * found[3].abs()).max(0.5);
+        weights = left.iter().map(|left| (1.0 + (left / scale).powi(2)).powi(-2)).collect();
+        last = Some((found, factor, left, scale));
+    }
+    let (found, factor, left, scale) = last?;
+    let near: Vec<f64> = left.iter().copied().filter(|left| left.abs() < scale).collect();
+    // What counts are the edges of the print: a place of which a glare hides half is none.
+    let edges = |most: f64| {
+        let seen = drawn.pixels.iter().zip(&left).filter(|(_, left)| left.abs() < most);
+        seen.map(|(seen, _)| seen.slope.norm_squared()).sum::<f64>()
+    };
+    let part = (edges(scale) / edges(f64::INFINITY)).min(near.len() as f64 / left.len() as f64);
+    let rms = (near.iter().map(|left| left * left).sum::<f64>() / near.len().max(1) as f64).sqrt();
+    let contrast = found[3];
+    let beyond = (rms * rms - 1.5 * noise * noise).max(0.0).sqrt();
+    if part < LEAST_PART || contrast.abs() < LEAST_CONTRAST || beyond > MOST_LEFT * contrast.abs() {
+        return None;
+    }
+    let spread = factor.inverse();
+    let deviation_px = rms.max(noise) * spread[(4, 4)].max(spread[(5, 5)]).sqrt() / contrast.abs();
+    let at = Pixel::at(drawn.start.u + found[4] / contrast, drawn.start.v + found[5] / contrast);
+    Some(Matched { at, deviation_px, contrast, left: rms })
+}
+
+/// With a Gauss function of this deviation.
+fn blurred(from: &[f32], side: usize, sigma_px: f64) -> Vec<f32> {
+    if sigma_px < 0.2 {
+        return from.to_vec();
+    }
+    let reach = (2.5 * sigma_px).ceil() as usize;
+    let weight = |away: usize| (-0.5 * (away as f64 / sigma_px).powi(2)).exp() as f32;
+    let weights: Vec<f32> = (0..=reach).map(weight).collect();
+    let sum = 2.0 * weights.iter().sum::<f32>() - weights[0];
+    let pass = |from: &[f32], step: usize, place: &dyn Fn(usize) -> usize| -> Vec<f32> {
+        (0..from.len())
+            .map(|index| {
+                let at = place(index);
+                let beside = (1..=reach).map(|away| {
+                    let (before, after) = (away.min(at), away.min(side - 1 - at));
+                    weights[away] * (from[index - before * step] + from[index + after * step])
+                });
+                (weights[0] * from[index] + beside.sum::<f32>()) / sum
+            })
+            .collect()
+    };
+    let across = pass(from, 1, &|index| index % side);
+    pass(&across, side, &|index| index / side)
+}

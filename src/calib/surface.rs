@@ -1,0 +1,213 @@
+//! The smooth surface through the corners of a board as a picture shows them, and how a corner stands to it.
+
+use super::foreign;
+use super::placing::{Corners, KNOWN_PX};
+use super::print::{Matched, Print, View};
+use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+
+/// A corner that the model places farther from the surface through the others is another one, px, and by the median of all.
+const STANDS_APART_PX: f64 = 0.4;
+const STANDS_APART: f64 = 5.0;
+/// … and where it is placed well, by how well the surface is known there.
+const UNCERTAIN: f64 = 5.0;
+/// … and so far there in any case, px: at a board's outer corners a lens bends by more than a third degree.
+const WELL_APART_PX: f64 = 0.9;
+/// The noise lets a corner be known to so much, each way, px, where a surface through all of them helps.
+pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
+/// … and after that, px.
+const KNOWN_AT_LAST_PX: f64 = 0.17;
+/// A corner that the model places worse is looked for by its print as well, px.
+pub(super) const WELL_PX: f64 = 0.08;
+/// The print is looked at so far around a corner, in squares, and so far in the picture, px.
+pub(super) const PRINT_SQUARES: f64 = 0.5;
+pub(super) const PRINT_PX: f64 = 16.0;
+/// A first place may be farther from where it is foretold, px.
+pub(super) const START_PX: f64 = 1.5;
+/// The blur is found at so many corners.
+pub(super) const BLUR_CORNERS: usize = 6;
+/// Prints and lenses leave corners so far from a smooth surface, each way, px.
+const ROUGH_PX: f64 = 0.05;
+/// What the model leaves beside the noise, as a share of the half contrast, beyond which the corner is less well known …
+pub(super) const USUAL_LEFT: f64 = 0.06;
+/// … by so many px for the whole half contrast.
+pub(super) const LEFT_PX: f64 = 2.0;
+
+/// A corner as the model places it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Placed {
+    pub at: Pixel,
+    /// How well noise, and what the model leaves, let it be known, each way, px.
+    pub deviation_px: f64,
+}
+
+impl Placed {
+    /// By the print, in a picture with this much noise.
+    pub fn of(found: &Matched, noise: f64) -> Self {
+        let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
+        Placed { at: found.at, deviation_px: found.deviation_px.hypot(LEFT_PX * (left - USUAL_LEFT).max(0.0)) }
+    }
+}
+
+/// A smooth surface through corners: a plane's homography, and what a lens and a board that is not quite flat bend it by, a
+/// polynomial of third degree.
+pub(super) struct Surface {
+    middle: Vector2<f64>,
+    reach_mm: f64,
+    plane: Matrix3<f64>,
+    bend: SMatrix<f64, TERMS, 2>,
+    /// The median distance of the corners from it, px.
+    usual_px: f64,
+    /// How far corners are from it for other reasons than noise, each way, px.
+    rough_px: f64,
+    /// How well it is known itself, by the terms, px².
+    spread: SMatrix<f64, TERMS, TERMS>,
+}
+
+pub(super) const TERMS: usize = 10;
+/// What a lens bends a place by, at a picture's width from its middle, in widths.
+const LENS: f64 = 0.5;
+
+impl Surface {
+    /// Through corners that are known so well, each way; `None` where there are too few to compare.
+    pub fn through(corners: &Corners, deviations_px: &[f64], width_px: f64) -> Option<Self> {
+        if corners.len() < 2 * TERMS {
+            return None;
+        }
+        let middle = corners.iter().map(|(q, _)| q.mm.coords.xy()).sum::<Vector2<f64>>() / corners.len() as f64;
+        let reach_mm = corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle).amax()).fold(1e-9, f64::max);
+        let places: Vec<Vector2<f64>> =
+            corners.iter().map(|(q, _)| (q.mm.coords.xy() - middle) / reach_mm).collect();
+        let pairs: Vec<[f64; 2]> = places.iter().map(|place| [place.x, place.y]).collect();
+        let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
+        let plane = foreign::homography(&pairs, &pixels)?;
+        let mut surface = Surface {
+            middle,
+            reach_mm,
+            plane,
+            bend: SMatrix::zeros(),
+            usual_px: 0.0,
+            rough_px: ROUGH_PX,
+            spread: SMatrix::zeros(),
+        };
+        let trust: Vec<f64> =
+            deviations_px.iter().map(|noise_px| 1.0 / (ROUGH_PX.powi(2) + noise_px.powi(2))).collect();
+        // A lens bends a small board by less: so much is usual for the terms of third degree.
+        let reach_px = places.iter().zip(&pixels).map(|(_, p)| p.distance_px(pixels[0])).fold(0.0, f64::max) / 2.0;
+        let cubic_px = LENS * reach_px.powi(3) / (width_px * width_px) + 0.01;
+        let mut usual = SMatrix::<f64, TERMS, TERMS>::identity() * 1e-6;
+        (6..TERMS).for_each(|term| usual[(term, term)] = cubic_px.powi(-2));
+        let mut weights = trust.clone();
+        for _ in 0..4 {
+            let mut normal = usual;
+            let mut pull = SMatrix::<f64, TERMS, 2>::zeros();
+            for ((place, pixel), weight) in places.iter().zip(&pixels).zip(&weights) {
+                let (by, flat) = (terms(place), on_plane(&plane, place));
+                normal += by * by.transpose() * *weight;
+                pull += by * (Vector2::new(pixel.u, pixel.v) - flat).transpose() * *weight;
+            }
+            let factor = normal.cholesky()?;
+            surface.bend = factor.solve(&pull);
+            surface.spread = factor.inverse();
+            let apart: Vec<f64> = corners.iter().map(|(q, pixel)| surface.at(*q).distance_px(*pixel)).collect();
+            surface.usual_px = median(&mut apart.clone())?;
+            // A far one pulls no more (Geman and McClure).
+            let usual = surface.usual_px.max(0.02);
+            let far = |apart: &f64| (1.0 + (apart / (3.0 * usual)).powi(2)).powi(-2);
+            weights = apart.iter().zip(&trust).map(|(apart, trust)| trust * far(apart)).collect();
+        }
+        // Half of a round normal cloud lies within 1.18 of its deviation each way.
+        let noise_px = median(&mut deviations_px.to_vec())?;
+        surface.rough_px = ((surface.usual_px / 1.18).powi(2) - noise_px.powi(2)).max(ROUGH_PX.powi(2)).sqrt();
+        Some(surface)
+    }
+
+    /// A corner farther from it is another one, px: one that is badly known may be farther, and counts the less.
+    pub fn limit_px(&self, q: Point<BoardFrame>, placed: &Placed) -> f64 {
+        let is_well = placed.deviation_px < WELL_PX;
+        let own_px = if is_well { (UNCERTAIN * self.variance(q).sqrt()).max(WELL_APART_PX) } else { 0.0 };
+        let own_px = own_px.max(2.0 * placed.deviation_px).min(START_PX);
+        STANDS_APART_PX.max(STANDS_APART * self.usual_px).max(own_px)
+    }
+
+    /// How well it is known at a place, each way, px².
+    fn variance(&self, q: Point<BoardFrame>) -> f64 {
+        let terms = terms(&self.place(q));
+        (terms.transpose() * self.spread * terms)[(0, 0)]
+    }
+
+    /// Between a corner's own place and that on the surface: by how well each is known; `None` where both are not.
+    pub fn drawn(&self, q: Point<BoardFrame>, placed: Placed) -> Option<Pixel> {
+        let there = self.at(q);
+        let of_surface = self.rough_px.powi(2) + self.variance(q);
+        let of_own = placed.deviation_px.powi(2);
+        let own = of_surface / (of_surface + of_own);
+        if own * of_own > KNOWN_AT_LAST_PX.powi(2) {
+            return None;
+        }
+        Some(Pixel::at(there.u + own * (placed.at.u - there.u), there.v + own * (placed.at.v - there.v)))
+    }
+
+    /// The print around a place as it is seen.
+    pub fn view(&self, q: Point<BoardFrame>, reach_mm: f64, blur_px: f64) -> View {
+        let (scale, middle) = (1.0 / self.reach_mm, self.middle / self.reach_mm);
+        let to_place = Matrix3::new(scale, 0.0, -middle.x, 0.0, scale, -middle.y, 0.0, 0.0, 1.0);
+        let plane = self.plane * to_place;
+        View { plane, place: [q.mm.x, q.mm.y], start: self.at(q), reach_mm, most_px: PRINT_PX, blur_px }
+    }
+
+    /// The blur of the picture where the board is, px.
+    pub fn blur_px(
+        &self,
+        picture: &GrayPicture,
+        print: &Print,
+        (corners, reach_mm): (&Corners, f64),
+        noise: f64,
+    ) -> f64 {
+        let step = (corners.len() / BLUR_CORNERS).max(1);
+        let views: Vec<View> = corners.iter().step_by(step).map(|(q, _)| self.view(*q, reach_mm, 1.0)).collect();
+        print.blur_px(picture, &views, noise)
+    }
+
+    fn place(&self, q: Point<BoardFrame>) -> Vector2<f64> {
+        (q.mm.coords.xy() - self.middle) / self.reach_mm
+    }
+
+    /// Where it has a place of the board.
+    pub fn at(&self, q: Point<BoardFrame>) -> Pixel {
+        let place = self.place(q);
+        let there = on_plane(&self.plane, &place) + self.bend.transpose() * terms(&place);
+        Pixel::at(there.x, there.y)
+    }
+}
+
+fn on_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
+    let p = plane * place.push(1.0);
+    p.xy() / p.z
+}
+
+fn terms(place: &Vector2<f64>) -> SVector<f64, TERMS> {
+    let (x, y) = (place.x, place.y);
+    SVector::from([1.0, x, y, x * x, x * y, y * y, x * x * x, x * x * y, x * y * y, y * y * y])
+}
+
+/// Through those corners that are placed.
+pub(super) fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: &GrayPicture) -> Option<Surface> {
+    let placed = corners.iter().zip(placed).filter_map(|((q, _), placed)| placed.map(|placed| (*q, placed)));
+    let (corners, deviations): (Corners, Vec<f64>) =
+        placed.map(|(q, placed)| ((q, placed.at), placed.deviation_px)).unzip();
+    Surface::through(&corners, &deviations, picture.width as f64)
+}
+
+/// Without those that stand apart from the smooth surface through the others.
+pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners {
+    let deviations_px = vec![0.0; corners.len()];
+    let Some(surface) = Surface::through(&corners, &deviations_px, picture.width as f64) else { return corners };
+    corners
+        .into_iter()
+        .filter(|(q, pixel)| {
+            surface.at(*q).distance_px(*pixel)
+                <= surface.limit_px(*q, &Placed { at: *pixel, deviation_px: KNOWN_PX })
+        })
+        .collect()
+}
