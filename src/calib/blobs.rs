@@ -27,6 +27,8 @@ const LONGEST: f64 = 3.5;
 const LEAST_CONTRAST: f64 = 6.0;
 /// From this grey level on a pixel may belong to a glare, which would lift the mean of what is around it.
 const GLARE: u8 = 225;
+/// … and so may those around it, as a part of the picture's longer side.
+const RIM_PARTS: usize = 40;
 /// More than all grey levels of a picture together.
 const COUNT: u64 = 1 << 36;
 
@@ -53,46 +55,62 @@ pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Re
     Ok(pieces.iter().filter_map(|piece| piece.blob((width * height) as f64)).collect())
 }
 
-/// Sums of grey levels above and left of each pixel.
-struct Sums {
-    /// Of those that no glare can be: each adds [`COUNT`], and so the number is told as well.
-    without: Vec<u64>,
-    all: Vec<u64>,
+/// Sums above and left of each pixel.
+struct Integral {
+    sums: Vec<u64>,
     width: usize,
     height: usize,
+}
+
+impl Integral {
+    fn of(width: usize, height: usize, value: impl Fn(usize) -> u64) -> Self {
+        let mut sums = vec![0u64; (width + 1) * (height + 1)];
+        for row in 0..height {
+            let mut line = 0u64;
+            for column in 0..width {
+                line += value(row * width + column);
+                sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + line;
+            }
+        }
+        Integral { sums, width, height }
+    }
+
+    /// Over ± `reach` pixels, and the number of these.
+    fn around(&self, column: usize, row: usize, reach: usize) -> (u64, u64) {
+        let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
+        let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
+        let at = |row: usize, column: usize| self.sums[row * (self.width + 1) + column];
+        let sum = at(low, right) + at(top, left) - at(top, right) - at(low, left);
+        (sum, ((right - left) * (low - top)) as u64)
+    }
+}
+
+/// Grey levels around each pixel.
+struct Sums {
+    /// Of those that no glare can be: each adds [`COUNT`], and so the number is told as well.
+    without: Integral,
+    all: Integral,
 }
 
 impl Sums {
     fn of(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
-        let added = |of: &dyn Fn(u8) -> u64| {
-            let mut sums = vec![0u64; (width + 1) * (height + 1)];
-            for row in 0..height {
-                let mut line = 0u64;
-                for column in 0..width {
-                    line += of(picture.gray[row * width + column]);
-                    sums[(row + 1) * (width + 1) + column + 1] = sums[row * (width + 1) + column + 1] + line;
-                }
-            }
-            sums
-        };
-        let without = added(&|gray| if gray < GLARE { u64::from(gray) + COUNT } else { 0 });
-        Sums { without, all: added(&u64::from), width, height }
+        let gray = |index: usize| u64::from(picture.gray[index]);
+        let glare = Integral::of(width, height, |index| u64::from(picture.gray[index] >= GLARE));
+        let rim_px = width.max(height) / RIM_PARTS;
+        let without = Integral::of(width, height, |index| {
+            let (near, _) = glare.around(index % width, index / width, rim_px);
+            if near == 0 { gray(index) + COUNT } else { 0 }
+        });
+        Sums { without, all: Integral::of(width, height, gray) }
     }
 
     fn mean(&self, column: usize, row: usize, reach: usize) -> f64 {
-        let (left, right) = (column.saturating_sub(reach), (column + reach + 1).min(self.width));
-        let (top, low) = (row.saturating_sub(reach), (row + reach + 1).min(self.height));
-        let sum = |sums: &[u64]| {
-            let at = |row: usize, column: usize| sums[row * (self.width + 1) + column];
-            at(low, right) + at(top, left) - at(top, right) - at(low, left)
-        };
-        let area = ((right - left) * (low - top)) as u64;
-        let without = sum(&self.without);
+        let (without, area) = self.without.around(column, row, reach);
         let count = without / COUNT;
         // White paper may be as bright as a glare.
-        if 2 * count < area {
-            return sum(&self.all) as f64 / area as f64;
+        if 4 * count < area {
+            return self.all.around(column, row, reach).0 as f64 / area as f64;
         }
         (without % COUNT) as f64 / count as f64
     }

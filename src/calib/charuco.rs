@@ -6,31 +6,22 @@
 //! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
+use super::charuco_grow::{Grown, Search, pixel_of};
 use super::charuco_lattice::{Cells, identified};
 use super::chessboard;
 use super::crossings::{Smooth, noise};
 use super::error::CalibError;
 use super::foreign;
 use super::placing::{Corners, Detected, modelled, refined, shortest_px};
-use super::print::{Print, View};
-use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES};
-use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
+use super::print::Print;
+use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
-use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
 /// Fewer corners than this place no board well.
 const MIN_CORNERS: usize = 8;
 /// How far a marker's corner may lie from the common plane of all, as a share of its side: a lens bends far less.
 const BENT_WHOLE: f64 = 0.6;
-/// So many places at most, within so many squares of a corner, tell where it is.
-const NEAR_SQUARES: f64 = 2.6;
-const NEAREST: usize = 20;
-/// From so many corners on the others are looked for, in so many rounds at most, and a corner that is known to so much, px,
-/// not farther from where it is foretold than this share of a square's side, is one.
-const MOST_ROUNDS: usize = 12;
-const KNOWN_PX: f64 = 0.6;
-const MOVED: f64 = 0.2;
 /// Where the markers lead to this share of the corners, the others are hidden.
 const ENOUGH: f64 = 0.6;
 /// Lattices of one look that are compared with the board.
@@ -57,25 +48,27 @@ pub(super) fn detect(
     let search = Search { picture, board, print: &print, noise: noise(picture) };
     let (places, pixels) = placed(board, charuco, &seen);
     let mut best = search.grown(places.into_iter().zip(pixels).collect());
+    let cells: Cells = squares.into_iter().zip(cells).collect();
     if (best.len() as f64) < ENOUGH * board.count() as f64 {
-        let cells: Cells = squares.into_iter().zip(cells).collect();
         let by_lattice = of_lattices(&search, &cells)?;
         if by_lattice.len() > best.len() {
             best = by_lattice;
         }
     }
     let none = || CalibError::NoBoard { picture: name.to_owned(), columns: board.columns(), rows: board.rows() };
-    if best.len() < MIN_CORNERS {
+    if best.len() < MIN_CORNERS || !search.shows_markers(&best, &cells) {
         return Err(none());
     }
     let inset = (board.square_mm() - charuco.marker_mm) / 2.0 / board.square_mm();
-    let corners: Corners = best.into_values().collect();
+    let mut corners: Corners = best.values().copied().collect();
     if half_window_px.is_some() {
         return Ok(refined(picture, &corners, board.square_mm(), half_window_px)?);
     }
     // The window ends before the markers do.
     let half_window_px = (1.2 * inset * shortest_px(&corners, board.square_mm())).clamp(3.0, 11.0) as usize;
-    let is_seen = vec![true; corners.len()];
+    let mut is_seen = vec![true; corners.len()];
+    corners.extend(search.foretold(&best));
+    is_seen.resize(corners.len(), false);
     let found = Detected { corners, half_window_px, modelled: 0 };
     let found = modelled(picture, board, found, &is_seen, &print);
     if found.corners.len() < MIN_CORNERS { Err(none()) } else { Ok(found) }
@@ -114,11 +107,6 @@ fn placed(board: &Board, charuco: &Charuco, markers: &[Near]) -> (Vec<[f64; 2]>,
     markers.iter().flat_map(place).unzip()
 }
 
-fn pixel_of(plane: &nalgebra::Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
-    let p = plane * nalgebra::Vector3::new(x, y, 1.0);
-    Pixel::at(p.x / p.z, p.y / p.z)
-}
-
 /// The markers with their numbers, from looks at growing sizes: a large board is found whole in a small picture, and the
 /// last look is bounded like that for a chessboard. The corners are those of the largest look that saw the marker.
 fn markers(
@@ -146,11 +134,6 @@ fn markers(
 
 type Near = ((usize, usize), [Pixel; 4]);
 
-/// Places of the board, mm, and where they are seen.
-type Known = Vec<([f64; 2], Pixel)>;
-/// Corners by column and row.
-type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
-
 /// The largest part of the board that lattices of corners hold.
 fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
     let smooth = Smooth::of(search.picture);
@@ -172,83 +155,6 @@ fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
         }
     }
     Ok(best)
-}
-
-/// What looks for corners from others.
-struct Search<'a> {
-    picture: &'a GrayPicture,
-    board: &'a Board,
-    print: &'a Print,
-    noise: f64,
-}
-
-impl Search<'_> {
-    /// All corners that are found from places that are known, each from the ones near it.
-    fn grown(&self, mut known: Known) -> Grown {
-        let mut all = Grown::new();
-        let mut blur_px = None;
-        for _ in 0..MOST_ROUNDS {
-            let mut views: Vec<((usize, usize), View)> = Vec::new();
-            for row in 0..self.board.rows() {
-                let columns = (0..self.board.columns()).filter(|column| !all.contains_key(&(*column, row)));
-                views.extend(columns.filter_map(|column| Some(((column, row), self.view(&known, column, row)?))));
-            }
-            let blur_px = *blur_px.get_or_insert_with(|| {
-                let step = (views.len() / BLUR_CORNERS).max(1);
-                let some: Vec<View> = views.iter().step_by(step).map(|(_, view)| *view).collect();
-                self.print.blur_px(self.picture, &some, self.noise)
-            });
-            let found = views.into_iter().filter_map(|(at, view)| {
-                let found = self.print.matched(self.picture, &View { blur_px, ..view }, self.noise)?;
-                let is_near = found.at.distance_px(view.start) < MOVED * self.square_px(&view);
-                (found.contrast > 0.0 && found.deviation_px < KNOWN_PX && is_near).then_some((at, found.at))
-            });
-            let found: Vec<((usize, usize), Pixel)> = found.collect();
-            if found.is_empty() {
-                break;
-            }
-            for ((column, row), pixel) in found {
-                if let Some(q) = self.board.corner(column, row) {
-                    known.push(([q.mm.x, q.mm.y], pixel));
-                    all.insert((column, row), (q, pixel));
-                }
-            }
-        }
-        all
-    }
-
-    /// A corner as those near it foretell it.
-    fn view(&self, known: &Known, column: usize, row: usize) -> Option<View> {
-        let q = self.board.corner(column, row)?;
-        let side = self.board.square_mm();
-        let away = |[x, y]: [f64; 2]| (x - q.mm.x).hypot(y - q.mm.y);
-        let mut near: Known =
-            known.iter().filter(|(place, _)| away(*place) < NEAR_SQUARES * side).copied().collect();
-        near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
-        near.truncate(NEAREST);
-        let reach = |axis: usize| {
-            let along = near.iter().map(|(place, _)| place[axis]);
-            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
-        };
-        if near.len() < 6 || reach(0).min(reach(1)) < 0.6 * side {
-            return None;
-        }
-        let (places, pixels): (Vec<[f64; 2]>, Vec<Pixel>) =
-            near.into_iter().map(|([x, y], pixel)| ([x - q.mm.x, y - q.mm.y], pixel)).unzip();
-        let shift = Matrix3::new(1.0, 0.0, -q.mm.x, 0.0, 1.0, -q.mm.y, 0.0, 0.0, 1.0);
-        let plane = foreign::homography(&places, &pixels)? * shift;
-        let start = pixel_of(&plane, [q.mm.x, q.mm.y]);
-        let reach_mm = PRINT_SQUARES * side;
-        Some(View { plane, place: [q.mm.x, q.mm.y], start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
-    }
-
-    /// The shorter side of a square there, px.
-    fn square_px(&self, view: &View) -> f64 {
-        let ([x, y], side) = (view.place, self.board.square_mm());
-        let there = pixel_of(&view.plane, view.place);
-        let next = [[x + side, y], [x, y + side]].map(|place| pixel_of(&view.plane, place).distance_px(there));
-        next[0].min(next[1])
-    }
 }
 
 /// The cells of a board's markers with their rims, in the order of [`Board::marker_squares`]: for printing it.

@@ -13,7 +13,7 @@ use crate::geometry::Pixel;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// The correlation of the grey levels with the print, over all squares with markers, and how far it is above the second.
-const ALIKE: f64 = 0.4;
+pub(super) const ALIKE: f64 = 0.4;
 const ABOVE: f64 = 0.15;
 /// Squares of a marker that must be compared.
 const LEAST_SQUARES: usize = 4;
@@ -79,21 +79,25 @@ fn likeness(smooth: &Smooth, corners: &Corners, cells: &Cells, share: f64) -> Op
     };
     let squares = cells.iter().filter(|(square, _)| is_beside(*square));
     let all: Vec<f64> =
-        squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share))).collect();
+        squares.map(|(square, cells)| correlation(smooth, &plane, *square, (cells, share, 0))).collect();
     (all.len() >= LEAST_SQUARES).then(|| all.iter().sum::<f64>() / all.len() as f64)
 }
 
-fn correlation(
+/// The correlation of the grey levels with a square's print, without so many cells at its rim: the outermost ones are black in
+/// every marker.
+pub(super) fn correlation(
     smooth: &Smooth,
     plane: &Matrix3<f64>,
     square: (usize, usize),
-    (cells, share): (&[bool], f64),
+    (cells, share, rim): (&[bool], f64, usize),
 ) -> f64 {
     let side = (cells.len() as f64).sqrt() as usize;
     let at = |index: usize, square: usize| {
         square as f64 - 1.0 + (1.0 - share) / 2.0 + share * (index as f64 + 0.5) / side as f64
     };
+    let is_inner = |index: usize| (rim..side - rim).contains(&index);
     let pairs: Vec<(f64, f64)> = (cells.iter().enumerate())
+        .filter(|(index, _)| is_inner(index % side) && is_inner(index / side))
         .map(|(index, is_white)| {
             let p = plane * Vector3::new(at(index % side, square.0), at(index / side, square.1), 1.0);
             (smooth.at(Vector2::new(p.x / p.z, p.y / p.z)), f64::from(u8::from(*is_white)))

@@ -19,7 +19,7 @@ const FIRST: usize = 6;
 const PAIRS: usize = 4;
 const SEEDS: usize = 25;
 /// So many of the board's circles must be seen.
-const SEEN_SHARE: f64 = 0.65;
+const SEEN_SHARE: f64 = 0.5;
 
 /// Circles by their place in the board's list.
 pub(super) type Placed = BTreeMap<usize, Blob>;

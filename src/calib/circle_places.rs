@@ -5,7 +5,7 @@ use super::crossings::noise;
 use super::foreign;
 use super::placing::Corners;
 use super::print::{Print, View, likest};
-use super::surface::{BLUR_CORNERS, KNOWN_TOGETHER_PX, PRINT_PX, Placed, START_PX, Surface, surface_of};
+use super::surface::{BLUR_CORNERS, KNOWN_TOGETHER_PX, PRINT_PX, Placed, START_PX, Surface, doubted, surface_of};
 use crate::geometry::{GrayPicture, Pixel};
 use nalgebra::Matrix3;
 
@@ -48,9 +48,11 @@ impl ByPrint<'_> {
                 let found = print.matched(small, &view(&surface, *q, blur_px), noise);
                 let Some(found) = found.filter(|found| self.sign * found.contrast > 0.0) else { continue };
                 let own = Placed::of(&found, noise);
-                let own =
-                    Placed { at: self.whole(own.at, small), deviation_px: own.deviation_px * self.times as f64 };
-                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(START_PX);
+                let deviation_px = own.deviation_px * self.times as f64;
+                let own = Placed { at: self.whole(own.at, small), deviation_px, ..own };
+                // A first surface is no better than the circles' middles, of which a glare moves some.
+                let start_px = START_PX * self.times as f64;
+                let is_near = own.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, &own).max(start_px);
                 *placed = (own.deviation_px < PRESENT_PX && is_near).then_some(own);
             }
             surface = surface_of(&all, &placed, self.picture)?;
@@ -59,6 +61,8 @@ impl ByPrint<'_> {
                     placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed));
             }
         }
+        let placed = doubted(&all, placed, board.square_mm());
+        let surface = surface_of(&all, &placed, self.picture)?;
         let drawn =
             all.iter().zip(&placed).filter_map(|((q, _), placed)| Some((*q, surface.drawn(*q, (*placed)?)?)));
         let corners: Corners = drawn.collect();

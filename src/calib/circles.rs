@@ -33,6 +33,8 @@ const REACH_PX: f64 = 13.0;
 /// A circle that is found farther from where its grid has it is none, as a share of the distance to its neighbour.
 const BENT: f64 = 0.2;
 
+/// A circle whose radius differs by this share from that of the others is not seen whole.
+const CUT: f64 = 0.12;
 /// A circle at a corner that is larger by this factor than all others marks the first.
 const MARK: f64 = 1.3;
 
@@ -51,18 +53,25 @@ pub(super) fn detect(
     'looks: for &times in sizes {
         let small = if times == 1 { picture.clone() } else { foreign::reduced(picture, times)? };
         let small = Smooth::of(&small).picture();
-        for (lighter, parts) in [false, true].into_iter().flat_map(|lighter| REACHES.map(|parts| (lighter, parts)))
-        {
-            let found = blobs(&small, small.width.max(small.height) / parts, lighter)?;
-            let Some(rough) = grid(&found, board) else { continue };
-            let across = picture.width as f64 / small.width as f64;
-            let down = picture.height as f64 / small.height as f64;
-            let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
-            let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
-            let is_whole = rough.len() == board.count();
-            all.push((rough, lighter));
-            if is_whole {
-                break 'looks;
+        let across = picture.width as f64 / small.width as f64;
+        let down = picture.height as f64 / small.height as f64;
+        let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
+        for lighter in [false, true] {
+            let mut together: Vec<Blob> = Vec::new();
+            for parts in REACHES.map(Some).into_iter().chain([None]) {
+                // What one reach misses beside a glare, another one sees: last, all of them.
+                let found = match parts {
+                    Some(parts) => blobs(&small, small.width.max(small.height) / parts, lighter)?,
+                    None => together.clone(),
+                };
+                add_others(&mut together, &found);
+                let Some(rough) = grid(&found, board) else { continue };
+                let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
+                let is_whole = rough.len() == board.count();
+                all.push((rough, lighter));
+                if is_whole {
+                    break 'looks;
+                }
             }
         }
     }
@@ -79,9 +88,19 @@ pub(super) fn detect(
     best.ok_or_else(none)
 }
 
+/// Adds the blobs that are none of those before.
+fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
+    for blob in more {
+        let is_known = |other: &Blob| other.middle.distance_px(blob.middle) < 0.5 * blob.area_px.sqrt();
+        if !all.iter().any(is_known) {
+            all.push(*blob);
+        }
+    }
+}
+
 /// The candidates that are circles of the board; `None` where they are no such grid.
 fn grid(found: &[Blob], board: &Board) -> Option<Numbered> {
-    let count = 2 * board.count() / 3;
+    let count = board.count() / 2;
     if found.len() < count {
         return None;
     }
@@ -133,18 +152,11 @@ fn marked_first(rough: &Numbered, radii_mm: &[f64], board: &Board) -> Option<Num
 fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool) -> Option<(Detected, Vec<f64>)> {
     let places = board.corners();
     let place = |number: usize| [places[number].mm.x, places[number].mm.y];
+    let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
+    let (asked, rough) = (rough, &of_one_plane(board, rough, neighbour_mm)?);
     let plane: Vec<[f64; 2]> = rough.iter().map(|(number, _)| place(*number)).collect();
     let seen: Vec<Pixel> = rough.iter().map(|(_, pixel)| *pixel).collect();
-    let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
     let board_to_picture = foreign::homography(&plane, &seen)?;
-    let is_plane = plane.iter().zip(&seen).all(|(place, pixel)| {
-        let slope = slope(&board_to_picture, *place);
-        let near_px = neighbour_mm * slope.determinant().abs().sqrt();
-        at(&board_to_picture, *place).distance_px(*pixel) < BENT * near_px
-    });
-    if !is_plane {
-        return None;
-    }
     let centres: Vec<Option<(Pixel, f64)>> = plane
         .iter()
         .zip(&seen)
@@ -154,7 +166,11 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
             Some((pixel, (area_px / slope.determinant().abs() / std::f64::consts::PI).sqrt()))
         })
         .collect();
-    let radii_mm: Vec<f64> = centres.iter().map(|centre| centre.map_or(0.0, |(_, radius)| radius)).collect();
+    let radius = |number: usize| {
+        let at = rough.iter().position(|(other, _)| *other == number);
+        at.and_then(|at| centres[at]).map_or(0.0, |(_, radius)| radius)
+    };
+    let radii_mm: Vec<f64> = asked.iter().map(|(number, _)| radius(*number)).collect();
     let radius_mm = median(&mut radii_mm.iter().copied().filter(|radius| *radius > 0.0).collect::<Vec<_>>())?;
     let found: Vec<(usize, Pixel, f64)> = rough
         .iter()
@@ -184,6 +200,31 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
     Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
 }
 
+/// Those that lie where one plane has them, without the others: of a circle that a glare covers in part, the middle is elsewhere.
+/// `None` where these are more than a few.
+fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Numbered> {
+    let places = board.corners();
+    let mut kept = rough.clone();
+    loop {
+        let plane: Vec<[f64; 2]> =
+            kept.iter().map(|(number, _)| [places[*number].mm.x, places[*number].mm.y]).collect();
+        let seen: Vec<Pixel> = kept.iter().map(|(_, pixel)| *pixel).collect();
+        let board_to_picture = foreign::homography(&plane, &seen)?;
+        let off = plane.iter().zip(&seen).map(|(place, pixel)| {
+            let near_px = neighbour_mm * slope(&board_to_picture, *place).determinant().abs().sqrt();
+            at(&board_to_picture, *place).distance_px(*pixel) / near_px
+        });
+        let (farthest, bent) = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        if bent < BENT {
+            return Some(kept);
+        }
+        kept.remove(farthest);
+        if 10 * kept.len() < 8 * rough.len() {
+            return None;
+        }
+    }
+}
+
 /// All circles by their print, also those that were not found before; `Some(None)` where there are too few to compare.
 fn printed(
     picture: &GrayPicture,
@@ -199,8 +240,11 @@ fn printed(
     // Large circles are placed as well in a smaller picture.
     let reach_px = reach_mm * middle.column(0).norm().max(middle.column(1).norm());
     let times = (reach_px / REACH_PX).max(1.0) as usize;
+    // One that a glare cuts has another size, and its middle is elsewhere.
+    let whole = |radius: f64| (radius / radius_mm - 1.0).abs() < CUT || radius > MARK * radius_mm;
     let rough: Corners = found
         .iter()
+        .filter(|(.., radius)| whole(*radius))
         .filter_map(|(number, pixel, radius)| {
             let q = places[*number];
             let (seen, ellipse) = (

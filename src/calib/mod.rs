@@ -23,6 +23,7 @@ mod board;
 pub mod budget;
 mod chain;
 mod charuco;
+mod charuco_grow;
 mod charuco_lattice;
 mod chessboard;
 mod circle_lattice;

@@ -10,7 +10,10 @@ use super::crossings::noise;
 use super::foreign;
 use super::print::Print;
 use super::saddle;
-use super::surface::{KNOWN_TOGETHER_PX, LEFT_PX, PRINT_SQUARES, Placed, TERMS, USUAL_LEFT, WELL_PX, surface_of};
+use super::surface::{
+    KNOWN_TOGETHER_PX, LEFT_PX, PRINT_SQUARES, Placed, SLANT, SLANT_PX, TERMS, USUAL_LEFT, WELL_PX, doubted,
+    surface_of,
+};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
 use nalgebra::{Vector2, Vector3};
@@ -75,7 +78,7 @@ pub(super) fn modelled(
             .zip(&placed)
             .zip(is_seen)
             .map(|(((_, pixel), placed), is_seen)| {
-                placed.or(is_seen.then_some(Placed { at: *pixel, deviation_px: KNOWN_TOGETHER_PX }))
+                placed.or(is_seen.then_some(Placed { at: *pixel, deviation_px: KNOWN_TOGETHER_PX, contrast: 0.0 }))
             })
             .collect(),
     };
@@ -95,9 +98,8 @@ pub(super) fn modelled(
                     surface.blur_px(picture, print, (&found.corners, reach_mm), model.noise)
                 });
                 let by_print = print.matched(picture, &surface.view(*q, reach_mm, blur_px), model.noise);
-                let by_print = by_print
-                    .filter(|found| found.contrast > 0.0)
-                    .map(|found| Placed { at: found.at, deviation_px: found.deviation_px });
+                let by_print =
+                    by_print.filter(|found| found.contrast > 0.0).map(|found| Placed::of(&found, model.noise));
                 let better = |own: &Placed| placed.is_none_or(|placed| own.deviation_px < placed.deviation_px);
                 *placed = by_print.filter(is_near).filter(better).or(*placed);
             }
@@ -105,6 +107,8 @@ pub(super) fn modelled(
         let Some(next) = surface_of(&found.corners, &placed, picture) else { break };
         surface = next;
     }
+    let placed = doubted(&found.corners, placed, board.square_mm());
+    let surface = surface_of(&found.corners, &placed, picture).unwrap_or(surface);
     let drawn = found.corners.iter().zip(placed).filter_map(|((q, _), placed)| {
         let placed =
             placed.filter(|placed| placed.at.distance_px(surface.at(*q)) <= surface.limit_px(*q, placed))?;
@@ -151,7 +155,12 @@ impl<'a> Model<'a> {
 
     fn judged(&self, found: saddle::Saddle) -> Option<Placed> {
         let deviation_px = found.deviation_px.hypot(LEFT_PX * (found.left - USUAL_LEFT).max(0.0));
-        (deviation_px < KNOWN_TOGETHER_PX).then_some(Placed { at: found.at, deviation_px })
+        let deviation_px = deviation_px.hypot(SLANT_PX * (found.slant - SLANT).max(0.0));
+        (deviation_px < KNOWN_TOGETHER_PX).then_some(Placed {
+            at: found.at,
+            deviation_px,
+            contrast: 2.0 * found.contrast.abs(),
+        })
     }
 
     fn edges(&self, q: Point<BoardFrame>, start: Pixel) -> Option<[Vector2<f64>; 2]> {

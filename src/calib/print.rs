@@ -40,6 +40,8 @@ pub(super) struct Matched {
     pub contrast: f64,
     /// What the print leaves of the grey levels, rms.
     pub left: f64,
+    /// How much the light changes from the place to the window's side, as a share of the contrast.
+    pub slant: f64,
 }
 
 /// Where and how the print around a place is looked at.
@@ -281,7 +283,8 @@ fn fitted(drawn: &Drawn, noise: f64) -> Option<Matched> {
     let spread = factor.inverse();
     let deviation_px = rms.max(noise) * spread[(4, 4)].max(spread[(5, 5)]).sqrt() / contrast.abs();
     let at = Pixel::at(drawn.start.u + found[4] / contrast, drawn.start.v + found[5] / contrast);
-    Some(Matched { at, deviation_px, contrast, left: rms })
+    let slant = found[1].hypot(found[2]) / contrast.abs();
+    Some(Matched { at, deviation_px, contrast, left: rms, slant })
 }
 
 /// With a Gauss function of this deviation.

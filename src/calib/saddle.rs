@@ -42,6 +42,8 @@ pub(super) struct Saddle {
     pub contrast: f64,
     /// What the model leaves beside the noise, rms, as a share of the half contrast.
     pub left: f64,
+    /// How much the light changes from the corner to the window's side, as a share of the contrast.
+    pub slant: f64,
 }
 
 /// The corner near `start`, whose edges run along `edges`, in a picture with this much white noise; `None` where the window
@@ -94,7 +96,8 @@ fn judged(patch: &Patch, (model, sums): (&Model, &Sums), start: Pixel, noise: f6
     let spread = if is_sound { sums.normal.cholesky()?.inverse() } else { return None };
     let deviation_px = noise.max(mean_square.sqrt()) * spread[(0, 0)].max(spread[(1, 1)]).sqrt();
     let left = (mean_square - noise * noise).max(0.0).sqrt() / model.contrast.abs();
-    Some(Saddle { at: model.at, deviation_px, contrast: model.contrast, left })
+    let slant = model.light.norm() * model.mean.abs() * patch.half_window_px / (2.0 * model.contrast.abs());
+    Some(Saddle { at: model.at, deviation_px, contrast: model.contrast, left, slant })
 }
 
 /// The unknowns of (1).

@@ -28,6 +28,14 @@ pub(super) const START_PX: f64 = 1.5;
 pub(super) const BLUR_CORNERS: usize = 6;
 /// Prints and lenses leave corners so far from a smooth surface, each way, px.
 const ROUGH_PX: f64 = 0.05;
+/// A place that has lost more than this share of the contrast of those within so many neighbours' distances stands in a
+/// glare's rim, which moves it, by so many px for the whole contrast.
+const PALE: f64 = 0.15;
+const NEAR: f64 = 2.6;
+const PALE_PX: f64 = 1.5;
+/// Light that changes within the window by more than this share of the contrast is such a rim, too.
+pub(super) const SLANT: f64 = 0.1;
+pub(super) const SLANT_PX: f64 = 1.0;
 /// What the model leaves beside the noise, as a share of the half contrast, beyond which the corner is less well known …
 pub(super) const USUAL_LEFT: f64 = 0.06;
 /// … by so many px for the whole half contrast.
@@ -39,13 +47,17 @@ pub(super) struct Placed {
     pub at: Pixel,
     /// How well noise, and what the model leaves, let it be known, each way, px.
     pub deviation_px: f64,
+    /// White less black there, grey levels; 0 where nothing tells it.
+    pub contrast: f64,
 }
 
 impl Placed {
     /// By the print, in a picture with this much noise.
     pub fn of(found: &Matched, noise: f64) -> Self {
         let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
-        Placed { at: found.at, deviation_px: found.deviation_px.hypot(LEFT_PX * (left - USUAL_LEFT).max(0.0)) }
+        let deviation_px = found.deviation_px.hypot(LEFT_PX * (left - USUAL_LEFT).max(0.0));
+        let deviation_px = deviation_px.hypot(SLANT_PX * (found.slant - SLANT).max(0.0));
+        Placed { at: found.at, deviation_px, contrast: found.contrast.abs() }
     }
 }
 
@@ -199,6 +211,24 @@ pub(super) fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: 
     Surface::through(&corners, &deviations, picture.width as f64)
 }
 
+/// Those that a glare takes a part of their contrast from, beside the ones around them, are known less well: its rim moves them.
+pub(super) fn doubted(corners: &Corners, placed: Vec<Option<Placed>>, neighbour_mm: f64) -> Vec<Option<Placed>> {
+    let known = |(q, placed): (&Point<BoardFrame>, &Option<Placed>)| placed.map(|placed| (*q, placed.contrast));
+    let all: Vec<(Point<BoardFrame>, f64)> =
+        corners.iter().map(|(q, _)| q).zip(&placed).filter_map(known).collect();
+    let usual = |q: Point<BoardFrame>| {
+        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < NEAR * neighbour_mm);
+        let mut contrasts: Vec<f64> = near.map(|(_, contrast)| *contrast).collect();
+        contrasts.sort_by(f64::total_cmp);
+        contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)
+    };
+    let doubt = |(q, placed): (Point<BoardFrame>, Placed)| {
+        let lost = (1.0 - placed.contrast / usual(q).max(1.0) - PALE).max(0.0);
+        Placed { deviation_px: placed.deviation_px.hypot(PALE_PX * lost), ..placed }
+    };
+    corners.iter().zip(placed).map(|((q, _), placed)| placed.map(|placed| doubt((*q, placed)))).collect()
+}
+
 /// Without those that stand apart from the smooth surface through the others.
 pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners {
     let deviations_px = vec![0.0; corners.len()];
@@ -207,7 +237,7 @@ pub(super) fn without_strays(corners: Corners, picture: &GrayPicture) -> Corners
         .into_iter()
         .filter(|(q, pixel)| {
             surface.at(*q).distance_px(*pixel)
-                <= surface.limit_px(*q, &Placed { at: *pixel, deviation_px: KNOWN_PX })
+                <= surface.limit_px(*q, &Placed { at: *pixel, deviation_px: KNOWN_PX, contrast: 0.0 })
         })
         .collect()
 }

@@ -6,7 +6,7 @@
 use crate::cell::{self, Limits};
 use crate::eki::{MoveLin, SetAccSpeed};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
-use crate::path::reach::{Leg, Things, follow};
+use crate::path::reach::{Leg, ReachFault, Things, follow, retracts};
 use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge, judge_pad, judge_route, taught_axis};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -30,11 +30,6 @@ pub(super) const AXIS_PERCENT: u8 = 20;
 /// Farther apart is another arm, another tool or another zero of an axis.
 const MODEL_MM: f64 = 3.0;
 const MODEL: Degrees = Degrees(1.0);
-
-/// At a stop in contact the controller's program lifts the tool off by so much, so fast, mm and mm/s: CELL_RETRACT_MM and
-/// CELL_RETRACT_VEL of config/kuka/cell_config.dat.
-pub(super) const RETRACT_MM: f64 = 50.0;
-pub(super) const RETRACT_MM_S: f64 = 200.0;
 
 /// The arm as it stands before a path.
 #[derive(Debug, Clone, Copy)]
@@ -215,25 +210,12 @@ impl Standing<'_> {
         Judgement::of(reason.into_iter().collect(), vec![])
     }
 
-    /// Whether the arm could leave the panel from each waypoint in contact, as the controller's program makes it do at a stop:
-    /// along the tool's axis, in the configuration in which it stands there.
+    /// Whether the arm could leave the panel from each waypoint in contact.
     fn retracts(&self, points: &[MoveLin], poses: &[Rigid<Base, Tool>], joints: &[Joints]) -> Result<(), Reason> {
-        let arm = Kinematics::new(self.arm);
-        let away = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -RETRACT_MM));
-        let in_contact =
-            points.iter().zip(poses).zip(joints).enumerate().filter(|(_, ((point, _), _))| point.contact);
-        for (index, ((_, pose), joints)) in in_contact {
-            let leg = Leg { base_from_tool: *pose * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 };
-            if let Err(fault) = follow(&arm, self.flange_from_tool, Some(joints), &[leg]) {
-                let message = format!(
-                    "waypoint {}: at a stop the controller lifts the tool off by {RETRACT_MM} mm, and from here it cannot: {}",
-                    index + 1,
-                    fault.obstacle
-                );
-                return Err(Reason::new("retract_out_of_reach", message));
-            }
-        }
-        Ok(())
+        let all = points.iter().zip(poses).zip(joints).enumerate();
+        let in_contact = all.filter(|(_, ((point, _), _))| point.contact);
+        let contacts = in_contact.map(|(index, ((_, pose), joints))| (index, *pose, *joints));
+        retracts(&Kinematics::new(self.arm), self.flange_from_tool, contacts).map_err(|fault| refused(&fault))
     }
 
     /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.
@@ -259,12 +241,14 @@ impl Standing<'_> {
         }
         match follow(&arm, self.flange_from_tool, Some(&self.joints), legs) {
             Ok(travel) => Ok(travel.joints),
-            Err(fault) => {
-                let message = format!("waypoint {}: {}", fault.index + 1, fault.obstacle);
-                Err(Reason::new("out_of_reach", message))
-            }
+            Err(fault) => Err(refused(&fault)),
         }
     }
+}
+
+/// The path's first point is one that the arm is at: waypoints count from 1.
+fn refused(fault: &ReachFault) -> Reason {
+    Reason::new(fault.obstacle.code(), format!("waypoint {}: {}", fault.index + 1, fault.obstacle))
 }
 
 fn between<Active: crate::geometry::Frame>(
@@ -277,46 +261,4 @@ fn between<Active: crate::geometry::Frame>(
     // Opposite rotations have no way between them; the gate sees the turn.
     let turned = from.rotation.try_slerp(&to.rotation, share, 1e-9).unwrap_or(to.rotation);
     Rigid::claim(nalgebra::Isometry3::from_parts(place.into(), turned))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::cell::Cell;
-
-    /// The number of a constant in the program that ships.
-    fn shipped(name: &str) -> f64 {
-        let text = include_str!("../../config/kuka/cell_config.dat");
-        let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
-        line.1.trim().parse().expect("a number")
-    }
-
-    /// As the controller's program does it.
-    #[test]
-    fn the_retract_is_the_programs() {
-        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
-    }
-
-    /// Found by a walk over the controller's programs: the tool points down and stands so near to axis 5's limit that the arm
-    /// cannot lift it by 50 mm. Before a panel it can.
-    #[test]
-    fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
-        let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
-        let arm = Kinematics::new(cell.arm());
-        let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 100.0, ..KukaPose::default() }.to_rigid();
-        let retract = |axes_deg: [f64; 6]| {
-            let joints = Joints::from(axes_deg);
-            let pose = arm.base_from_flange(&joints).expect("an arm") * flange_from_tool;
-            let standing =
-                Standing { limits: cell.limits(), arm: cell.arm(), flange_from_tool, joints, things: None };
-            let point =
-                MoveLin { pose: KukaPose::from_rigid(&pose), blend_mm: 0.0, contact: true, speed_m_s: None };
-            let in_air = MoveLin { contact: false, ..point };
-            assert!(standing.retracts(&[in_air], &[pose], &[joints]).is_ok(), "nobody retracts from the air");
-            standing.retracts(&[point], &[pose], &[joints]).map_err(|reason| (reason.code, reason.message))
-        };
-        let (code, message) = retract([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
-        assert!(code == "retract_out_of_reach" && message.starts_with("waypoint 1: "), "{message}");
-        assert_eq!(retract([0.0, -110.0, 135.0, 0.0, -25.0, 90.0]), Ok(()));
-    }
 }

@@ -295,6 +295,15 @@ pub enum LinkLoss {
         /// How long was waited, ms.
         waited_ms: u64,
     },
+    /// Commands of several epochs were not acknowledged, though states come: what is wrong with the channel may end with it.
+    #[error(
+        "the controller has acknowledged no command in {epochs} epochs, one after the other, though it tells its state: the \
+         connections are made anew"
+    )]
+    NotAcknowledged {
+        /// In how many.
+        epochs: u32,
+    },
     /// An abort that was answered and not obeyed. Without a client the controller stops by itself.
     #[error(
         "the controller has answered an abort and has not stopped: the connections are closed, which stops it too"

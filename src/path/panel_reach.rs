@@ -9,7 +9,7 @@ use super::dwell::foot;
 use super::gate::judge;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
-use super::reach::{Leg, ReachFault, Travel, follow, helpful_shift};
+use super::reach::{Leg, Obstacle, ReachFault, Travel, follow, helpful_shift, retract, retracts};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
@@ -81,7 +81,7 @@ fn with_room(
     let spins = if settings.round_tool() { &SPINS_DEG[..] } else { &SPINS_DEG[..1] };
     let (mut best, mut farthest): (Option<Reached>, Option<(f64, ReachFault)>) = (None, None);
     for spin_deg in spins {
-        match follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs(plan, stand, *spin_deg)) {
+        match followed(plan, stand, *spin_deg) {
             Ok(travel) => {
                 let enough = travel.room_deg >= enough_deg;
                 if best.as_ref().is_none_or(|best| travel.room_deg > best.travel.room_deg) {
@@ -107,11 +107,33 @@ fn with_room(
     }
 }
 
+/// The path, and from each waypoint in contact the retract of a stop.
+fn followed(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Result<Travel, ReachFault> {
+    let legs = legs(plan, stand, spin_deg);
+    let travel = follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs)?;
+    let all = in_contact(plan).zip(&legs).zip(&travel.joints).enumerate();
+    let contacts = all.filter(|(_, ((contact, _), _))| *contact);
+    let contacts = contacts.map(|(index, ((_, leg), joints))| (index, leg.base_from_tool, *joints));
+    retracts(stand.arm, stand.flange_from_tool, contacts)?;
+    Ok(travel)
+}
+
+fn in_contact(plan: &Plan) -> impl Iterator<Item = bool> {
+    plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| waypoint.contact)
+}
+
 fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {
     let legs = legs(plan, stand, spin_deg);
     let thinned: Vec<Leg> = legs.iter().step_by(legs.len().div_ceil(SHIFT_LEGS).max(1)).copied().collect();
     // Far apart, such legs say nothing of speed: they are walked slowly.
-    let slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
+    let mut slow: Vec<Leg> = thinned.iter().map(|leg| Leg { feed_mm_s: 5.0, blend_mm: 0.0, ..*leg }).collect();
+    if matches!(fault.obstacle, Obstacle::Retract { .. }) {
+        // A shift that helps leaves room for the retract, too.
+        slow = slow
+            .iter()
+            .flat_map(|leg| [*leg, Leg { feed_mm_s: 5.0, ..retract(leg.base_from_tool) }, *leg])
+            .collect();
+    }
     let at = legs
         .get(fault.index)
         .map_or(Point::at(0.0, 0.0, 0.0), |leg| stand.base_from_panel.inverse() * leg.base_from_tool.origin());
@@ -189,7 +211,7 @@ pub fn of_grids(
 pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     let reason = |grid: &GridReach| {
         let unreached = grid.outcome.as_ref().err()?;
-        Some(Reason::new("out_of_reach", format!("grid {}, {}", grid.id, words(unreached))))
+        Some(Reason::new(unreached.fault.obstacle.code(), format!("grid {}, {}", grid.id, words(unreached))))
     };
     let reasons: Vec<Reason> = grids.iter().filter_map(reason).collect();
     let refused = Judgement::of(grids.iter().flat_map(|grid| grid.refused.iter().cloned()).collect(), vec![]);
@@ -206,7 +228,7 @@ pub fn judge_plan(
     let reason = |unreached: &Unreached| {
         let grid = grid_below(surface, region, unreached.at);
         let grid = grid.map_or_else(|| "beside the region".to_owned(), |id| format!("grid {id}"));
-        Reason::new("out_of_reach", format!("{grid}, {}", words(unreached)))
+        Reason::new(unreached.fault.obstacle.code(), format!("{grid}, {}", words(unreached)))
     };
     Judgement::of(reached.as_ref().err().map(|unreached| reason(unreached)).into_iter().collect(), vec![])
 }

@@ -135,6 +135,19 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let around = (&panel.region, panel.outline.as_slice());
     let all = panel_reach::of_grids(&surface, around, &stand, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
     assert_eq!((all.len(), panel_reach::judge_grids(&all).verdict), (grids.len(), Verdict::Accept));
+    // So near that the arm follows the path, and could not lift off at a stop: told of grids, and of the plan.
+    let nearer =
+        Stand { base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)), ..stand };
+    let refused = panel_reach::of_plan(&plan, &nearer, recipe.path());
+    let judgement = panel_reach::judge_plan(&refused, (&surface, &panel.region));
+    let message = &judgement.reasons[0].message;
+    println!("{message}");
+    assert_eq!(&*judgement.reasons[0].code, "retract_out_of_reach");
+    assert!(message.contains("axis 3") && message.contains("towards +X"), "{message}");
+    let grids = panel_reach::of_grids(&surface, around, &nearer, recipe.path()).unwrap_or_else(|e| panic!("{e}"));
+    let judgement = panel_reach::judge_grids(&grids);
+    let told: Vec<&str> = judgement.reasons.iter().map(|reason| reason.code.as_ref()).collect();
+    assert!(judgement.verdict != Verdict::Accept && told.contains(&"retract_out_of_reach"), "{told:?}");
     let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 400.0));
     let stand = Stand { base_from_panel: farther, ..stand };
     let refused = panel_reach::of_plan(&plan, &stand, recipe.path());

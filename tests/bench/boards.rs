@@ -11,7 +11,7 @@ use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, TermCriteria_COUNT, Te
 use opencv::prelude::*;
 use opencv::{aruco, calib3d, imgproc};
 use panelprep::calib::{Board, detect};
-use panelprep::geometry::{GrayPicture, Pixel};
+use panelprep::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use std::process::ExitCode;
 use std::time::Instant;
 
@@ -100,7 +100,9 @@ fn singles(board: &Board) -> Vec<(&'static str, Hard)> {
 /// Counts of one peer.
 #[derive(Default)]
 struct Tally {
+    /// All of the board's corners that are to be seen, or all but a tenth; these again alone.
     found: usize,
+    nearly: usize,
     part: usize,
     wrong: usize,
     of: usize,
@@ -115,6 +117,11 @@ impl Tally {
         match judged {
             Judged::Found(rms) => {
                 self.found += 1;
+                self.square += rms * rms;
+            }
+            Judged::Nearly(rms, _) => {
+                self.found += 1;
+                self.nearly += 1;
                 self.square += rms * rms;
             }
             Judged::Part(_) => self.part += 1,
@@ -135,9 +142,10 @@ impl Tally {
 
     fn told(&self) -> String {
         format!(
-            "{} of {} ({} in part, {} wrong), {:.3} px rms, {:.3} s median, {:.2} s worst",
+            "{} of {} found, {} of them without a few corners ({} others in part, {} wrong), {:.3} px rms, {:.3} s median, {:.2} s worst",
             self.found,
             self.of,
+            self.nearly,
             self.part,
             self.wrong,
             (self.square / self.found.max(1) as f64).sqrt(),
@@ -163,8 +171,9 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
             let rendered = render(board, &camera, &hard, seed);
             for (index, peer) in peers.iter().enumerate() {
                 let (judged, seconds) = timed(peer, board, &rendered);
-                if index == 0 && !matches!(judged, Judged::Found(_)) {
+                if index == 0 && !matches!(judged, Judged::Found(_) | Judged::Nearly(..)) {
                     println!("        {judged:?} in seed {seed}: {hard:?}");
+                    tell_farthest(&rendered, (peer.find)(board, &rendered.picture));
                     save(chosen.folder, &format!("{kind}_{seed}"), &rendered.picture);
                 }
                 here[index].add(judged, seconds);
@@ -219,6 +228,26 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
         );
     }
     usize::from(!good)
+}
+
+/// The corners that are farthest off, beside whether the glare leaves them to be seen.
+fn tell_farthest(rendered: &Rendered, found: Corners) {
+    let off = |(q, pixel): (Point<BoardFrame>, Pixel)| {
+        let (_, there, is_seen) = rendered.truth.iter().find(|(t, ..)| t.distance_mm(q) < 0.01)?;
+        Some((pixel.distance_px(*there), q, *there, *is_seen))
+    };
+    let mut all: Vec<_> = found.unwrap_or_default().into_iter().filter_map(off).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (off_px, q, there, is_seen) in all.into_iter().take(3) {
+        println!(
+            "          {off_px:.2} px off: the corner at {:.0}, {:.0} mm, at pixel {:.0}, {:.0}{}",
+            q.mm.x,
+            q.mm.y,
+            there.u,
+            there.v,
+            if is_seen { "" } else { ", behind the glare" }
+        );
+    }
 }
 
 fn save(folder: Option<&str>, name: &str, picture: &GrayPicture) {

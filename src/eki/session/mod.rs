@@ -200,6 +200,8 @@ pub struct Session {
     heard: Time,
     next_heartbeat: Time,
     stale: u64,
+    /// Epochs one after the other of which no command was acknowledged in time.
+    unacknowledged: u32,
 }
 
 impl Session {
@@ -228,6 +230,7 @@ impl Session {
             heard: Time::default(),
             next_heartbeat: Time::default(),
             stale: 0,
+            unacknowledged: 0,
         }
     }
 
@@ -240,6 +243,7 @@ impl Session {
         (self.asked, self.answered, self.last_sequence) = (0, 0, None);
         (self.controller_epoch, self.asked_epoch) = (Epoch(0), Epoch(0));
         self.named.clear();
+        self.unacknowledged = 0;
         (self.heard, self.next_heartbeat) = (now, now + self.limits.heartbeat);
         self.phase = Phase::Greeting { abort: None };
         self.ask(Request::State);

@@ -63,6 +63,9 @@ impl Session {
                     Err(error) => return self.fault(Report::SequenceError(error)),
                     Ok(()) => self.tell_progress(),
                 }
+                if ack.received > CommandId(0) {
+                    self.unacknowledged = 0;
+                }
                 if let Some((id, refusal)) = ack.refused {
                     self.fault(Report::Refused { id, refusal });
                     if let Phase::Stopping(stopping) = &mut self.phase {

@@ -13,6 +13,9 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// A message that takes longer from its first byte to its last is none.
 const UNFINISHED: Duration = Duration::from_millis(200);
 
+/// Where the controller acknowledges no command in so many epochs one after the other, the connections are made anew.
+const MOST_UNACKNOWLEDGED: u32 = 2;
+
 impl Session {
     /// Sends a heartbeat now, once a controller has answered; in lock step it grants the controller its next 100 ms.
     pub fn heartbeat(&mut self, now: Time) {
@@ -52,6 +55,13 @@ impl Session {
                 _ => now.since(self.heard),
             };
             self.fault(Report::WatchdogExpired { channel, silence });
+            if channel == Channel::Command {
+                self.unacknowledged += 1;
+            }
+            // Half a message that a disturbance left in the controller's memory swallows all that come behind it.
+            if self.unacknowledged >= MOST_UNACKNOWLEDGED {
+                return self.disconnected(LinkLoss::NotAcknowledged { epochs: self.unacknowledged });
+            }
         }
         if let Some(at) = self.obeyed_by().filter(|at| now >= *at) {
             let waited = self.limits.watchdog + now.since(at);

@@ -9,12 +9,14 @@
 
 mod margins;
 mod obstacle;
+mod retract;
 mod swing;
 #[cfg(test)]
 mod tests;
 mod things;
 
 pub use obstacle::{Obstacle, ReachFault, Singular};
+pub use retract::{retract, retracts};
 pub use swing::swing;
 pub use things::Things;
 

@@ -97,6 +97,25 @@ pub enum Obstacle {
         /// Distance needed, mm.
         needed_mm: f64,
     },
+    /// A stop in contact could not lift the tool off.
+    #[error(
+        "at a stop the controller lifts the tool off by {} mm, and from here it cannot: {why}",
+        super::retract::RETRACT_MM
+    )]
+    Retract {
+        /// What is in the way of the retract.
+        why: Box<Obstacle>,
+    },
+}
+
+impl Obstacle {
+    /// The code of the reason for which such a path is refused.
+    pub fn code(&self) -> &'static str {
+        match self {
+            Obstacle::Retract { .. } => "retract_out_of_reach",
+            _ => "out_of_reach",
+        }
+    }
 }
 
 /// An angle beyond its limits, beside the one that it is beyond.

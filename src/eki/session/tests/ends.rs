@@ -103,6 +103,35 @@ fn commands_that_are_not_acknowledged_abort() {
     assert_eq!(cell.events()[2..4], [&expired, &Report::Standstill { done: CommandId(3) }]);
 }
 
+/// Half a message that a disturbance leaves in the controller's memory swallows every command until the channel is opened
+/// anew: the second such epoch in a row ends the connections, and one command that arrives counts anew.
+#[test]
+fn commands_that_are_not_acknowledged_twice_end_the_connections() {
+    let swallowed = |cell: &mut Cell| {
+        cell.controller.deaf_to_commands = true;
+        cell.session.queue(speed(0.2)).expect("good");
+        cell.pass(500);
+        cell.controller.deaf_to_commands = false;
+    };
+    let mut cell = Cell::ready();
+    for _ in 0..3 {
+        cell.pass(300);
+        swallowed(&mut cell);
+        assert!(cell.session.is_connected(), "once may be a disturbance");
+        cell.pass(300);
+        cell.open();
+        cell.session.queue(speed(0.2)).expect("good");
+    }
+    cell.pass(300);
+    swallowed(&mut cell);
+    cell.pass(300);
+    cell.open();
+    swallowed(&mut cell);
+    let why = LinkLoss::NotAcknowledged { epochs: 2 };
+    assert!(!cell.session.is_connected());
+    assert!(cell.events().contains(&&Report::LinkLost { why }), "{:?}", cell.events());
+}
+
 #[test]
 fn wrong_counts_end_the_epoch() {
     type Fault = fn(&mut Controller);

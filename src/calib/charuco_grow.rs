@@ -1,0 +1,161 @@
+//! The corners of a ChArUco board from those near them: each is foretold by what is known around it, and found by the print.
+//!
+//! What is found foretells the next ones. A board is believed where the picture shows its markers between the corners.
+
+use super::board::Board;
+use super::charuco_lattice::{ALIKE, Cells, correlation};
+use super::crossings::Smooth;
+use super::foreign;
+use super::placing::Corners;
+use super::print::{Print, View};
+use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES};
+use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
+use nalgebra::Matrix3;
+use std::collections::BTreeMap;
+
+/// So many places at most, within so many squares of a corner, tell where it is.
+const NEAR_SQUARES: f64 = 2.6;
+const NEAREST: usize = 20;
+/// From so many corners on the others are looked for, in so many rounds at most, and a corner that is known to so much, px,
+/// not farther from where it is foretold than this share of a square's side, is one.
+const MOST_ROUNDS: usize = 12;
+const KNOWN_PX: f64 = 0.6;
+const MOVED: f64 = 0.2;
+
+/// Places of the board, mm, and where they are seen.
+pub(super) type Known = Vec<([f64; 2], Pixel)>;
+/// Corners by column and row.
+pub(super) type Grown = BTreeMap<(usize, usize), (Point<BoardFrame>, Pixel)>;
+
+/// What looks for corners from others.
+pub(super) struct Search<'a> {
+    pub picture: &'a GrayPicture,
+    pub board: &'a Board,
+    pub print: &'a Print,
+    pub noise: f64,
+}
+
+impl Search<'_> {
+    /// All corners that are found from places that are known, each from the ones near it.
+    pub fn grown(&self, mut known: Known) -> Grown {
+        let mut all = Grown::new();
+        let mut blur_px = None;
+        for _ in 0..MOST_ROUNDS {
+            let mut views: Vec<((usize, usize), View)> = Vec::new();
+            for row in 0..self.board.rows() {
+                let columns = (0..self.board.columns()).filter(|column| !all.contains_key(&(*column, row)));
+                views.extend(columns.filter_map(|column| Some(((column, row), self.view(&known, column, row)?))));
+            }
+            let blur_px = *blur_px.get_or_insert_with(|| {
+                let step = (views.len() / BLUR_CORNERS).max(1);
+                let some: Vec<View> = views.iter().step_by(step).map(|(_, view)| *view).collect();
+                self.print.blur_px(self.picture, &some, self.noise)
+            });
+            let found = views.into_iter().filter_map(|(at, view)| {
+                let found = self.print.matched(self.picture, &View { blur_px, ..view }, self.noise)?;
+                let is_near = found.at.distance_px(view.start) < MOVED * self.square_px(&view);
+                (found.contrast > 0.0 && found.deviation_px < KNOWN_PX && is_near).then_some((at, found.at))
+            });
+            let found: Vec<((usize, usize), Pixel)> = found.collect();
+            if found.is_empty() {
+                break;
+            }
+            for ((column, row), pixel) in found {
+                if let Some(q) = self.board.corner(column, row) {
+                    known.push(([q.mm.x, q.mm.y], pixel));
+                    all.insert((column, row), (q, pixel));
+                }
+            }
+        }
+        all
+    }
+
+    /// Where the corners that were not found would be, from those that were.
+    pub fn foretold(&self, all: &Grown) -> Corners {
+        let known = known(all);
+        let places =
+            (0..self.board.rows()).flat_map(|row| (0..self.board.columns()).map(move |column| (column, row)));
+        let missing = places.filter(|at| !all.contains_key(at));
+        let foretold = missing.filter_map(|(column, row)| {
+            let view = self.view(&known, column, row)?;
+            view.start.whole(self.picture.width, self.picture.height)?;
+            Some((self.board.corner(column, row)?, view.start))
+        });
+        foretold.collect()
+    }
+
+    /// Whether the picture shows the markers where the corners have them, in the odd rows of squares and in the even ones: of a
+    /// board's other pattern (`legacy`) every second row has the same markers in the same places.
+    pub fn shows_markers(&self, all: &Grown, cells: &Cells) -> bool {
+        let Some(markers) = self.board.markers() else { return false };
+        let (smooth, known, side) = (Smooth::of(self.picture), known(all), self.board.square_mm());
+        let share = markers.marker_mm / side;
+        let mut rows: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
+        for (square, cells) in cells {
+            let corners = beside(*square).into_iter().filter(|at| all.contains_key(at)).count();
+            let middle = [square.0, square.1].map(|at| (at as f64 - 0.5) * side);
+            let plane = if corners >= 2 { self.plane(&known, middle) } else { None };
+            if let Some(plane) = plane {
+                let plane = plane * Matrix3::new(side, 0.0, 0.0, 0.0, side, 0.0, 0.0, 0.0, 1.0);
+                rows[square.1 % 2].push(correlation(&smooth, &plane, *square, (cells, share, 1)));
+            }
+        }
+        rows.iter().all(|all| all.is_empty() || all.iter().sum::<f64>() / all.len() as f64 > ALIKE)
+            && rows.iter().any(|all| !all.is_empty())
+    }
+
+    /// A corner as those near it foretell it.
+    fn view(&self, known: &Known, column: usize, row: usize) -> Option<View> {
+        let q = self.board.corner(column, row)?;
+        let place = [q.mm.x, q.mm.y];
+        let plane = self.plane(known, place)?;
+        let start = pixel_of(&plane, place);
+        let reach_mm = PRINT_SQUARES * self.board.square_mm();
+        Some(View { plane, place, start, reach_mm, most_px: PRINT_PX, blur_px: 1.0 })
+    }
+
+    /// From the board, mm, to the picture near a place, by what is known there.
+    fn plane(&self, known: &Known, [x, y]: [f64; 2]) -> Option<Matrix3<f64>> {
+        let side = self.board.square_mm();
+        let away = |place: [f64; 2]| (place[0] - x).hypot(place[1] - y);
+        let mut near: Known =
+            known.iter().filter(|(place, _)| away(*place) < NEAR_SQUARES * side).copied().collect();
+        near.sort_by(|a, b| away(a.0).total_cmp(&away(b.0)));
+        near.truncate(NEAREST);
+        let reach = |axis: usize| {
+            let along = near.iter().map(|(place, _)| place[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        if near.len() < 6 || reach(0).min(reach(1)) < 0.6 * side {
+            return None;
+        }
+        let (places, pixels): (Vec<[f64; 2]>, Vec<Pixel>) =
+            near.into_iter().map(|(place, pixel)| ([place[0] - x, place[1] - y], pixel)).unzip();
+        let shift = Matrix3::new(1.0, 0.0, -x, 0.0, 1.0, -y, 0.0, 0.0, 1.0);
+        Some(foreign::homography(&places, &pixels)? * shift)
+    }
+
+    /// The shorter side of a square there, px.
+    fn square_px(&self, view: &View) -> f64 {
+        let ([x, y], side) = (view.place, self.board.square_mm());
+        let there = pixel_of(&view.plane, view.place);
+        let next = [[x + side, y], [x, y + side]].map(|place| pixel_of(&view.plane, place).distance_px(there));
+        next[0].min(next[1])
+    }
+}
+
+fn known(all: &Grown) -> Known {
+    all.values().map(|(q, pixel)| ([q.mm.x, q.mm.y], *pixel)).collect()
+}
+
+/// The inner corners of a square: the square (c, r) lies between the corners (c − 1, r − 1) and (c, r).
+fn beside((column, row): (usize, usize)) -> Vec<(usize, usize)> {
+    let before = |index: usize| index.checked_sub(1).into_iter().chain([index]);
+    before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()
+}
+
+/// Where a plane has a place of the board, mm.
+pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
+    let p = plane * nalgebra::Vector3::new(x, y, 1.0);
+    Pixel::at(p.x / p.z, p.y / p.z)
+}

@@ -1,0 +1,79 @@
+//! Whether the arm could leave the panel at a stop: from each waypoint in contact, along the tool's axis, as far and as fast
+//! as the controller's program lifts it off, in the configuration in which the arm stands there.
+//!
+//! Said of a path that was followed; the retract alone is looked at, not the way back.
+
+use super::{Leg, Obstacle, ReachFault, follow};
+use crate::geometry::{Base, Flange, Joints, Rigid, Tool, Vector};
+use crate::path::Kinematics;
+use nalgebra::Vector3;
+
+/// At a stop in contact the controller's program lifts the tool off by so much, mm: CELL_RETRACT_MM of
+/// config/kuka/cell_config.dat.
+pub const RETRACT_MM: f64 = 50.0;
+/// The speed of the retract, mm/s: CELL_RETRACT_VEL of config/kuka/cell_config.dat.
+pub const RETRACT_MM_S: f64 = 200.0;
+
+/// The line away from the panel.
+pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
+    let away = Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * -RETRACT_MM));
+    Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
+}
+
+/// Asks of each waypoint in contact: its number from 0, where the tool stands and how the axes do.
+///
+/// # Errors
+/// The first from which the arm could not lift off, as [`Obstacle::Retract`].
+pub fn retracts(
+    arm: &Kinematics,
+    flange_from_tool: Rigid<Flange, Tool>,
+    contacts: impl IntoIterator<Item = (usize, Rigid<Base, Tool>, Joints)>,
+) -> Result<(), ReachFault> {
+    for (index, base_from_tool, joints) in contacts {
+        if let Err(fault) = follow(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
+            return Err(ReachFault { index, obstacle: Obstacle::Retract { why: Box::new(fault.obstacle) } });
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use crate::geometry::KukaPose;
+
+    /// The number of a constant in the program that ships.
+    fn shipped(name: &str) -> f64 {
+        let text = include_str!("../../../config/kuka/cell_config.dat");
+        let line = text.lines().find_map(|line| line.split_once(&format!("{name}="))).expect("a constant");
+        line.1.trim().parse().expect("a number")
+    }
+
+    /// As the controller's program does it.
+    #[test]
+    fn the_retract_is_the_programs() {
+        assert_eq!((RETRACT_MM, RETRACT_MM_S), (shipped("CELL_RETRACT_MM"), 1e3 * shipped("CELL_RETRACT_VEL")));
+    }
+
+    /// Found by a walk over the controller's programs: the tool points down and stands so near to axis 5's limit that the arm
+    /// cannot lift it by 50 mm. Before a panel it can.
+    #[test]
+    fn contact_from_which_a_stop_could_not_lift_off_is_refused() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|problems| panic!("{problems}"));
+        let arm = Kinematics::new(cell.arm());
+        let flange_from_tool: Rigid<Flange, Tool> = KukaPose { z_mm: 100.0, ..KukaPose::default() }.to_rigid();
+        let asked = |axes_deg: [f64; 6]| {
+            let joints = Joints::from(axes_deg);
+            let pose = arm.base_from_flange(&joints).expect("an arm") * flange_from_tool;
+            retracts(&arm, flange_from_tool, [(4, pose, joints)])
+        };
+        let fault = asked([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
+        assert_eq!((fault.index, fault.obstacle.code()), (4, "retract_out_of_reach"));
+        assert!(
+            fault.to_string().starts_with("waypoint 4: at a stop the controller lifts the tool off by 50 mm"),
+            "{fault}"
+        );
+        assert_eq!(asked([0.0, -110.0, 135.0, 0.0, -25.0, 90.0]), Ok(()));
+    }
+}
