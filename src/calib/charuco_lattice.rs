@@ -31,6 +31,10 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
     for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
         seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
     }
+    // A weave has more corners than a board, and would be compared at thousands of places.
+    if 3 * seen.len() > 4 * board.count() {
+        return None;
+    }
     let (mut wide, mut high) = (grid.columns as i32, grid.rows as i32);
     if is_mirrored(grid) {
         seen.iter_mut().for_each(|((column, _), _)| *column = wide - 1 - *column);

@@ -21,6 +21,8 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 /// Candidates beyond so many times the board's circles are not all looked at.
 const CANDIDATES_EACH: usize = 3;
 const MOST_CANDIDATES: usize = 450;
+/// Blobs of all reaches together, at most: of a weave there are more, and each is compared with all.
+const MOST_TOGETHER: usize = 2_000;
 /// Surroundings for a blob's threshold, as parts of the picture's longer side.
 const REACHES: [usize; 3] = [12, 32, 80];
 /// Grids that are placed.
@@ -90,6 +92,9 @@ pub(super) fn detect(
 
 /// Adds the blobs that are none of those before.
 fn add_others(all: &mut Vec<Blob>, more: &[Blob]) {
+    if all.len() + more.len() > MOST_TOGETHER {
+        return;
+    }
     for blob in more {
         let is_known = |other: &Blob| other.middle.distance_px(blob.middle) < 0.5 * blob.area_px.sqrt();
         if !all.iter().any(is_known) {

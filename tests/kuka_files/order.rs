@@ -209,7 +209,7 @@ fn motion_waits_and_frames_are_where_they_may_be() {
         ("CELL_EP", &["CELL_BEGIN"]),
         ("CELL_RX", &["CELL_INIT", "CELL_BEGIN", "CELL_TAKE"]),
         ("CELL_OPEN", &["CELL_INIT", "CELL_STOP", "CELL_RESET"]),
-        ("CELL_READY", &["CELL_CYCLE", "CELL_MOTION", "CELL_PROGRAM"]),
+        ("CELL_READY", &["CELL_INIT", "CELL_CYCLE", "CELL_MOTION", "CELL_PROGRAM"]),
         ("CELL_SEQ", &["CELL_INIT", "CELL_TELL_STATE"]),
     ];
     each(&files(), |routine, statement| {
