@@ -146,8 +146,8 @@ impl Robot for FakeRobot {
 
     fn next(&mut self) -> Option<Report> {
         if self.by_the_wall {
-            // Fifty times as fast as it says: what is computed aside takes some of these rounds.
-            std::thread::sleep(std::time::Duration::from_millis(2));
+            // Ten times as fast as it says: what is computed aside takes some of these rounds, and is not late on a busy machine.
+            std::thread::sleep(std::time::Duration::from_millis(10));
         }
         let mut world = self.world.borrow_mut();
         if let Some(report) = world.reports.pop_front() {
