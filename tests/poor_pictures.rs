@@ -1,6 +1,6 @@
 //! A dozen poor pictures of boards, at half the size of the sweep in `make bench-calib`.
 
-use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, no_board, render};
+use crate::board_pictures::{Hard, Judged, Rendered, camera, judge, mixture, no_board, render};
 use panelprep::calib::{Board, detect};
 
 fn found(text: &str, square_mm: Option<f64>, hard: Hard, seed: u64) -> Judged {
@@ -59,6 +59,21 @@ fn circles_beside_a_glare_are_found() {
                 ("glare and little contrast", Hard { glare: true, contrast: 60.0, tilt_deg: 10.0, ..EASY }),
             ],
         );
+    }
+}
+
+/// Of the sweep's mixtures, in full size: where the light falls off at a glare, corners were up to 1.3 px off, or the whole
+/// board was lost.
+#[test]
+fn the_rim_of_a_glare_moves_no_corner() {
+    for (text, square_mm, seeds) in [("9x6", Some(25.0), [20, 44]), ("acircles:4x11:20", None, [2, 39])] {
+        let (board, camera) = (Board::parse(text, square_mm).expect("a board"), camera(1944));
+        for seed in seeds {
+            let rendered = render(&board, &camera, &mixture(&board, &camera, seed), 1000 + seed);
+            let found = detect::detect("picture", &rendered.picture, &board, None).ok();
+            let judged = judge(&board, &rendered, found.as_ref().map(|found| &found.corners));
+            assert!(matches!(judged, Judged::Found(_) | Judged::Nearly(..)), "{text}, {seed}: {judged:?}");
+        }
     }
 }
 
