@@ -5,9 +5,12 @@ use panelprep::calib::{Board, detect};
 
 fn found(text: &str, square_mm: Option<f64>, hard: Hard, seed: u64) -> Judged {
     let board = Board::parse(text, square_mm).expect("a board");
-    let rendered: Rendered = render(&board, &camera(972), &hard, seed);
-    let found = detect::detect("picture", &rendered.picture, &board, None).ok();
-    judge(&board, &rendered, found.as_ref().map(|found| &found.corners))
+    judged(&board, &render(&board, &camera(972), &hard, seed))
+}
+
+fn judged(board: &Board, rendered: &Rendered) -> Judged {
+    let found = detect::detect("picture", &rendered.picture, board, None).ok();
+    judge(board, rendered, found.as_ref().map(|found| &found.corners))
 }
 
 fn all_found(text: &str, square_mm: Option<f64>, all: &[(&str, Hard)]) {
@@ -70,8 +73,7 @@ fn the_rim_of_a_glare_moves_no_corner() {
         let (board, camera) = (Board::parse(text, square_mm).expect("a board"), camera(1944));
         for seed in seeds {
             let rendered = render(&board, &camera, &mixture(&board, &camera, seed), 1000 + seed);
-            let found = detect::detect("picture", &rendered.picture, &board, None).ok();
-            let judged = judge(&board, &rendered, found.as_ref().map(|found| &found.corners));
+            let judged = judged(&board, &rendered);
             assert!(matches!(judged, Judged::Found(_) | Judged::Nearly(..)), "{text}, {seed}: {judged:?}");
         }
     }

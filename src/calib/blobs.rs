@@ -32,13 +32,17 @@ const RIM_PARTS: usize = 40;
 /// More than all grey levels of a picture together.
 const COUNT: u64 = 1 << 36;
 
-/// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them.
+/// The blobs that are darker, or lighter, than the mean of ± `reach_px` around them; `sums` are the picture's.
 ///
 /// # Errors
 /// Where OpenCV refuses the picture, such as an empty one.
-pub(super) fn blobs(picture: &GrayPicture, reach_px: usize, lighter: bool) -> Result<Vec<Blob>, ImagingError> {
+pub(super) fn blobs(
+    picture: &GrayPicture,
+    sums: &Sums,
+    reach_px: usize,
+    lighter: bool,
+) -> Result<Vec<Blob>, ImagingError> {
     let (width, height) = (picture.width, picture.height);
-    let sums = Sums::of(picture);
     let is_marked = |index: usize| {
         let away = f64::from(picture.gray[index]) - sums.mean(index % width, index / width, reach_px);
         if lighter { away > LEAST_CONTRAST } else { away < -LEAST_CONTRAST }
@@ -85,15 +89,15 @@ impl Integral {
     }
 }
 
-/// Grey levels around each pixel.
-struct Sums {
+/// Grey levels around each pixel, for any reach.
+pub(super) struct Sums {
     /// Of those that no glare can be: each adds [`COUNT`], and so the number is told as well.
     without: Integral,
     all: Integral,
 }
 
 impl Sums {
-    fn of(picture: &GrayPicture) -> Self {
+    pub fn of(picture: &GrayPicture) -> Self {
         let (width, height) = (picture.width, picture.height);
         let gray = |index: usize| u64::from(picture.gray[index]);
         let glare = Integral::of(width, height, |index| u64::from(picture.gray[index] >= GLARE));
@@ -163,11 +167,11 @@ mod tests {
                 *gray = 40;
             }
         }
-        let found = blobs(&picture, 20, false).expect("a picture");
+        let found = blobs(&picture, &Sums::of(&picture), 20, false).expect("a picture");
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(found[0].middle.distance_px(Pixel::at(30.25, 30.0)) < 0.15, "{found:?}");
         assert!(
-            blobs(&picture, 20, true)
+            blobs(&picture, &Sums::of(&picture), 20, true)
                 .expect("a picture")
                 .iter()
                 .all(|blob| blob.middle.distance_px(Pixel::at(70.0, 30.0)) < 1.0)

@@ -6,7 +6,7 @@
 //! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco};
-use super::charuco_grow::{Grown, Search, pixel_of};
+use super::charuco_grow::{Grown, Search};
 use super::charuco_lattice::{Cells, identified};
 use super::chessboard;
 use super::crossings::{Smooth, noise};
@@ -14,6 +14,7 @@ use super::error::CalibError;
 use super::foreign;
 use super::placing::{Corners, Detected, modelled, refined, shortest_px};
 use super::print::Print;
+use super::surface::pixel_of;
 use crate::geometry::{GrayPicture, Pixel};
 use crate::imaging::ImagingError;
 use std::collections::BTreeMap;
@@ -45,7 +46,7 @@ pub(super) fn detect(
         of_one_plane(found.iter().map(|(number, corners)| (squares[*number], *corners)).collect(), board, charuco);
     let cells = marker_cells(board)?;
     let print = Print::of(board, &cells);
-    let search = Search { picture, board, print: &print, noise: noise(picture) };
+    let search = Search { picture, board, print: &print, smooth: &Smooth::of(picture), noise: noise(picture) };
     let (places, pixels) = placed(board, charuco, &seen);
     let mut best = search.grown(places.into_iter().zip(pixels).collect());
     let cells: Cells = squares.into_iter().zip(cells).collect();
@@ -136,13 +137,12 @@ type Near = ((usize, usize), [Pixel; 4]);
 
 /// The largest part of the board that lattices of corners hold.
 fn of_lattices(search: &Search, cells: &Cells) -> Result<Grown, ImagingError> {
-    let smooth = Smooth::of(search.picture);
     let (side, mut best) = (search.board.square_mm(), Grown::new());
     for times in chessboard::reductions(search.picture) {
         let mut grids = chessboard::look(search.picture, times)?;
         grids.sort_by_key(|grid| std::cmp::Reverse(grid.seen()));
         for grid in grids.into_iter().filter(|grid| grid.seen() >= MIN_CORNERS).take(MOST_LATTICES) {
-            let Some(corners) = identified(&smooth, &grid, search.board, cells) else { continue };
+            let Some(corners) = identified(search.smooth, &grid, search.board, cells) else { continue };
             let known =
                 corners.into_iter().map(|((c, r), pixel)| ([f64::from(c) * side, f64::from(r) * side], pixel));
             let grown = search.grown(known.collect());

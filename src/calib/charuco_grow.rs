@@ -8,7 +8,7 @@ use super::crossings::Smooth;
 use super::foreign;
 use super::placing::Corners;
 use super::print::{Print, View};
-use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES};
+use super::surface::{BLUR_CORNERS, PRINT_PX, PRINT_SQUARES, pixel_of};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
@@ -32,6 +32,7 @@ pub(super) struct Search<'a> {
     pub picture: &'a GrayPicture,
     pub board: &'a Board,
     pub print: &'a Print,
+    pub smooth: &'a Smooth,
     pub noise: f64,
 }
 
@@ -88,7 +89,7 @@ impl Search<'_> {
     /// board's other pattern (`legacy`) every second row has the same markers in the same places.
     pub fn shows_markers(&self, all: &Grown, cells: &Cells) -> bool {
         let Some(markers) = self.board.markers() else { return false };
-        let (smooth, known, side) = (Smooth::of(self.picture), known(all), self.board.square_mm());
+        let (known, side) = (known(all), self.board.square_mm());
         let share = markers.marker_mm / side;
         let mut rows: [Vec<f64>; 2] = [Vec::new(), Vec::new()];
         for (square, cells) in cells {
@@ -97,7 +98,7 @@ impl Search<'_> {
             let plane = if corners >= 2 { self.plane(&known, middle) } else { None };
             if let Some(plane) = plane {
                 let plane = plane * Matrix3::new(side, 0.0, 0.0, 0.0, side, 0.0, 0.0, 0.0, 1.0);
-                rows[square.1 % 2].push(correlation(&smooth, &plane, *square, (cells, share, 1)));
+                rows[square.1 % 2].push(correlation(self.smooth, &plane, *square, (cells, share, 1)));
             }
         }
         rows.iter().all(|all| all.is_empty() || all.iter().sum::<f64>() / all.len() as f64 > ALIKE)
@@ -152,10 +153,4 @@ fn known(all: &Grown) -> Known {
 fn beside((column, row): (usize, usize)) -> Vec<(usize, usize)> {
     let before = |index: usize| index.checked_sub(1).into_iter().chain([index]);
     before(row).flat_map(|row| before(column).map(move |column| (column, row))).collect()
-}
-
-/// Where a plane has a place of the board, mm.
-pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
-    let p = plane * nalgebra::Vector3::new(x, y, 1.0);
-    Pixel::at(p.x / p.z, p.y / p.z)
 }

@@ -19,15 +19,15 @@ const ABOVE: f64 = 0.15;
 const LEAST_SQUARES: usize = 4;
 
 /// Corners by column and row of the board.
-pub(super) type Corners = Vec<((i32, i32), Pixel)>;
+pub(super) type LatticeCorners = Vec<((i32, i32), Pixel)>;
 
 /// The cells of a board's markers, each square's by column and row.
 pub(super) type Cells = Vec<((usize, usize), Vec<bool>)>;
 
 /// The seen corners of a lattice as those of the board; `None` where no place is clearly the right one.
-pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Cells) -> Option<Corners> {
+pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Cells) -> Option<LatticeCorners> {
     let share = board.markers()?.marker_mm / board.square_mm();
-    let mut seen: Corners = Vec::new();
+    let mut seen: LatticeCorners = Vec::new();
     for (index, node) in grid.nodes.iter().enumerate().filter(|(_, node)| node.is_seen) {
         seen.push((((index % grid.columns) as i32, (index / grid.columns) as i32), node.pixel));
     }
@@ -40,12 +40,12 @@ pub(super) fn identified(smooth: &Smooth, grid: &Grid, board: &Board, cells: &Ce
         seen.iter_mut().for_each(|((column, _), _)| *column = wide - 1 - *column);
     }
     let (columns, rows) = (board.columns() as i32, board.rows() as i32);
-    let mut scores: Vec<(f64, Corners)> = Vec::new();
+    let mut scores: Vec<(f64, LatticeCorners)> = Vec::new();
     for _ in 0..4 {
         for right in (-1).min(columns - wide)..=(columns - wide + 1).max(0) {
             for down in (-1).min(rows - high)..=(rows - high + 1).max(0) {
                 let moved = seen.iter().map(|((c, r), pixel)| ((c + right, r + down), *pixel));
-                let inside: Corners =
+                let inside: LatticeCorners =
                     moved.filter(|((c, r), _)| (0..columns).contains(c) && (0..rows).contains(r)).collect();
                 if 4 * inside.len() >= 3 * seen.len()
                     && let Some(score) = likeness(smooth, &inside, cells, share)
@@ -71,7 +71,7 @@ fn is_mirrored(grid: &Grid) -> bool {
 }
 
 /// The mean correlation of the grey levels with the print, over the squares beside the corners.
-fn likeness(smooth: &Smooth, corners: &Corners, cells: &Cells, share: f64) -> Option<f64> {
+fn likeness(smooth: &Smooth, corners: &LatticeCorners, cells: &Cells, share: f64) -> Option<f64> {
     let places: Vec<[f64; 2]> = corners.iter().map(|((c, r), _)| [f64::from(*c), f64::from(*r)]).collect();
     let pixels: Vec<Pixel> = corners.iter().map(|(_, pixel)| *pixel).collect();
     let plane = if places.len() >= 4 { foreign::homography(&places, &pixels)? } else { return None };

@@ -6,7 +6,7 @@
 //! the circles' size that difference is taken off. Where one of the outer four circles is larger than all others, it is the
 //! first: it tells how a board is turned that looks alike from several sides.
 
-use super::blobs::{Blob, blobs};
+use super::blobs::{Blob, Sums, blobs};
 use super::board::Board;
 use super::circle_lattice;
 use super::circle_places::ByPrint;
@@ -14,7 +14,7 @@ use super::crossings::Smooth;
 use super::error::CalibError;
 use super::foreign;
 use super::placing::{Corners, Detected};
-use super::surface::without_strays;
+use super::surface::{pixel_of, without_strays};
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
@@ -58,16 +58,20 @@ pub(super) fn detect(
         let across = picture.width as f64 / small.width as f64;
         let down = picture.height as f64 / small.height as f64;
         let whole = |pixel: &Pixel| Pixel::at((pixel.u + 0.5) * across - 0.5, (pixel.v + 0.5) * down - 0.5);
+        let sums = Sums::of(&small);
         for lighter in [false, true] {
             let mut together: Vec<Blob> = Vec::new();
             for parts in REACHES.map(Some).into_iter().chain([None]) {
-                // What one reach misses beside a glare, another one sees: last, all of them.
-                let found = match parts {
-                    Some(parts) => blobs(&small, small.width.max(small.height) / parts, lighter)?,
-                    None => together.clone(),
+                let rough = match parts {
+                    Some(parts) => {
+                        let found = blobs(&small, &sums, small.width.max(small.height) / parts, lighter)?;
+                        add_others(&mut together, &found);
+                        grid(&found, board)
+                    }
+                    // What one reach misses beside a glare, another one sees: last, all of them.
+                    None => grid(&together, board),
                 };
-                add_others(&mut together, &found);
-                let Some(rough) = grid(&found, board) else { continue };
+                let Some(rough) = rough else { continue };
                 let rough: Numbered = rough.iter().map(|(index, pixel)| (*index, whole(pixel))).collect();
                 let is_whole = rough.len() == board.count();
                 all.push((rough, lighter));
@@ -188,7 +192,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
     let plane: Vec<[f64; 2]> = found.iter().map(|(number, ..)| place(*number)).collect();
     let pixels: Vec<Pixel> = found.iter().map(|(_, pixel, _)| *pixel).collect();
     let board_to_picture = foreign::homography(&plane, &pixels)?;
-    let found_by_print = printed(picture, board, &board_to_picture, (&found, radius_mm), lighter)?;
+    let found_by_print = printed(picture, board, (&board_to_picture, neighbour_mm), (&found, radius_mm), lighter);
     let half_window_px = (radius_mm * slope(&board_to_picture, plane[0]).determinant().abs().sqrt()) as usize;
     if let Some(corners) = found_by_print {
         return Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm));
@@ -197,9 +201,7 @@ fn placed(picture: &GrayPicture, board: &Board, rough: &Numbered, lighter: bool)
         let at_place = place(*number);
         // A mark is as large as it is; of the others all are one size.
         let radius = if *radius > MARK * radius_mm { *radius } else { radius_mm };
-        let (seen, middle) =
-            (at(&board_to_picture, at_place), ellipse_middle(&board_to_picture, at_place, radius)?);
-        Some((places[*number], Pixel::at(pixel.u + seen.u - middle.u, pixel.v + seen.v - middle.v)))
+        Some((places[*number], seen_centre(&board_to_picture, at_place, *pixel, radius)?))
     });
     let corners = without_strays(corners.collect::<Option<_>>()?, picture);
     Some((Detected { modelled: corners.len(), corners, half_window_px }, radii_mm))
@@ -217,7 +219,7 @@ fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Nu
         let board_to_picture = foreign::homography(&plane, &seen)?;
         let off = plane.iter().zip(&seen).map(|(place, pixel)| {
             let near_px = neighbour_mm * slope(&board_to_picture, *place).determinant().abs().sqrt();
-            at(&board_to_picture, *place).distance_px(*pixel) / near_px
+            pixel_of(&board_to_picture, *place).distance_px(*pixel) / near_px
         });
         let (farthest, bent) = off.enumerate().max_by(|a, b| a.1.total_cmp(&b.1))?;
         if bent < BENT {
@@ -230,16 +232,15 @@ fn of_one_plane(board: &Board, rough: &Numbered, neighbour_mm: f64) -> Option<Nu
     }
 }
 
-/// All circles by their print, also those that were not found before; `Some(None)` where there are too few to compare.
+/// All circles by their print, also those that were not found before; `None` where there are too few to compare.
 fn printed(
     picture: &GrayPicture,
     board: &Board,
-    plane: &Matrix3<f64>,
+    (plane, neighbour_mm): (&Matrix3<f64>, f64),
     (found, radius_mm): (&[(usize, Pixel, f64)], f64),
     lighter: bool,
-) -> Option<Option<Corners>> {
+) -> Option<Corners> {
     let places = board.corners();
-    let neighbour_mm = board.square_mm() * if board.circles()? { std::f64::consts::SQRT_2 } else { 1.0 };
     let reach_mm = WINDOW * neighbour_mm;
     let middle = slope(plane, [places[places.len() / 2].mm.x, places[places.len() / 2].mm.y]);
     // Large circles are placed as well in a smaller picture.
@@ -252,20 +253,17 @@ fn printed(
         .filter(|(.., radius)| whole(*radius))
         .filter_map(|(number, pixel, radius)| {
             let q = places[*number];
-            let (seen, ellipse) = (
-                at(plane, [q.mm.x, q.mm.y]),
-                ellipse_middle(plane, [q.mm.x, q.mm.y], radius.min(2.0 * radius_mm))?,
-            );
-            Some((q, Pixel::at(pixel.u + seen.u - ellipse.u, pixel.v + seen.v - ellipse.v)))
+            Some((q, seen_centre(plane, [q.mm.x, q.mm.y], *pixel, radius.min(2.0 * radius_mm))?))
         })
         .collect();
     let sign = if lighter { -1.0 } else { 1.0 };
-    Some(ByPrint { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm))
+    ByPrint { picture, times, reach_mm, sign }.circles(board, &rough, radius_mm)
 }
 
-fn at(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
-    let p = plane * Vector3::new(x, y, 1.0);
-    Pixel::at(p.x / p.z, p.y / p.z)
+/// Where the centre of a circle is seen whose ellipse has its middle there.
+fn seen_centre(plane: &Matrix3<f64>, place: [f64; 2], middle: Pixel, radius_mm: f64) -> Option<Pixel> {
+    let (seen, ellipse) = (pixel_of(plane, place), ellipse_middle(plane, place, radius_mm)?);
+    Some(Pixel::at(middle.u + seen.u - ellipse.u, middle.v + seen.v - ellipse.v))
 }
 
 /// How a pixel moves with a place on the board, px per mm.

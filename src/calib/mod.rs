@@ -3,8 +3,9 @@
 //! Thesis 3.6 and 3.7, and beside each result its evidence: residuals, uncertainty at a point of the panel, what does
 //! not fit and why. Data in, data out; pictures are read and files written elsewhere.
 //!
-//! - `board`, `detect`, `chessboard`, `crossings`, `lattice`, `charuco`, `circles`, `circle_lattice`, `blobs`, `placing`, `saddle`: what is looked at, and where its
-//!   corners are in a picture
+//! - `board`, `detect`: what is looked at, and where its corners are in a picture · `chessboard`, `crossings`, `lattice` ·
+//!   `charuco`, `charuco_grow`, `charuco_lattice` · `circles`, `circle_lattice`, `circle_places`, `blobs`: each kind of board ·
+//!   `placing`, `saddle`, `print`, `surface`: corners to sub-pixel
 //! - `intrinsics`: the lens (thesis 3.6), with `lens_gram`, `lens_fit`; how many coefficients it has: `lens_model`,
 //!   `lens_choice`; how well and where it is known: `lens_covariance`, `lens_support`; what to do next: `lens_next`
 //! - `pose`: where one picture puts the board

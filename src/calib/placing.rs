@@ -10,10 +10,7 @@ use super::crossings::noise;
 use super::foreign;
 use super::print::Print;
 use super::saddle;
-use super::surface::{
-    KNOWN_TOGETHER_PX, LEFT_PX, PRINT_SQUARES, Placed, SLANT, SLANT_PX, TERMS, USUAL_LEFT, WELL_PX, doubted,
-    surface_of,
-};
+use super::surface::{KNOWN_TOGETHER_PX, PRINT_SQUARES, Placed, TERMS, WELL_PX, doubted, surface_of};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
 use nalgebra::{Vector2, Vector3};
@@ -150,21 +147,9 @@ impl<'a> Model<'a> {
 
     /// Where it places a corner, from a start; `None` where it does not fit.
     fn place(&self, q: Point<BoardFrame>, start: Pixel, half_window_px: usize) -> Option<Placed> {
-        self.judged(saddle::refine(self.picture, start, self.edges(q, start)?, half_window_px, self.noise)?)
-    }
-
-    fn judged(&self, found: saddle::Saddle) -> Option<Placed> {
-        let deviation_px = found.deviation_px.hypot(LEFT_PX * (found.left - USUAL_LEFT).max(0.0));
-        let deviation_px = deviation_px.hypot(SLANT_PX * (found.slant - SLANT).max(0.0));
-        (deviation_px < KNOWN_TOGETHER_PX).then_some(Placed {
-            at: found.at,
-            deviation_px,
-            contrast: 2.0 * found.contrast.abs(),
-        })
-    }
-
-    fn edges(&self, q: Point<BoardFrame>, start: Pixel) -> Option<[Vector2<f64>; 2]> {
-        Some([self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?])
+        let edges = [self.edge(q, start, Vector3::x())?, self.edge(q, start, Vector3::y())?];
+        let found = saddle::refine(self.picture, start, edges, half_window_px, self.noise)?;
+        Some(Placed::of_saddle(&found)).filter(|placed| placed.deviation_px < KNOWN_TOGETHER_PX)
     }
 
     fn edge(&self, q: Point<BoardFrame>, pixel: Pixel, step: Vector3<f64>) -> Option<Vector2<f64>> {

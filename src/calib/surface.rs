@@ -3,6 +3,7 @@
 use super::foreign;
 use super::placing::{Corners, KNOWN_PX};
 use super::print::{Matched, Print, View};
+use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
 
@@ -28,18 +29,18 @@ pub(super) const START_PX: f64 = 1.5;
 pub(super) const BLUR_CORNERS: usize = 6;
 /// Prints and lenses leave corners so far from a smooth surface, each way, px.
 const ROUGH_PX: f64 = 0.05;
-/// A place that has lost more than this share of the contrast of those within so many neighbours' distances stands in a
+/// A place that has lost more than this share of the contrast of those within so many squares stands in a
 /// glare's rim, which moves it, by so many px for the whole contrast.
 const PALE: f64 = 0.15;
 const NEAR: f64 = 2.6;
 const PALE_PX: f64 = 1.5;
 /// Light that changes within the window by more than this share of the contrast is such a rim, too.
-pub(super) const SLANT: f64 = 0.1;
-pub(super) const SLANT_PX: f64 = 1.0;
+const SLANT: f64 = 0.1;
+const SLANT_PX: f64 = 1.0;
 /// What the model leaves beside the noise, as a share of the half contrast, beyond which the corner is less well known …
-pub(super) const USUAL_LEFT: f64 = 0.06;
+const USUAL_LEFT: f64 = 0.06;
 /// … by so many px for the whole half contrast.
-pub(super) const LEFT_PX: f64 = 2.0;
+const LEFT_PX: f64 = 2.0;
 
 /// A corner as the model places it.
 #[derive(Debug, Clone, Copy)]
@@ -55,10 +56,25 @@ impl Placed {
     /// By the print, in a picture with this much noise.
     pub fn of(found: &Matched, noise: f64) -> Self {
         let left = (found.left.powi(2) - noise.powi(2)).max(0.0).sqrt() / (0.5 * found.contrast.abs());
-        let deviation_px = found.deviation_px.hypot(LEFT_PX * (left - USUAL_LEFT).max(0.0));
-        let deviation_px = deviation_px.hypot(SLANT_PX * (found.slant - SLANT).max(0.0));
-        Placed { at: found.at, deviation_px, contrast: found.contrast.abs() }
+        Placed {
+            at: found.at,
+            deviation_px: doubt_px(found.deviation_px, left, found.slant),
+            contrast: found.contrast.abs(),
+        }
     }
+
+    /// By the model of the grey levels.
+    pub fn of_saddle(found: &Saddle) -> Self {
+        let deviation_px = doubt_px(found.deviation_px, found.left, found.slant);
+        Placed { at: found.at, deviation_px, contrast: 2.0 * found.contrast.abs() }
+    }
+}
+
+/// How well a place is known that noise lets be known so well, where so much is left, as a share of the half contrast, and the
+/// light is slanted so much.
+fn doubt_px(deviation_px: f64, left: f64, slant: f64) -> f64 {
+    let of_model_px = LEFT_PX * (left - USUAL_LEFT).max(0.0);
+    deviation_px.hypot(of_model_px).hypot(SLANT_PX * (slant - SLANT).max(0.0))
 }
 
 /// A smooth surface through corners: a plane's homography, and what a lens and a board that is not quite flat bend it by, a
@@ -193,6 +209,12 @@ impl Surface {
     }
 }
 
+/// Where a plane has a place of the board, mm.
+pub(super) fn pixel_of(plane: &Matrix3<f64>, [x, y]: [f64; 2]) -> Pixel {
+    let there = on_plane(plane, &Vector2::new(x, y));
+    Pixel::at(there.x, there.y)
+}
+
 fn on_plane(plane: &Matrix3<f64>, place: &Vector2<f64>) -> Vector2<f64> {
     let p = plane * place.push(1.0);
     p.xy() / p.z
@@ -212,12 +234,12 @@ pub(super) fn surface_of(corners: &Corners, placed: &[Option<Placed>], picture: 
 }
 
 /// Those that a glare takes a part of their contrast from, beside the ones around them, are known less well: its rim moves them.
-pub(super) fn doubted(corners: &Corners, placed: Vec<Option<Placed>>, neighbour_mm: f64) -> Vec<Option<Placed>> {
+pub(super) fn doubted(corners: &Corners, placed: Vec<Option<Placed>>, square_mm: f64) -> Vec<Option<Placed>> {
     let known = |(q, placed): (&Point<BoardFrame>, &Option<Placed>)| placed.map(|placed| (*q, placed.contrast));
     let all: Vec<(Point<BoardFrame>, f64)> =
         corners.iter().map(|(q, _)| q).zip(&placed).filter_map(known).collect();
     let usual = |q: Point<BoardFrame>| {
-        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < NEAR * neighbour_mm);
+        let near = all.iter().filter(|(other, _)| other.distance_mm(q) < NEAR * square_mm);
         let mut contrasts: Vec<f64> = near.map(|(_, contrast)| *contrast).collect();
         contrasts.sort_by(f64::total_cmp);
         contrasts.get(3 * contrasts.len() / 4).copied().unwrap_or(0.0)

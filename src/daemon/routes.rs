@@ -212,10 +212,9 @@ impl Standing<'_> {
 
     /// Whether the arm could leave the panel from each waypoint in contact.
     fn retracts(&self, points: &[MoveLin], poses: &[Rigid<Base, Tool>], joints: &[Joints]) -> Result<(), Reason> {
-        let all = points.iter().zip(poses).zip(joints).enumerate();
-        let in_contact = all.filter(|(_, ((point, _), _))| point.contact);
-        let contacts = in_contact.map(|(index, ((_, pose), joints))| (index, *pose, *joints));
-        retracts(&Kinematics::new(self.arm), self.flange_from_tool, contacts).map_err(|fault| refused(&fault))
+        let all =
+            points.iter().zip(poses).zip(joints).map(|((point, pose), joints)| (point.contact, *pose, *joints));
+        retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
     }
 
     /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.

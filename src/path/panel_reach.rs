@@ -111,15 +111,11 @@ fn with_room(
 fn followed(plan: &Plan, stand: &Stand<'_>, spin_deg: f64) -> Result<Travel, ReachFault> {
     let legs = legs(plan, stand, spin_deg);
     let travel = follow(stand.arm, stand.flange_from_tool, stand.from.as_ref(), &legs)?;
-    let all = in_contact(plan).zip(&legs).zip(&travel.joints).enumerate();
-    let contacts = all.filter(|(_, ((contact, _), _))| *contact);
-    let contacts = contacts.map(|(index, ((_, leg), joints))| (index, leg.base_from_tool, *joints));
-    retracts(stand.arm, stand.flange_from_tool, contacts)?;
+    let in_contact = plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| waypoint.contact);
+    let all = in_contact.zip(&legs).zip(&travel.joints);
+    let all = all.map(|((contact, leg), joints)| (contact, leg.base_from_tool, *joints));
+    retracts(stand.arm, stand.flange_from_tool, all)?;
     Ok(travel)
-}
-
-fn in_contact(plan: &Plan) -> impl Iterator<Item = bool> {
-    plan.paths.iter().flat_map(|path| &path.waypoints).map(|waypoint| waypoint.contact)
 }
 
 fn unreached(plan: &Plan, stand: &Stand<'_>, spin_deg: f64, fault: ReachFault) -> Unreached {

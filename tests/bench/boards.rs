@@ -170,10 +170,10 @@ fn sweep(kind: &str, board: &Board, peers: &[Peer], chosen: &Chosen) -> usize {
         for (hard, seed) in cases {
             let rendered = render(board, &camera, &hard, seed);
             for (index, peer) in peers.iter().enumerate() {
-                let (judged, seconds) = timed(peer, board, &rendered);
+                let (judged, found, seconds) = timed(peer, board, &rendered);
                 if index == 0 && !matches!(judged, Judged::Found(_) | Judged::Nearly(..)) {
                     println!("        {judged:?} in seed {seed}: {hard:?}");
-                    tell_farthest(&rendered, (peer.find)(board, &rendered.picture));
+                    tell_farthest(&rendered, found);
                     save(chosen.folder, &format!("{kind}_{seed}"), &rendered.picture);
                 }
                 here[index].add(judged, seconds);
@@ -258,11 +258,11 @@ fn save(folder: Option<&str>, name: &str, picture: &GrayPicture) {
     }
 }
 
-fn timed(peer: &Peer, board: &Board, rendered: &Rendered) -> (Judged, f64) {
+fn timed(peer: &Peer, board: &Board, rendered: &Rendered) -> (Judged, Corners, f64) {
     let started = Instant::now();
     let found = (peer.find)(board, &rendered.picture);
     let seconds = started.elapsed().as_secs_f64();
-    (judge(board, rendered, found.as_ref()), seconds)
+    (judge(board, rendered, found.as_ref()), found, seconds)
 }
 
 fn own(board: &Board, picture: &GrayPicture) -> Corners {

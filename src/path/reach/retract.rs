@@ -20,16 +20,17 @@ pub fn retract(base_from_tool: Rigid<Base, Tool>) -> Leg {
     Leg { base_from_tool: base_from_tool * away, feed_mm_s: RETRACT_MM_S, blend_mm: 0.0 }
 }
 
-/// Asks of each waypoint in contact: its number from 0, where the tool stands and how the axes do.
+/// Asks of each waypoint in contact. Of each is told whether it is one, where the tool stands and how the axes do.
 ///
 /// # Errors
 /// The first from which the arm could not lift off, as [`Obstacle::Retract`].
 pub fn retracts(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
-    contacts: impl IntoIterator<Item = (usize, Rigid<Base, Tool>, Joints)>,
+    waypoints: impl IntoIterator<Item = (bool, Rigid<Base, Tool>, Joints)>,
 ) -> Result<(), ReachFault> {
-    for (index, base_from_tool, joints) in contacts {
+    let in_contact = waypoints.into_iter().enumerate().filter(|(_, (contact, ..))| *contact);
+    for (index, (_, base_from_tool, joints)) in in_contact {
         if let Err(fault) = follow(arm, flange_from_tool, Some(&joints), &[retract(base_from_tool)]) {
             return Err(ReachFault { index, obstacle: Obstacle::Retract { why: Box::new(fault.obstacle) } });
         }
@@ -66,12 +67,17 @@ mod tests {
         let asked = |axes_deg: [f64; 6]| {
             let joints = Joints::from(axes_deg);
             let pose = arm.base_from_flange(&joints).expect("an arm") * flange_from_tool;
-            retracts(&arm, flange_from_tool, [(4, pose, joints)])
+            assert_eq!(
+                retracts(&arm, flange_from_tool, [(false, pose, joints)]),
+                Ok(()),
+                "nobody retracts from the air"
+            );
+            retracts(&arm, flange_from_tool, [(false, pose, joints), (true, pose, joints)])
         };
         let fault = asked([0.0, -156.2, 127.9, 0.0, 115.0, 0.0]).expect_err("axis 5 has no room");
-        assert_eq!((fault.index, fault.obstacle.code()), (4, "retract_out_of_reach"));
+        assert_eq!((fault.index, fault.obstacle.code()), (1, "retract_out_of_reach"));
         assert!(
-            fault.to_string().starts_with("waypoint 4: at a stop the controller lifts the tool off by 50 mm"),
+            fault.to_string().starts_with("waypoint 1: at a stop the controller lifts the tool off by 50 mm"),
             "{fault}"
         );
         assert_eq!(asked([0.0, -110.0, 135.0, 0.0, -25.0, 90.0]), Ok(()));
