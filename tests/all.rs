@@ -16,6 +16,7 @@ mod inputs;
 mod kuka_files;
 mod layers;
 mod link;
+mod live;
 mod locate;
 mod patterns;
 mod poor_pictures;

@@ -141,6 +141,40 @@ pub fn socket(folder: &Path) -> PathBuf {
     folder.join("cell/store/panelprep.sock")
 }
 
+/// The cameras are the service's while it runs: it takes the pictures, and none while a cycle is under way.
+#[test]
+fn shots_are_taken_by_the_service_while_the_cell_rests() {
+    let folder = taught("good");
+    let folder = folder.path();
+    let service = Service::start(folder);
+    let shoot = |what: &str| json(folder, &format!("shoot --cell cell/cell.toml {what}"));
+    service.reset();
+    let (exit, told) = shoot("corner --out shots");
+    assert!(exit == 0 && folder.join("shots/corner_0001.json").is_file(), "{told}");
+    let (exit, told) = shoot("film --seconds 1 --pictures-per-second 4 --out film");
+    assert!(exit == 0 && told["pictures"].as_f64() >= Some(3.0) && told["dropped"] == 0, "{told}");
+    assert!(folder.join("film/clip.csv").is_file());
+    let (exit, told) = shoot("scan --out shots");
+    assert!(exit == 2 && told["reasons"].to_string().contains("standing parked"), "the arm is in the way: {told}");
+    assert!(json(folder, "doctor --cell cell/cell.toml").1.to_string().contains("idle"));
+
+    service.done(START);
+    service.wait("work", |service| service.state() == "execute");
+    let (exit, told) = shoot("corner --out during");
+    assert!(exit == 2 && told["reasons"].to_string().contains("the cell is at work"), "{told}");
+    assert!(!folder.join("during").exists());
+    service.reach("complete");
+    assert_eq!(service.done("state")["verdict"], "pass", "nobody disturbed it");
+
+    // The arm is parked now.
+    let (exit, told) = shoot("scan --out shots");
+    assert!(exit == 0 && told["shots"][0]["points"].as_f64() > Some(10_000.0), "{told}");
+    let is_there = |ending: &str| folder.join(format!("shots/scan_0001.{ending}")).is_file();
+    assert!(["pcd", "ply", "png"].into_iter().all(is_there));
+    let axes = service.done("state")["axes_deg"].as_array().map(Vec::len);
+    assert_eq!(axes, Some(6), "and where it stands is told");
+}
+
 /// Two cycles on one service; the second is left by a hold and a stop, and the service by SIGTERM. The cameras are
 /// verified while it runs.
 #[test]

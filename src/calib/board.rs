@@ -128,6 +128,11 @@ impl Board {
         self.square_mm
     }
 
+    /// Is it a chessboard, without markers?
+    pub fn is_chessboard(&self) -> bool {
+        self.markers().is_none() && self.circles().is_none()
+    }
+
     /// Its markers; `None` for a board without.
     pub fn markers(&self) -> Option<&Charuco> {
         match &self.pattern {

@@ -8,6 +8,7 @@ use super::load::CellFiles;
 use super::outcome::Outcome;
 use super::part;
 use crate::daemon::{Exit, MOST_BYTES, PartNames, RecordIn, Reply, Wish};
+use crate::geometry::Joints;
 use serde_json::{Map, Value, json};
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -45,6 +46,11 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
 /// How the service stands, where one answers.
 pub(super) fn state_of(socket: &Path) -> Option<String> {
     ask(socket, &Wish::State {}).ok()?.state.map(|state| state.to_string())
+}
+
+/// Where the arm's axes stand, where a service answers and knows it.
+pub(super) fn axes_of(socket: &Path) -> Option<Joints> {
+    ask(socket, &Wish::State {}).ok()?.axes_deg.map(Joints::from)
 }
 
 fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
@@ -120,11 +126,12 @@ pub(super) fn ask(socket: &Path, wish: &Wish) -> Result<Reply, Fault> {
 /// What scripts read of an answer.
 pub(super) fn object(reply: &Reply) -> Map<String, Value> {
     let Reply { answer, state, phase, epoch, cycle_id, verdict, recording, reasons, done, .. } = reply;
-    let Reply { panel, pass, film_s, waypoint, of, page, .. } = reply;
+    let Reply { panel, pass, film_s, waypoint, of, page, axes_deg, .. } = reply;
     let json = json!({
         "verdict": verdict, "reasons": reasons, "answer": answer, "state": state, "phase": phase, "epoch": epoch,
         "cycle_id": cycle_id, "recording": recording, "panel": panel, "pass": pass, "film_s": film_s,
         "waypoint": waypoint, "of": of, "page": page, "done": done,
+        "axes_deg": axes_deg,
     });
     json.as_object().cloned().unwrap_or_else(Map::new)
 }

@@ -124,12 +124,12 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
-    /// The service holds the cameras.
-    #[error("the service that runs on this cell has its cameras, and is {state}; stop the service first")]
-    CamerasAreTaken {
-        /// What the service does.
-        state: String,
-    },
+    /// A live calibration without a camera.
+    #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
+    NoLiveCamera,
+    /// A board that is not simulated.
+    #[error("the simulated cell has chessboards alone: --board COLUMNSxROWS with --square-mm")]
+    NoSimulatedBoard,
     /// A film would be written over another one.
     #[error("{} holds a film already, clip.csv or 00001.png; name another folder", folder.display())]
     ClipIsThere {

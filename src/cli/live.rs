@@ -25,8 +25,7 @@ use crate::geometry::{Joints, PinholeCamera};
 use crate::sim;
 use serde_json::{Value, json};
 
-/// The cell's cameras, whatever they are.
-pub type Eyes = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
+pub use crate::daemon::AllCameras as Eyes;
 
 /// The cell's devices.
 pub struct Live {
@@ -181,9 +180,17 @@ pub fn gige_camera(_: &Cell, _: &cell::Gige, _: &PinholeCamera) -> Result<Box<dy
 /// # Errors
 /// As [`Live::start`].
 pub fn robot_alone(cell: &Cell) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
+    robot_alone_at(cell, None)
+}
+
+/// The same; a mock arm stands there.
+///
+/// # Errors
+/// As [`Live::start`].
+pub fn robot_alone_at(cell: &Cell, stands: Option<Joints>) -> Result<(LinkedRobot, Option<Simulated>), Fault> {
     let world = || sim::Cell::new(1, sim::Scene::Good, SMALLEST);
     let simulated = match cell.robot().kind() {
-        RobotKind::Mock => Some(Simulated::start(cell, world())?),
+        RobotKind::Mock => Some(Simulated::started(cell, world(), stands)?),
         RobotKind::Eki => None,
     };
     Ok((linked(cell, simulated.as_ref())?, simulated))

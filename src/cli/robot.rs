@@ -166,6 +166,16 @@ fn pose(text: &str) -> Result<KukaPose, Fault> {
     Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
 }
 
+/// A pose that a person wrote: X,Y,Z,A,B,C in mm and degrees.
+///
+/// # Errors
+/// What is wrong with it, and what is allowed.
+pub(super) fn pose_of(text: &str) -> Result<KukaPose, String> {
+    let [x_mm, y_mm, z_mm, a_deg, b_deg, c_deg] =
+        six(text).map_err(|problem| format!("{problem}; allowed are X,Y,Z,A,B,C in mm and degrees"))?;
+    Ok(KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg })
+}
+
 fn six(text: &str) -> Result<[f64; 6], String> {
     let numbers: Vec<f64> = text
         .split(',')

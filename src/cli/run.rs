@@ -14,7 +14,8 @@ use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
     self, Beside, Desk, EndedCycle, Inbox, Letter, Letters, Loader, Order, RecordIn, Recorded, Recording,
-    Requests as _, Robot as _, Service, Site, Socket, Started, StoreRecord, Taped, Taping, WrittenPage,
+    Requests as _, Robot as _, Service, SharedCameras, Site, Socket, Started, StoreRecord, Taped, Taping,
+    WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
@@ -58,13 +59,16 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let path = files.socket();
     supervisor.watch(live.robot.watched());
     let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
-    let socket = Socket::listen(&path, tell, loader, &supervisor).map_err(Fault::stage)?;
+    let cameras = SharedCameras::new(live.eyes, files.cell.arm(), live.robot.last_state());
+    let lent = Some(cameras.clone());
+    let socket = Socket::listen(&path, tell, (loader, lent.clone()), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());
     let left_open = store.open_cycles().map_err(Fault::stage)?.pop();
     let (ended, pages) = mpsc::channel();
     let written = WrittenPage::default();
     let pages = write_pages(files.clone(), pages, written.clone())?;
-    let beside = Beside { taping: taping.clone(), supervisor: supervisor.clone(), pages: ended, written };
+    let beside =
+        Beside { taping: taping.clone(), supervisor: supervisor.clone(), pages: ended, written, cameras: lent };
     let mut desk = Desk::new(letters, left_open, beside);
     // Also what an earlier start found, while nobody has cleared it.
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
@@ -78,7 +82,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let mut record = StoreRecord::new(&mut store, left_open);
     let service = Service {
         robot: &mut Taped::new(&mut live.robot, taping.clone()),
-        eyes: Box::new(Taped::new(Box::new(live.eyes), taping.clone())),
+        eyes: Box::new(Taped::new(Box::new(cameras), taping.clone())),
         readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
         keep,
         record: &mut Taped::new(&mut record, taping.clone()),
@@ -106,7 +110,7 @@ fn opened(files: &CellFiles, (tell, letters): (&Letters, &Inbox)) -> Result<Opti
         opened => return opened.map(Some).map_err(Fault::stage),
     };
     let refuse: Arc<Loader> = Arc::new(move |_: Started| Err(vec![Reason::new("disk_full", full.clone())]));
-    let socket = Socket::listen(&files.socket(), tell.clone(), refuse, &Supervisor::default());
+    let socket = Socket::listen(&files.socket(), tell.clone(), (refuse, None), &Supervisor::default());
     if let Err(error) = &socket {
         tracing::warn!("nobody can ask meanwhile: {error}");
     }

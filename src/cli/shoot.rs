@@ -4,26 +4,30 @@ mod film;
 pub mod opening;
 
 use super::args::{Common, Shoot, Shot};
+use super::disk;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use super::{ctl, disk};
-use crate::devices::cameras::{PictureQuality, ScanQuality};
+use crate::devices::cameras::{Conditions, PictureQuality, ScanQuality};
 use crate::files;
 use crate::geometry::{ColorPicture, KukaPose};
 use crate::verdict::Judgement;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Takes what is asked for and writes it; what was there already stays.
+impl Shoot {
+    fn wanted(&self) -> opening::Wanted {
+        opening::Wanted { shot: self.what, simulation: self.simulation }
+    }
+}
+
+/// Takes what is asked for and writes it; what was there already stays. Where the service has the cameras, it takes the
+/// pictures.
 ///
 /// # Errors
-/// Where the service has the cameras, a camera does not deliver, or the disk refuses.
+/// Where a cycle is under way, a camera does not deliver, or the disk refuses.
 pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    if let Some(state) = ctl::state_of(&files.socket()) {
-        return Err(Fault::CamerasAreTaken { state });
-    }
     let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
     match args.what {
         Shot::Scan => scans(args, &files, &mut outcome, progress)?,
@@ -42,7 +46,7 @@ fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
 }
 
 fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    let mut opened = opening::scanner(files, args, progress)?;
+    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     let mut all = Vec::new();
     for _ in 0..args.count {
         let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
@@ -66,43 +70,45 @@ fn scans(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn 
         ));
         outcome.say(format!("  {}", words(&of_picture)));
         let mut told = quality_json(&names, size_px, shot.time_s, &of_picture);
+        conditions(outcome, &mut told, opened.camera.conditions());
         told["points"] = json!(scan.points);
         told["missing_share"] = json!(scan.missing_share);
         told["depth_mm"] = json!(scan.depth_mm);
         all.push(told);
     }
     listed(outcome, all);
-    opened.tell(outcome);
     Ok(())
 }
 
 fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    let mut opened = opening::scanner(files, args, progress)?;
+    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     let mut all = Vec::new();
     for _ in 0..args.count {
         let shot = opened.camera.capture_2d().map_err(Fault::stage)?;
         let names = free_names(&args.out, "picture", &["png"]);
-        all.push(kept(outcome, &names, &shot.picture, shot.time_s)?);
+        let mut told = kept(outcome, &names, &shot.picture, shot.time_s)?;
+        conditions(outcome, &mut told, opened.camera.conditions());
+        all.push(told);
     }
     listed(outcome, all);
-    opened.tell(outcome);
     Ok(())
 }
 
 fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
-    let mut opened = opening::flange_camera(files, args, progress)?;
+    let mut opened = opening::flange_camera(files, &args.wanted(), progress)?;
     let mut all = Vec::new();
     for _ in 0..args.count {
         let shot = opened.camera.capture().map_err(Fault::stage)?;
         let names = free_names(&args.out, "corner", &["png", "json"]);
-        all.push(kept(outcome, &names[..1], &shot.picture, shot.time_s)?);
+        let mut told = kept(outcome, &names[..1], &shot.picture, shot.time_s)?;
+        conditions(outcome, &mut told, opened.camera.conditions());
+        all.push(told);
         match shot.base_from_flange {
             Some(flange) => disk::write(&names[1], files::write_pose(&KukaPose::from_rigid(&flange)))?,
             None => outcome.say("  the camera does not know where the flange was: write it down from the pendant"),
         }
     }
     listed(outcome, all);
-    opened.tell(outcome);
     Ok(())
 }
 
@@ -124,6 +130,22 @@ fn kept(outcome: &mut Outcome, names: &[PathBuf], picture: &ColorPicture, time_s
     outcome.say(format!("{}: {}×{} px", names[0].display(), picture.width, picture.height));
     outcome.say(format!("  {}", words(&quality)));
     Ok(quality_json(names, [picture.width, picture.height], time_s, &quality))
+}
+
+/// What the camera tells about a shot, in words and for scripts.
+fn conditions(outcome: &mut Outcome, told: &mut Value, conditions: Conditions) {
+    let Conditions { exposure_us, camera_c, throttled_ms } = conditions;
+    (told["exposure_us"], told["camera_c"], told["throttled_ms"]) =
+        (json!(exposure_us), json!(camera_c), json!(throttled_ms));
+    let words = [
+        exposure_us.map(|us| format!("exposed for {:.2} ms", us / 1_000.0)),
+        camera_c.map(|celsius| format!("the camera has {celsius:.1} °C")),
+        throttled_ms.map(|ms| format!("it paused for {ms:.0} ms because it is hot")),
+    ];
+    let words: Vec<String> = words.into_iter().flatten().collect();
+    if !words.is_empty() {
+        outcome.say(format!("  {}", words.join(", ")));
+    }
 }
 
 fn words(quality: &PictureQuality) -> String {

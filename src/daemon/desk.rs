@@ -4,6 +4,7 @@
 //! systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
 
 use super::caller::Caller;
+use super::lending::SharedCameras;
 use super::letters::Inbox;
 use super::ports::{Ask, Order, Requests};
 use super::protocol::{Exit, Reply};
@@ -84,6 +85,8 @@ pub struct Beside {
     pub pages: Sender<EndedCycle>,
     /// The page that was written last.
     pub written: WrittenPage,
+    /// The cameras, which are lent while the cell rests.
+    pub cameras: Option<SharedCameras>,
 }
 
 /// The page that was written last, and whose it is. Clones are the same one.
@@ -198,6 +201,7 @@ impl Desk {
             waypoint: path.map(|intent| intent.done),
             of: path.map(|intent| intent.motion.waypoints),
             page: self.cycle.and_then(|cycle| self.beside.written.of(cycle)),
+            axes_deg: self.beside.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
             epoch: Some(state.epoch),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
@@ -293,10 +297,9 @@ impl Desk {
             tracing::warn!("another signal: abort");
         }
     }
-}
 
-impl Requests for Desk {
-    fn next(&mut self, state: &State) -> Ask {
+    /// What is asked now.
+    fn asked(&mut self, state: &State) -> Ask {
         self.state = *state;
         self.sign.works();
         if let Err(fault) = self.beside.supervisor.check() {
@@ -337,6 +340,19 @@ impl Requests for Desk {
             }
         }
         Ask::Nothing
+    }
+}
+
+impl Requests for Desk {
+    fn next(&mut self, state: &State) -> Ask {
+        if let Some(cameras) = &self.beside.cameras {
+            cameras.cell_is(state);
+        }
+        let ask = self.asked(state);
+        if let (Some(cameras), Ask::For(_) | Ask::Begin(_)) = (&self.beside.cameras, &ask) {
+            cameras.are_needed();
+        }
+        ask
     }
 
     fn who(&self) -> Who {

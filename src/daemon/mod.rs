@@ -16,7 +16,7 @@
 //! stands while something is computed.
 //!
 //! The service around the loop: `socket` (who may ask) · `protocol` (a line in, a line out) · `letters` (what waits, by its
-//! urgency) · `desk` (requests, signals and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
+//! urgency) · `lending` (its cameras, for others, between cycles) · `desk` (requests, signals and systemd, seen from the loop) · `words` (states and refusals for people). `replay` writes down what passes between
 //! loop and ports, and runs a cycle again on it.
 
 mod abrasion;
@@ -33,6 +33,7 @@ mod desk;
 mod figures;
 mod findings;
 mod hearing;
+mod lending;
 mod letters;
 mod moves;
 mod ports;
@@ -58,6 +59,7 @@ mod tests;
 pub use caller::Caller;
 pub use cameras::Cameras;
 pub use desk::{Beside, Desk, EndedCycle, Letter, WrittenPage};
+pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotWish};
 pub use letters::{Inbox, Letters, NotTaken, letters};
 pub use ports::{
     Ask, Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Order, Picture2d, Record, RecordError,

@@ -1,6 +1,7 @@
 //! What the loop needs from outside: a robot, cameras, a record, somebody who asks.
 
 use super::Task;
+use super::lending::LastState;
 use super::replay::ToRecord;
 use crate::cycle::{Event, Id, Motion, Outcome, Refusal, Request, State};
 use crate::devices::robot::BlockingLink;
@@ -326,12 +327,25 @@ pub struct LinkedRobot {
     started: Instant,
     virtual_now: Time,
     follower: Option<Follower>,
+    last: LastState,
 }
 
 impl LinkedRobot {
     /// The robot behind this link, which runs at this pace.
     pub fn new(link: BlockingLink, pace: Pace) -> Self {
-        LinkedRobot { link, pace, started: Instant::now(), virtual_now: Time::default(), follower: None }
+        LinkedRobot {
+            link,
+            pace,
+            started: Instant::now(),
+            virtual_now: Time::default(),
+            follower: None,
+            last: LastState::default(),
+        }
+    }
+
+    /// Where the robot's last state is to be read, now and later.
+    pub fn last_state(&self) -> LastState {
+        self.last.clone()
     }
 
     /// The same with a simulated world around it, which follows what the controller tells. A controller that is no mock is
@@ -377,6 +391,11 @@ impl Robot for LinkedRobot {
 
     fn next(&mut self) -> Option<Report> {
         let report = self.link.next(PATIENCE);
+        match &report {
+            Some(Report::State(state) | Report::Connected { state }) => self.last.is(Some(state)),
+            Some(Report::LinkLost { .. }) => self.last.is(None),
+            _ => {}
+        }
         if let Some(Report::State(state) | Report::Connected { state }) = &report {
             self.virtual_now = Time::at_ms(u64::from(state.time_ms));
             if let Some(follower) = &self.follower {

@@ -9,6 +9,7 @@
 //! refused with what is allowed; nothing of it is done. A recipe goes as its text, so that who asks needs no file that
 //! the service can read. Reads and writes no socket: see `socket`.
 
+use super::lending::ShotWish;
 use super::replay::Recorded;
 use crate::verdict::{Reason, Verdict};
 use serde::{Deserialize, Serialize};
@@ -27,7 +28,7 @@ pub(super) fn may_be_long(beginning: &[u8]) -> bool {
 }
 
 /// What may be asked.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "ask", rename_all = "lowercase", deny_unknown_fields)]
 pub enum Wish {
     /// How things stand.
@@ -66,6 +67,11 @@ pub enum Wish {
     /// A new disc was mounted.
     #[serde(rename = "new-disc")]
     NewDisc {},
+    /// A shot by the cell's cameras, while the cell rests without a cycle. The answer is a stream: see `lending`.
+    Shoot {
+        /// Which.
+        shot: ShotWish,
+    },
 }
 
 /// Which part a cycle is about, as far as it is told.
@@ -180,6 +186,9 @@ pub struct Reply {
     pub of: Option<u32>,
     /// The page of the last cycle, once it is written.
     pub page: Option<PathBuf>,
+    /// Where the arm's axes stand, degrees, while it stands and the link to it lives.
+    #[serde(default)]
+    pub axes_deg: Option<[f64; 6]>,
     /// The robot's last epoch.
     pub epoch: Option<u32>,
     /// The cycle that runs, or ran last since the service started.
@@ -207,6 +216,7 @@ impl Reply {
             waypoint: None,
             of: None,
             page: None,
+            axes_deg: None,
             epoch: None,
             cycle_id: None,
             verdict: None,
@@ -238,12 +248,16 @@ mod tests {
             Wish::State {},
             Wish::Unhold { dried: true },
             Wish::Abort {},
+            Wish::Shoot { shot: ShotWish::Scan },
+            Wish::Shoot { shot: ShotWish::Film { pictures_per_second: 2.5 } },
         ] {
             let line = format!("{}\n", serde_json::to_string(&wish).expect("JSON"));
             assert_eq!(Wish::read(line.as_bytes()), Ok(wish), "{line}");
         }
         assert_eq!(Wish::read(b"{\"ask\":\"unhold\"}\n"), Ok(Wish::Unhold { dried: false }), "wet unless said");
         assert_eq!(Wish::read(b" {\"ask\" : \"hold\"} \r\n"), Ok(Wish::Hold {}));
+        let corner = Wish::read(b"{\"ask\":\"shoot\",\"shot\":\"corner\"}\n");
+        assert_eq!(corner, Ok(Wish::Shoot { shot: ShotWish::Corner }));
     }
 
     /// Each with a word that its message must hold.

@@ -12,6 +12,7 @@ mod places;
 
 use super::caller::Caller;
 use super::desk::{Asked, Letter};
+use super::lending::{self, SharedCameras, ShotWish};
 use super::letters::{Letters, NotTaken};
 use super::ports::Order;
 use super::protocol::{
@@ -103,14 +104,14 @@ pub struct Socket {
 }
 
 impl Socket {
-    /// Listens, and hands what is asked to the desk. The supervisor watches its thread.
+    /// Listens, and hands what is asked to the desk; the cameras are lent where they are. The supervisor watches its thread.
     ///
     /// # Errors
     /// Where somebody answers on this socket already, the file is another, or the system refuses.
     pub fn listen(
         path: &Path,
         letters: Letters,
-        loader: Arc<Loader>,
+        (loader, cameras): (Arc<Loader>, Option<SharedCameras>),
         supervisor: &Supervisor,
     ) -> Result<Self, SocketError> {
         let failed = |doing| {
@@ -130,7 +131,7 @@ impl Socket {
             UnixListener::from_std(listener).map_err(failed("serve"))?
         };
         let thread = thread::Builder::new().name("socket".to_owned());
-        let door = Door { letters, loader, places: Places::default() };
+        let door = Door { letters, loader, cameras, places: Places::default() };
         thread.spawn(move || serve(&runtime, &served, &door, &sign)).map_err(failed("serve"))?;
         supervisor.watch(watched);
         Ok(socket)
@@ -169,6 +170,7 @@ fn clear_the_way(path: &Path) -> Result<(), SocketError> {
 struct Door {
     letters: Letters,
     loader: Arc<Loader>,
+    cameras: Option<SharedCameras>,
     places: Places,
 }
 
@@ -200,25 +202,35 @@ fn serve(runtime: &Runtime, listener: &UnixListener, door: &Door, sign: &Supervi
 
 /// Reads one line, has it answered, and tells the answer.
 async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door) {
-    let mut reading = pin!(read(&stream));
-    let heard = tokio::select! {
-        biased;
-        heard = timeout(CLIENT_PATIENCE, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
-        // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
-        () = place.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+    let heard = {
+        let mut reading = pin!(read(&stream));
+        tokio::select! {
+            biased;
+            heard = timeout(CLIENT_PATIENCE, &mut reading) => heard.unwrap_or(Err(ProtocolError::Slow)),
+            // A line that was written meanwhile is read: who gives way is silent, and a stop is not.
+            () = place.is_wanted() => timeout(LAST_WORD, &mut reading).await.unwrap_or(Err(ProtocolError::GaveWay)),
+        }
     };
     drop(place);
     let reply = match heard {
+        Ok(Wish::Shoot { shot }) => match door.lend(stream, shot, caller) {
+            Ok(()) => return,
+            Err((stream, refused)) => return tell(&stream, &refused).await,
+        },
         Ok(wish) => door.answer(wish, caller).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
             Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
         }
         Err(error) => Reply::refused(Exit::Refused, vec![Reason::new("bad_request", error.to_string())]),
     };
-    let Ok(mut line) = serde_json::to_vec(&reply) else { return };
+    tell(&stream, &reply).await;
+}
+
+async fn tell(stream: &UnixStream, reply: &Reply) {
+    let Ok(mut line) = serde_json::to_vec(reply) else { return };
     line.push(b'\n');
     // Whoever hung up, or does not listen, does not want to know.
-    let _ = timeout(CLIENT_PATIENCE, write(&stream, &line)).await;
+    let _ = timeout(CLIENT_PATIENCE, write(stream, &line)).await;
 }
 
 async fn read(stream: &UnixStream) -> Result<Wish, ProtocolError> {
@@ -257,6 +269,22 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
 }
 
 impl Door {
+    /// Lends the cameras to whoever is at the other end, on a thread of its own; else the connection comes back.
+    fn lend(&self, stream: UnixStream, shot: ShotWish, caller: Caller) -> Result<(), (UnixStream, Reply)> {
+        let Some(cameras) = self.cameras.clone() else {
+            let message = "the service has not opened its cameras yet; ask for the state";
+            return Err((stream, Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)])));
+        };
+        tracing::info!("{} asks: {}", caller.named(), shot.word());
+        let lent = stream.into_std().and_then(|stream| {
+            thread::Builder::new().name("shots".to_owned()).spawn(move || lending::serve(stream, shot, &cameras))
+        });
+        if let Err(error) = lent {
+            tracing::warn!("no shot: {error}");
+        }
+        Ok(())
+    }
+
     async fn answer(&self, wish: Wish, caller: Caller) -> Reply {
         let asked = match wish {
             Wish::State {} => Asked::State,
@@ -281,6 +309,8 @@ impl Door {
             Wish::Clear {} => Asked::For(Request::Clear),
             Wish::Reset {} => Asked::For(Request::Reset),
             Wish::NewDisc {} => Asked::NewDisc,
+            // Whoever wants shots is served elsewhere.
+            Wish::Shoot { .. } => Asked::State,
         };
         let who = match &asked {
             Asked::State => caller,

@@ -129,6 +129,20 @@ impl BoardCell {
         })
     }
 
+    /// What the fixed camera sees, the board on the flange, which is truly here; the robot says so without an error.
+    pub fn fixed_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<Camera> {
+        let camera_from_board =
+            scene::base_from_camera().inverse() * base_from_flange * flange_from_board(&self.print);
+        BoardShot { index, base_from_flange, camera_from_board }
+    }
+
+    /// What the flange camera sees from here, the board in the cell.
+    pub fn flange_view(&self, index: u64, base_from_flange: Rigid<Base, Flange>) -> BoardShot<FlangeCamera> {
+        let base_from_camera = base_from_flange * scene::flange_from_camera();
+        let camera_from_board = base_from_camera.inverse() * base_from_board(&self.print);
+        BoardShot { index, base_from_flange, camera_from_board }
+    }
+
     /// Pictures of the board held near this camera by hand, filling the picture: for the lens.
     pub fn lens_shots<C: Frame>(&self, camera: &PinholeCamera, count: usize) -> Vec<BoardShot<C>> {
         // The whole rim is to fill about 0.8 of the picture's width where it faces the camera.

@@ -1,5 +1,6 @@
 //! Options of `panelprep calibrate`.
 
+use super::super::args::{SceneName, Simulation};
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -17,7 +18,10 @@ pub enum What {
     /// The lens, from pictures of a board (thesis 3.6).
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
-        --pictures target/cell/pictures target/cell/boards/lens/*.png")]
+        --pictures target/cell/pictures target/cell/boards/lens/*.png\n\
+        Example, by pictures that are taken now, one at each Enter:\n  \
+        panelprep calibrate intrinsics --live target/shots --camera flange-camera --board 9x6 --square-mm 25 \
+        --cell target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
     Intrinsics(Intrinsics),
     /// Where a camera is mounted: from three touched points (thesis 3.7), or from many poses.
     #[command(
@@ -29,7 +33,10 @@ pub enum What {
         Example, many poses:\n  \
         panelprep calibrate hand-eye --mount eye-in-hand --board 9x6 --square-mm 25 \
         --intrinsics target/cell/flange_camera.toml --poses target/cell/boards/flange/poses.toml \
-        --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml"
+        --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml\n\
+        Example, by an arm that moves by itself from where it sees the board:\n  \
+        panelprep calibrate hand-eye --live target/poses --move --mount eye-in-hand --board 9x6 --square-mm 25 \
+        --cell target/cell/cell.toml --intrinsics target/cell/flange_camera.toml --out target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
     /// The arm's own errors, from pictures of boards and from touches; without axis angles, a smooth correction.
@@ -163,8 +170,37 @@ pub struct Intrinsics {
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
     /// Pictures of the board.
-    #[arg(required = true, value_name = "IMAGE")]
+    #[arg(required_unless_present = "live", value_name = "IMAGE", conflicts_with = "live")]
     pub images: Vec<PathBuf>,
+    /// Pictures that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
+}
+
+/// Options of a calibration that takes its pictures itself.
+#[derive(Debug, Clone, Args)]
+pub struct LiveArgs {
+    /// Take the pictures now, by the cell's camera, and keep them and their poses in this folder; it says what each shows and
+    /// which one to take next.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
+    /// With --live: the camera; without it, the one that --mount names.
+    #[arg(long, value_enum, requires = "live")]
+    pub camera: Option<CameraName>,
+    /// With --live and poses: the arm moves to them by itself, each through the gate of `panelprep robot move-j`.
+    #[arg(long, requires = "live")]
+    pub r#move: bool,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
+}
+
+impl LiveArgs {
+    /// Nothing is taken now.
+    pub fn none() -> Self {
+        let simulation = Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 };
+        LiveArgs { live: None, camera: None, r#move: false, simulation }
+    }
 }
 
 /// Where the camera sits.
@@ -189,7 +225,7 @@ pub struct HandEye {
     #[arg(long, value_name = "FILE")]
     pub intrinsics: PathBuf,
     /// Three points: the picture of the board, or the 3D camera's shot of it.
-    #[arg(long, value_name = "FILE", conflicts_with = "poses", required_unless_present = "poses")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
     /// Three points: where the corners were touched.
     #[arg(long, value_name = "FILE", conflicts_with = "poses")]
@@ -215,6 +251,9 @@ pub struct HandEye {
     /// Folder for pictures; without it, the folder of `--out`.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+    /// Many poses that are taken now.
+    #[command(flatten)]
+    pub live: LiveArgs,
 }
 
 fn place(text: &str) -> Result<[f64; 3], String> {

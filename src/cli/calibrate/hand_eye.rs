@@ -148,6 +148,7 @@ fn stage<A: Mounted>(args: &Args, common: &Common, progress: &(dyn Fn(&str) + Sy
     }
     if let Some(next) = next_pose(&camera, &board, &stations, &found) {
         outcome.put("next_pose", json!(next.base_from_flange));
+        outcome.put("next_uncertainty_mm", json!(next.uncertainty_mm));
         let text =
             format!("one more pose would help most at {}: ± {:.3} mm", next.base_from_flange, next.uncertainty_mm);
         outcome.say(text);

@@ -9,6 +9,7 @@ mod hand_eye;
 mod history;
 mod in_use;
 mod intrinsics;
+mod live;
 mod over_volume;
 mod robot;
 mod robot_advice;
@@ -38,7 +39,9 @@ use std::path::Path;
 /// Where a file is not what it must be, or the data cannot support a calibration. Nothing is written then.
 pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
     match &args.what {
+        What::Intrinsics(args) if args.live.live.is_some() => live::lens(args, common, progress),
         What::Intrinsics(args) => intrinsics::run(args, progress),
+        What::HandEye(args) if args.live.live.is_some() => live::mount(args, common, progress),
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),
         What::Robot(args) => robot::run(args, common, progress),

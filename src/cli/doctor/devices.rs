@@ -6,11 +6,13 @@ use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::shoot::opening;
 use crate::cli::{ctl, live};
-use crate::daemon::{Single, SingleError};
-use crate::devices::cameras::{CameraError, RecordedFlangeCamera, RecordedScanner};
+use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner, Single, SingleError};
+use crate::devices::cameras::{
+    CameraError, FlangeCamera as _, RecordedFlangeCamera, RecordedScanner, Scanner as _,
+};
 use crate::devices::zivid::Patience;
 use crate::eki::LinkLoss;
-use crate::geometry::PinholeCamera;
+use crate::geometry::{ColorPicture, PinholeCamera};
 
 /// Both cameras, and the sockets that a network camera needs.
 pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
@@ -32,12 +34,13 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
     std::iter::once(scanner).chain(flange_camera).collect()
 }
 
-/// Opens the camera and waits for its first whole picture; where the service has it, the service is asked.
+/// Opens the camera and waits for its first whole picture; where the service has it, the service takes one.
 #[cfg(feature = "gige")]
 fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
     let name = "flange camera";
     if let Some(state) = ctl::state_of(&files.socket()) {
-        return Check::right(name, format!("held by the service, which is {state}"));
+        let taken = BorrowedFlangeCamera::new(files.socket()).capture();
+        return borrowed(name, &state, taken.map(|taken| taken.picture));
     }
     let opened = opening::lens(files.flange_camera()).and_then(|lens| {
         let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
@@ -64,6 +67,20 @@ fn gige_camera(_: &CellFiles, gige: &Gige) -> Check {
     Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\"")
 }
 
+/// A camera that the service has, and what came of asking it for a shot; a cell that is at work is not disturbed.
+fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
+    let holder = format!("held by the service, which is {state}");
+    match taken {
+        Ok(picture) => Check::right(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
+        Err(CameraError::AtWork) => Check::right(name, format!("{holder}; not tried, since the cell is at work")),
+        Err(error) => Check::wrong(
+            name,
+            format!("{holder}: {error}"),
+            "look at its power, cable and address; read the service's log",
+        ),
+    }
+}
+
 fn simulated(name: &str) -> Check {
     Check::right(name, "simulated: its pictures are rendered")
 }
@@ -82,8 +99,9 @@ fn recorded(
 
 /// Starts the camera's worker, opens the camera and takes a shot to warm it up.
 fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
-    if ctl::state_of(&files.socket()).is_some() {
-        return Check::right("scanner", "a Zivid, held by the service that runs");
+    if let Some(state) = ctl::state_of(&files.socket()) {
+        let taken = BorrowedScanner::new(files.socket()).capture_3d();
+        return borrowed("scanner", &state, taken.map(|taken| taken.cloud.picture()));
     }
     let lens = opening::lens(files.scanner());
     let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);

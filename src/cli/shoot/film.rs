@@ -40,7 +40,7 @@ pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     if !(0.0..=args.seconds).contains(&args.wet_from_s) {
         return Err(Fault::NeverWet { wet_from_s: args.wet_from_s, seconds: args.seconds });
     }
-    let mut opened = opening::scanner(files, args, progress)?;
+    let mut opened = opening::scanner(files, &args.wanted(), progress)?;
     progress(&format!("taking pictures for {} s", args.seconds));
     let (pictures, to_write) = sync_channel::<(ClipEntry, Picture)>(WAITING);
     let to_write = Arc::new(Mutex::new(to_write));
@@ -59,7 +59,9 @@ pub fn take(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
     let clip = Clip::new(taken.entries.clone()).map_err(Fault::stage)?;
     disk::write(&list, clip.to_csv())?;
     tell(args, &taken, outcome);
-    opened.tell(outcome);
+    let mut told = json!({});
+    super::conditions(outcome, &mut told, opened.camera.conditions());
+    told.as_object().into_iter().flatten().for_each(|(key, value)| outcome.put(key, value.clone()));
     Ok(())
 }
 

@@ -1,20 +1,22 @@
-//! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is.
+//! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is. Where
+//! the service has it, it is borrowed.
 //!
 //! A driver holds every picture against one size. A camera without a calibration is opened for another size first; it refuses
 //! with the size that it has, and is opened for that one.
 
-use super::super::args::Shoot;
+use super::super::args::{Shot, Simulation};
+use super::super::ctl;
 use super::super::fault::Fault;
 use super::super::live::{self, Simulated};
 use super::super::load::{Calibrated, CellFiles};
-use super::super::outcome::Outcome;
 use super::super::zivid;
 use crate::cell::{self, RobotKind};
+use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner};
 use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner};
 use crate::devices::zivid::{Patience, ZividScanner};
 use crate::geometry::PinholeCamera;
 use crate::sim;
-use serde_json::json;
+use std::path::PathBuf;
 
 /// A camera, with what was learned while it was opened.
 pub struct Opened<C> {
@@ -22,22 +24,20 @@ pub struct Opened<C> {
     pub camera: C,
     /// The simulated world that it looks at, where it does.
     pub simulated: Option<Simulated>,
-    /// Temperature of its lens, °C.
-    lens_c: Option<f64>,
 }
 
 impl<C> Opened<C> {
     fn of(camera: C) -> Self {
-        Opened { camera, simulated: None, lens_c: None }
+        Opened { camera, simulated: None }
     }
+}
 
-    /// What it told besides its pictures.
-    pub fn tell(&self, outcome: &mut Outcome) {
-        if let Some(celsius) = self.lens_c {
-            outcome.put("lens_c", json!(celsius));
-            outcome.say(format!("temperature of the camera's lens: {celsius:.1} °C"));
-        }
-    }
+/// What is to be taken.
+pub struct Wanted {
+    /// By which camera, and how.
+    pub shot: Shot,
+    /// What a simulated cell shows.
+    pub simulation: Simulation,
 }
 
 /// The lens's calibration; `None` where there is none yet.
@@ -85,13 +85,21 @@ pub fn sized<C>(
 }
 
 /// The simulated world around a mock controller of its own.
-fn simulated(files: &CellFiles, args: &Shoot, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
+fn simulated(files: &CellFiles, wanted: &Wanted, scanner: Option<PinholeCamera>) -> Result<Simulated, Fault> {
     if files.cell.robot().kind() != RobotKind::Mock {
         return Err(Fault::NoWorld);
     }
-    let full = *sim::Cell::new(args.simulation.seed, sim::Scene::Good, 1).scanner();
-    let cell = live::simulated_cell(&scanner.unwrap_or(full), args.simulation)?;
-    Simulated::start_parked(&files.cell, cell, args.what.needs_light())
+    let full = *sim::Cell::new(wanted.simulation.seed, sim::Scene::Good, 1).scanner();
+    let cell = live::simulated_cell(&scanner.unwrap_or(full), wanted.simulation)?;
+    Simulated::start_parked(&files.cell, cell, wanted.shot.needs_light())
+}
+
+/// The socket of the service, where it runs and has this camera. A recording is played by whoever opens it.
+fn service(files: &CellFiles, is_recorded: bool, progress: &dyn Fn(&str)) -> Option<PathBuf> {
+    let socket = files.socket();
+    let state = if is_recorded { None } else { ctl::state_of(&socket) }?;
+    progress(&format!("the service, which is {state}, takes the pictures"));
+    Some(socket)
 }
 
 /// The fixed 3D camera.
@@ -100,19 +108,23 @@ fn simulated(files: &CellFiles, args: &Shoot, scanner: Option<PinholeCamera>) ->
 /// Where it cannot be opened.
 pub fn scanner(
     files: &CellFiles,
-    args: &Shoot,
+    wanted: &Wanted,
     progress: &dyn Fn(&str),
 ) -> Result<Opened<Box<dyn Scanner>>, Fault> {
+    let is_recorded = matches!(files.cell.scanner(), cell::Camera::Recorded { .. });
+    if let Some(socket) = service(files, is_recorded, progress) {
+        return Ok(Opened::of(Box::new(BorrowedScanner::new(socket))));
+    }
     let lens = lens(files.scanner())?;
     match files.cell.scanner() {
         cell::Camera::Simulated => {
-            let simulated = simulated(files, args, lens)?;
+            let simulated = simulated(files, wanted, lens)?;
             let camera: Box<dyn Scanner> = Box::new(simulated.cameras().0);
-            Ok(Opened { simulated: Some(simulated), ..Opened::of(camera) })
+            Ok(Opened { simulated: Some(simulated), camera })
         }
         cell::Camera::Recorded { folder } => {
             let open = |lens: &PinholeCamera| RecordedScanner::open(folder, *lens).map_err(Fault::stage);
-            let look = |camera: &mut RecordedScanner| match args.what.is_scan() {
+            let look = |camera: &mut RecordedScanner| match wanted.shot.is_scan() {
                 true => camera.capture_3d().map(drop),
                 false => camera.capture_2d().map(drop),
             };
@@ -126,8 +138,7 @@ pub fn scanner(
             };
             let (mut scanner, _) = sized(lens, open, ready)?;
             ready(&mut scanner).map_err(Fault::stage)?;
-            let lens_c = scanner.temperatures().map_err(Fault::stage)?.lens_c;
-            Ok(Opened { lens_c, ..Opened::of(Box::new(scanner)) })
+            Ok(Opened::of(Box::new(scanner)))
         }
     }
 }
@@ -138,15 +149,19 @@ pub fn scanner(
 /// Where it cannot be opened.
 pub fn flange_camera(
     files: &CellFiles,
-    args: &Shoot,
+    wanted: &Wanted,
     progress: &dyn Fn(&str),
 ) -> Result<Opened<Box<dyn FlangeCamera>>, Fault> {
+    let is_recorded = matches!(files.cell.flange_camera(), cell::Camera::Recorded { .. });
+    if let Some(socket) = service(files, is_recorded, progress) {
+        return Ok(Opened::of(Box::new(BorrowedFlangeCamera::new(socket))));
+    }
     let own = lens(files.flange_camera())?;
     match files.cell.flange_camera() {
         cell::Camera::Simulated => {
-            let simulated = simulated(files, args, lens(files.scanner())?)?;
+            let simulated = simulated(files, wanted, lens(files.scanner())?)?;
             let camera: Box<dyn FlangeCamera> = Box::new(simulated.cameras().1);
-            Ok(Opened { simulated: Some(simulated), ..Opened::of(camera) })
+            Ok(Opened { simulated: Some(simulated), camera })
         }
         cell::Camera::Recorded { folder } => {
             let open = |lens: &PinholeCamera| RecordedFlangeCamera::open(folder, *lens).map_err(Fault::stage);

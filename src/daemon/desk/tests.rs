@@ -12,7 +12,7 @@ fn desk() -> (Letters, Desk) {
 
 fn beside(pages: Sender<EndedCycle>) -> Beside {
     let taping = Taping::new("store".as_ref(), true);
-    Beside { taping, supervisor: Supervisor::default(), pages, written: WrittenPage::default() }
+    Beside { taping, supervisor: Supervisor::default(), pages, written: WrittenPage::default(), cameras: None }
 }
 
 fn at(at: At) -> State {

@@ -86,6 +86,15 @@ pub enum CameraError {
     /// A picture from the flange while it moves.
     #[error("a picture of the flange camera is taken with the arm standing, and it moves")]
     ArmMoves,
+    /// The service has the cameras, and gives no picture.
+    #[error("the service, which has the cameras: {problem}")]
+    Service {
+        /// What it says, or what became of the connection to it.
+        problem: String,
+    },
+    /// The service has the cameras, and the cell is at work.
+    #[error("the service has the cameras, and the cell is at work; ask again when the cycle has ended")]
+    AtWork,
     /// The Zivid, in the words of the fault model.
     #[error(transparent)]
     Zivid(#[from] ZividFault),

@@ -1,7 +1,7 @@
 //! GigE Vision cameras as flange cameras: a real one, and the simulated one over the loopback interface.
 
 use super::bayer::FORMAT;
-use super::{CameraError, FlangeCamera, FlangePicture, SimulatedFlangeCamera, Which};
+use super::{CameraError, Conditions, FlangeCamera, FlangePicture, SimulatedFlangeCamera, Which};
 use crate::cell::Gige;
 use crate::devices::gige::{
     self, Exposing, Frame, Gauge, GigeCamera, GigeError, LoopbackCamera, NoLoopback, PixelFormat, Settings,
@@ -15,6 +15,7 @@ use std::time::Instant;
 #[derive(Debug)]
 pub struct GigeFlangeCamera {
     camera: GigeCamera,
+    exposure_us: Option<f64>,
     began: Instant,
 }
 
@@ -50,7 +51,7 @@ impl GigeFlangeCamera {
         if let Some(short) = socket_buffer_short_of(needed) {
             tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
         }
-        Ok(GigeFlangeCamera { camera: opened(settings)?, began: Instant::now() })
+        Ok(GigeFlangeCamera { camera: opened(settings)?, exposure_us: cell.exposure_us, began: Instant::now() })
     }
 
     /// What its link has counted, now and later.
@@ -67,6 +68,10 @@ impl FlangeCamera for GigeFlangeCamera {
 
     fn check(&mut self) -> Result<(), CameraError> {
         self.camera.check().map_err(failed)
+    }
+
+    fn conditions(&self) -> Conditions {
+        Conditions { exposure_us: self.exposure_us, ..Conditions::default() }
     }
 }
 

@@ -4,11 +4,13 @@
 //! of whoever took them; a picture of a played or simulated flange camera carries where the flange was.
 //!
 //! - [`SimulatedScanner`], [`SimulatedFlangeCamera`]: the renderer, looking at the simulated world
+//! - [`SimulatedBoards`]: the same cameras before a calibration board
 //! - [`RecordedScanner`], [`RecordedFlangeCamera`]: a folder, one file a capture
 //! - [`GigeFlangeCamera`]: a GigE Vision camera on the flange · [`LoopbackFlangeCamera`], [`BayerFlangeCamera`]: the
 //!   simulated one behind a colour sensor's filters, with and without a network between
 
 mod bayer;
+mod boards;
 mod error;
 #[cfg(feature = "gige")]
 mod gige;
@@ -17,6 +19,7 @@ mod recorded;
 mod simulated;
 
 pub use bayer::BayerFlangeCamera;
+pub use boards::{BoardView, SimulatedBoards};
 pub use error::{CameraError, FileError, Which};
 #[cfg(feature = "gige")]
 pub use gige::{GigeFlangeCamera, LoopbackFlangeCamera};
@@ -25,6 +28,7 @@ pub use recorded::{RecordedFlangeCamera, RecordedScanner};
 pub use simulated::{Arm, SimulatedFlangeCamera, SimulatedScanner, simulated};
 
 use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
+use serde::{Deserialize, Serialize};
 
 /// A shot of the 3D camera.
 #[derive(Debug, Clone)]
@@ -53,6 +57,18 @@ pub struct FlangePicture {
     pub base_from_flange: Option<Rigid<Base, Flange>>,
     /// When, s.
     pub time_s: f64,
+}
+
+/// What a camera tells about its last shot, each where it tells it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Conditions {
+    /// How long it was exposed, µs; of several exposures all together.
+    pub exposure_us: Option<f64>,
+    /// The temperature of its lens or, where it has no such sensor, of its housing, °C.
+    pub camera_c: Option<f64>,
+    /// How long the camera paused before the shot because it is hot, ms.
+    pub throttled_ms: Option<f64>,
 }
 
 /// The fixed 3D camera.
@@ -97,6 +113,11 @@ pub trait Scanner: Send {
 
     /// Waits while the camera is being started, which may take minutes; how it stands then is for [`Scanner::check`].
     fn warm(&mut self) {}
+
+    /// What it tells about its last shot.
+    fn conditions(&self) -> Conditions {
+        Conditions::default()
+    }
 }
 
 /// The colour camera on the flange, with a lamp of its own.
@@ -112,6 +133,11 @@ pub trait FlangeCamera: Send {
     /// # Errors
     /// Where it would not.
     fn check(&mut self) -> Result<(), CameraError>;
+
+    /// What it tells about its last shot.
+    fn conditions(&self) -> Conditions {
+        Conditions::default()
+    }
 }
 
 impl<S: Scanner + ?Sized> Scanner for Box<S> {
@@ -142,6 +168,10 @@ impl<S: Scanner + ?Sized> Scanner for Box<S> {
     fn warm(&mut self) {
         (**self).warm();
     }
+
+    fn conditions(&self) -> Conditions {
+        (**self).conditions()
+    }
 }
 
 impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
@@ -151,6 +181,10 @@ impl<C: FlangeCamera + ?Sized> FlangeCamera for Box<C> {
 
     fn check(&mut self) -> Result<(), CameraError> {
         (**self).check()
+    }
+
+    fn conditions(&self) -> Conditions {
+        (**self).conditions()
     }
 }
 

@@ -88,7 +88,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
     let link = BlockingLink::start(address, link_limits(&cell), Pace::Wall).expect("a link");
     let (letters, inbox) = daemon::letters();
     let loader: Arc<daemon::Loader> = Arc::new(|_| Err(vec![]));
-    let _socket = Socket::listen(&socket, letters.clone(), loader, &supervisor).expect("a socket");
+    let _socket = Socket::listen(&socket, letters.clone(), (loader, None), &supervisor).expect("a socket");
     let service = {
         let supervisor = supervisor.clone();
         std::thread::spawn(move || {

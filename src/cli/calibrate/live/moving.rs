@@ -1,0 +1,228 @@
+//! Poses that the arm moves to by itself.
+//!
+//! A person brings the arm to where the camera sees the board. From there the flange is turned and shifted about a point at the
+//! board's distance, until enough pictures show the board for a first mount; from then on each pose is the one that makes the
+//! mount's stated error smallest, until another one is not worth it. Each move goes through the gate of `panelprep robot move-j`;
+//! a pose that it refuses is left out.
+
+use super::super::super::fault::Fault;
+use super::super::super::live;
+use super::super::super::load::CellFiles;
+use super::super::super::outcome::Outcome;
+use super::super::args::HandEye;
+use super::session::{Asked, Pose, Session, tell};
+use super::view::{self, View};
+use crate::calib::{Board, Seen, board_pose, detect};
+use crate::cell::{Camera, RobotKind};
+use crate::daemon::{Single, SingleError};
+use crate::devices::cameras::BoardView;
+use crate::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
+use crate::path::{Kinematics, reach};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// The arm's axes move at this share of their speed, %.
+const AXIS_PERCENT: u8 = 10;
+/// Pictures of one session.
+const MOST: usize = 30;
+/// Pictures that show the board, before a mount is computed.
+const FIRST: usize = 8;
+/// The poses about the first one: turns about X, Y and Z of the flange, degrees, and shifts, mm.
+const ABOUT: [([f64; 3], [f64; 3]); 14] = [
+    ([18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ([-18.0, 0.0, 0.0], [0.0, 0.0, 0.0]),
+    ([0.0, 18.0, 0.0], [0.0, 0.0, 0.0]),
+    ([0.0, -18.0, 0.0], [0.0, 0.0, 0.0]),
+    ([0.0, 0.0, 30.0], [0.0, 0.0, 0.0]),
+    ([0.0, 0.0, -30.0], [0.0, 0.0, 0.0]),
+    ([12.0, 12.0, 20.0], [0.0, 0.0, 20.0]),
+    ([-12.0, 12.0, -20.0], [0.0, 0.0, -20.0]),
+    ([12.0, -12.0, 0.0], [25.0, 0.0, 0.0]),
+    ([-12.0, -12.0, 0.0], [0.0, 25.0, 0.0]),
+    ([8.0, 0.0, 15.0], [-25.0, 0.0, 0.0]),
+    ([0.0, 8.0, -15.0], [0.0, -25.0, 0.0]),
+    ([-8.0, 0.0, 45.0], [0.0, 0.0, 0.0]),
+    ([0.0, -8.0, -45.0], [0.0, 0.0, 0.0]),
+];
+
+/// Takes pictures from pose to pose.
+///
+/// # Errors
+/// Where the robot does not do what it must, the camera does not deliver, or the disk refuses.
+pub fn run(
+    (args, cell, kind): (&HandEye, &CellFiles, BoardView),
+    (board, camera): (&Board, PinholeCamera),
+    session: &mut Session<'_>,
+    (so_far, progress): (&dyn Fn() -> Result<Outcome, Fault>, &(dyn Fn(&str) + Sync)),
+) -> Result<(), Fault> {
+    cell.require(crate::requirements::Purpose::Robot)?;
+    let is_mock = cell.cell.robot().kind() == RobotKind::Mock;
+    // Whoever holds the store may be moving the robot.
+    let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;
+    let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
+    let (mut robot, simulated) = live::robot_alone_at(&cell.cell, starts)?;
+    let is_seen_simulated = match kind {
+        BoardView::Fixed | BoardView::FixedByHand => matches!(cell.cell.scanner(), Camera::Simulated),
+        BoardView::Flange | BoardView::FlangeByHand => matches!(cell.cell.flange_camera(), Camera::Simulated),
+    };
+    let mut view = match &simulated {
+        Some(simulated) if is_seen_simulated => {
+            let arm = Some(simulated.server.handle());
+            View::Boards(view::simulated((kind, board), (&args.live, Some(camera)), arm)?)
+        }
+        _ => View::open(cell, (kind, board), (&args.live, Some(camera)), progress)?,
+    };
+    let mut single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
+    tell(&format!(
+        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {MOST} poses about where it stands. Look that \
+         the way is free, and keep a hand on the enabling switch or the emergency stop."
+    ));
+    if session.ask()? == Asked::Done {
+        return Ok(());
+    }
+    let mut tour = Tour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
+    let first = tour.stands();
+    look(&mut view, &tour, session)?;
+    let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
+    let mut variations = ABOUT.iter().map(|change| varied(&first.base_from_flange, about_mm, change));
+    while session.taken() < MOST {
+        let known = if session.found() >= FIRST { Some(so_far()?) } else { None };
+        if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
+            return Ok(());
+        }
+        let proposed = known.as_ref().and_then(super::next_pose);
+        let is_there = match proposed {
+            Some(pose) => tour.goes_to(&pose.to_rigid())?,
+            None => false,
+        };
+        if !is_there {
+            let Some(next) = variations.next() else {
+                tell("no further pose: the others are out of the arm's reach or refused by its gate");
+                return Ok(());
+            };
+            if !tour.goes_to(&next)? {
+                continue;
+            }
+        }
+        look(&mut view, &tour, session)?;
+    }
+    Ok(())
+}
+
+/// The arm on its way from pose to pose.
+struct Tour<'t, 's> {
+    single: &'t mut Single<'s>,
+    cell: &'t CellFiles,
+    arm: Kinematics,
+}
+
+impl Tour<'_, '_> {
+    /// Where the arm stands, as the controller computes it.
+    fn stands(&self) -> Pose {
+        let joints = self.single.state().joints;
+        let base_from_flange =
+            self.arm.drawn_flange(&joints).unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
+        Pose { base_from_flange, joints: Some(joints) }
+    }
+
+    /// Moves there, by the way that needs the least of the axes; false where no way leads there or the gate refuses.
+    fn goes_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
+        let now = self.single.state().joints.degrees();
+        let far_deg = |joints: &Joints| {
+            joints.degrees().iter().zip(now).map(|(there, here)| (there - here).abs()).fold(0.0, f64::max)
+        };
+        let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
+        ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
+        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MOST_TURN_DEG) else { return Ok(false) };
+        match self.single.move_joints(*joints, AXIS_PERCENT, &self.cell.cell) {
+            Ok(()) => Ok(true),
+            Err(SingleError::Gate(judgement)) => {
+                let why = judgement.reasons.first().map_or(String::new(), |reason| reason.message.to_string());
+                tell(&format!("a pose is left out: {why}"));
+                Ok(false)
+            }
+            Err(error) => Err(Fault::stage(error)),
+        }
+    }
+}
+
+/// A pose that needs a larger turn of an axis is another posture of the arm, and its way there goes far through the cell.
+const MOST_TURN_DEG: f64 = 90.0;
+
+fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
+    let (picture, _) = view.take()?;
+    session.keep(&picture, Some(&tour.stands()))
+}
+
+/// How far along the flange's Z axis the board is: where the camera is on the flange, as far as the first picture shows the board
+/// to be from the camera. The board on the flange is turned about the flange itself.
+fn distance_mm(
+    pictures: &[std::path::PathBuf],
+    kind: BoardView,
+    (camera, board): (&PinholeCamera, &Board),
+    args: &HandEye,
+) -> Result<f64, Fault> {
+    if matches!(kind, BoardView::Fixed | BoardView::FixedByHand) {
+        return Ok(0.0);
+    }
+    let Some(first) = pictures.first() else { return Ok(0.0) };
+    let sight = super::super::sight::Sight::read(first, camera)?;
+    let found =
+        detect::detect(&sight.name, &sight.gray, board, super::super::window(&args.board)).map_err(Fault::stage)?;
+    let seen: Seen<geometry::FlangeCamera> = Seen::Pixels(found.corners);
+    let posed = board_pose(camera, &seen).map_err(Fault::stage)?;
+    Ok((posed.camera_from_board * board.middle()).mm.z)
+}
+
+/// The flange, turned about a point so far before it and shifted.
+fn varied(
+    base_from_flange: &Rigid<Base, Flange>,
+    about_mm: f64,
+    (turn_deg, shift_mm): &([f64; 3], [f64; 3]),
+) -> Rigid<Base, Flange> {
+    let turn = UnitQuaternion::from_scaled_axis(Vector3::from(turn_deg.map(|deg| Degrees(deg).rad())));
+    let about = Translation3::new(0.0, 0.0, about_mm);
+    let moved: Isometry3<f64> = Translation3::from(Vector3::from(*shift_mm)) * about * turn * about.inverse();
+    *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
+}
+
+/// Where a person has brought the simulated arm before: it sees the board.
+fn first_pose(
+    (args, cell, kind): (&HandEye, &CellFiles, BoardView),
+    board: &Board,
+    camera: PinholeCamera,
+) -> Result<Option<Joints>, Fault> {
+    let boards = view::board_cell((kind, board), (&args.live, Some(camera)))?;
+    let flanges: Vec<Rigid<Base, Flange>> = match kind {
+        BoardView::Fixed | BoardView::FixedByHand => {
+            boards.fixed_shots(20).iter().map(|shot| shot.base_from_flange).collect()
+        }
+        BoardView::Flange | BoardView::FlangeByHand => {
+            boards.flange_shots(20).iter().map(|shot| shot.base_from_flange).collect()
+        }
+    };
+    let arm = Kinematics::new(cell.cell.arm());
+    let within =
+        |flange: &Rigid<Base, Flange>| reach::postures(&arm, flange, Point::at(0.0, 0.0, 0.0)).into_iter().next();
+    Ok(flanges.iter().find_map(within))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A quarter turn about Z at 100 mm leaves the flange where it is; about X it comes to the side of that point.
+    #[test]
+    fn the_flange_is_turned_about_the_board() {
+        let start: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(500.0, 0.0, 300.0));
+        let at = |turn_deg, shift_mm| {
+            let moved = varied(&start, 100.0, &(turn_deg, shift_mm));
+            (moved * Point::<Flange>::at(0.0, 0.0, 0.0)).mm
+        };
+        let near = |a: nalgebra::Point3<f64>, b: [f64; 3]| (a - nalgebra::Point3::from(b)).norm() < 1e-9;
+        assert!(near(at([0.0, 0.0, 90.0], [0.0; 3]), [500.0, 0.0, 300.0]));
+        assert!(near(at([90.0, 0.0, 0.0], [0.0; 3]), [500.0, 100.0, 400.0]));
+        assert!(near(at([0.0; 3], [1.0, 2.0, 3.0]), [501.0, 2.0, 303.0]));
+        let board = varied(&start, 100.0, &([20.0, -30.0, 40.0], [0.0; 3])) * Point::<Flange>::at(0.0, 0.0, 100.0);
+        assert!(near(board.mm, [500.0, 0.0, 400.0]), "the point itself stays: {board:?}");
+    }
+}

@@ -1,0 +1,102 @@
+//! The camera of a session: the cell's own, or in a simulated cell one that looks at a board.
+
+use super::super::super::args::Shot;
+use super::super::super::fault::Fault;
+use super::super::super::load::CellFiles;
+use super::super::super::shoot::opening::{self, Wanted};
+use super::super::args::LiveArgs;
+use crate::calib::Board;
+use crate::cell::Camera;
+use crate::devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
+use crate::devices::mock::MockHandle;
+use crate::geometry::{Base, ColorPicture, Flange, PinholeCamera, Rigid};
+use crate::sim::{BoardCell, BoardPrint, RobotNoise};
+
+/// A simulated robot's own errors, as `panelprep render --boards` has them.
+const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+
+/// The camera.
+pub enum View {
+    /// The fixed one, its colour picture.
+    Scanner(Box<dyn Scanner>),
+    /// The one on the flange.
+    Flange(Box<dyn FlangeCamera>),
+    /// A simulated one.
+    Boards(SimulatedBoards),
+}
+
+impl View {
+    /// Opens the camera that the cell's file names; `lens` is known where the camera's size is.
+    ///
+    /// # Errors
+    /// Where it cannot be opened.
+    pub fn open(
+        cell: &CellFiles,
+        (view, board): (BoardView, &Board),
+        (args, lens): (&LiveArgs, Option<PinholeCamera>),
+        progress: &(dyn Fn(&str) + Sync),
+    ) -> Result<Self, Fault> {
+        let is_fixed = matches!(view, BoardView::Fixed | BoardView::FixedByHand);
+        let is_simulated = match is_fixed {
+            true => matches!(cell.cell.scanner(), Camera::Simulated),
+            false => matches!(cell.cell.flange_camera(), Camera::Simulated),
+        };
+        if is_simulated {
+            return Ok(View::Boards(simulated((view, board), (args, lens), None)?));
+        }
+        let wanted =
+            Wanted { shot: if is_fixed { Shot::Picture } else { Shot::Corner }, simulation: args.simulation };
+        Ok(match is_fixed {
+            true => View::Scanner(opening::scanner(cell, &wanted, progress)?.camera),
+            false => View::Flange(opening::flange_camera(cell, &wanted, progress)?.camera),
+        })
+    }
+
+    /// A picture, and where the flange was where the camera's source knows it.
+    ///
+    /// # Errors
+    /// Where the camera does not deliver.
+    pub fn take(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
+        Ok(match self {
+            View::Scanner(camera) => (camera.capture_2d().map_err(Fault::stage)?.picture, None),
+            View::Flange(camera) => {
+                let taken = camera.capture().map_err(Fault::stage)?;
+                (taken.picture, taken.base_from_flange)
+            }
+            View::Boards(camera) => camera.capture().map_err(Fault::stage)?,
+        })
+    }
+}
+
+/// The simulated cell's board, as this camera sees it.
+///
+/// # Errors
+/// Where the board is no chessboard: no other one is simulated here.
+pub fn simulated(
+    (view, board): (BoardView, &Board),
+    (args, lens): (&LiveArgs, Option<PinholeCamera>),
+    arm: Option<MockHandle>,
+) -> Result<SimulatedBoards, Fault> {
+    Ok(SimulatedBoards::new(board_cell((view, board), (args, lens))?, view, arm))
+}
+
+/// The same, as the renderer has it.
+///
+/// # Errors
+/// As [`simulated`].
+pub fn board_cell(
+    (view, board): (BoardView, &Board),
+    (args, lens): (&LiveArgs, Option<PinholeCamera>),
+) -> Result<BoardCell, Fault> {
+    if !board.is_chessboard() {
+        return Err(Fault::NoSimulatedBoard);
+    }
+    let print = BoardPrint::chessboard(board.columns(), board.rows(), board.square_mm());
+    let cell = BoardCell::new(args.simulation.seed, print, ROBOT);
+    let full = match view {
+        BoardView::Fixed | BoardView::FixedByHand => cell.scanner(),
+        BoardView::Flange | BoardView::FlangeByHand => cell.flange_camera(),
+    };
+    let reduction = lens.map_or(1, |lens| full.width_px.checked_div(lens.width_px).unwrap_or(1).max(1));
+    Ok(cell.with_reduction(reduction))
+}

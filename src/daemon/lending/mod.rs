@@ -1,0 +1,264 @@
+//! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the service
+//! has the cameras.
+//!
+//! [`SharedCameras`] are the loop's eyes, and lend themselves to one connection at a time while the cell rests without a cycle
+//! (`serving`). The loop never waits for a shot that begins after the cell has left its rest: what is lent is asked back before
+//! each shot, and a film ends with its next picture. [`BorrowedScanner`] and [`BorrowedFlangeCamera`] are the other end of the
+//! connection (`client`).
+//!
+//! ```text
+//! {"ask":"shoot","shot":"scan"}                                  a line to the service
+//! {"sent":"scan","bytes":3987654,"time_s":12.1,"conditions":{…}}   a line from it, then so many bytes of PCD
+//! ```
+//!
+//! Of a film the pictures come one after the other until the client closes its writing side, then `{"sent":"ended",…}`.
+//! The robot is not moved, no output is switched, and nothing is written to the store.
+
+mod client;
+mod serving;
+
+pub use client::{BorrowedFlangeCamera, BorrowedScanner};
+pub(super) use serving::serve;
+
+use super::cameras::Cameras;
+use super::ports::{Eyes, Picture2d, SightError};
+use crate::cell::Arm;
+use crate::cycle::State;
+use crate::devices::cameras::{Conditions, FlangeCamera, Scanner};
+use crate::eki;
+use crate::geometry::{Base, Camera, ColorPicture, Flange, Joints, KukaPose, OrganizedCloud, Rigid};
+use crate::path::Kinematics;
+use crate::verdict::Reason;
+use serde::{Deserialize, Serialize};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// What may be asked of the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase", deny_unknown_fields)]
+pub enum ShotWish {
+    /// A scan of the 3D camera.
+    Scan,
+    /// A colour picture of the 3D camera.
+    Picture,
+    /// A picture of the flange camera.
+    Corner,
+    /// Pictures of the 3D camera, one after the other.
+    Film {
+        /// At most so many a second, and at most 100.
+        pictures_per_second: f64,
+    },
+}
+
+impl ShotWish {
+    /// What is asked for, in a word.
+    pub fn word(self) -> &'static str {
+        match self {
+            ShotWish::Scan => "a scan",
+            ShotWish::Picture => "a picture",
+            ShotWish::Corner => "a picture of the flange camera",
+            ShotWish::Film { .. } => "a film",
+        }
+    }
+}
+
+/// The head of what the service sends.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "sent", rename_all = "lowercase", deny_unknown_fields)]
+enum Sent {
+    /// A scan: so many bytes of PCD follow.
+    Scan {
+        /// Their number.
+        bytes: usize,
+        /// When it was taken, s.
+        time_s: f64,
+        conditions: Conditions,
+    },
+    /// A picture: red, green and blue of each pixel follow, row by row.
+    Picture {
+        width_px: usize,
+        height_px: usize,
+        time_s: f64,
+        /// Where the flange was while it was taken, as the controller computes it, where it is known.
+        base_from_flange: Option<KukaPose>,
+        conditions: Conditions,
+    },
+    /// A film begins; the time is on its pictures' clock.
+    Began { time_s: f64 },
+    /// It has ended; so many of its pictures were dropped.
+    Ended { dropped: u64 },
+    /// There is no shot, or no further one.
+    Failed { reasons: Vec<Reason> },
+}
+
+/// The cell's cameras, whatever they are.
+pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
+
+/// The code of the reason why there is no shot while the cell is at work.
+const AT_WORK: &str = "at_work";
+
+/// How old the robot's last state may be when a picture is said to be taken from where that state says, and how far the axes
+/// may have moved while it was taken, degrees.
+const FRESH: Duration = Duration::from_millis(500);
+const STANDS_DEG: f64 = 0.002;
+
+/// The robot's last state, and when it came. Clones are the same one.
+#[derive(Debug, Clone, Default)]
+pub struct LastState(Arc<Mutex<Option<(eki::State, Instant)>>>);
+
+impl LastState {
+    /// This is the last one; `None` where the link is lost.
+    pub fn is(&self, state: Option<&eki::State>) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = state.map(|state| (*state, Instant::now()));
+    }
+
+    /// Where the axes stand, while the arm stands and the state is fresh.
+    fn stands(&self) -> Option<Joints> {
+        let (state, came) = (*self.0.lock().unwrap_or_else(PoisonError::into_inner))?;
+        (came.elapsed() < FRESH && !state.moving).then_some(state.joints)
+    }
+}
+
+struct Inside {
+    cameras: AllCameras,
+    /// A film that is lent is under way.
+    films: bool,
+}
+
+/// The service's cameras. Clones are the same ones.
+#[derive(Clone)]
+pub struct SharedCameras(Arc<Shared>);
+
+struct Shared {
+    inside: Mutex<Inside>,
+    arm: Kinematics,
+    last: LastState,
+    /// The cell rests, and no cycle is under way.
+    rests: AtomicBool,
+    is_lent: AtomicBool,
+}
+
+impl SharedCameras {
+    /// Shares these cameras of a cell with this arm.
+    pub fn new(cameras: AllCameras, arm: &Arm, last: LastState) -> Self {
+        let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
+        let arm = Kinematics::new(arm);
+        let inside = Mutex::new(Inside { cameras, films: false });
+        SharedCameras(Arc::new(Shared { inside, arm, last, rests, is_lent }))
+    }
+
+    /// How the cell stands now.
+    pub(super) fn cell_is(&self, state: &State) {
+        self.0.rests.store(state.at.rests() && !state.job.running, Ordering::Relaxed);
+    }
+
+    /// Something begins that may need the cameras: they are lent no more until the cell's state is told again.
+    pub(super) fn are_needed(&self) {
+        self.0.rests.store(false, Ordering::Relaxed);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Inside> {
+        self.0.inside.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Does something with the cameras for the loop; a film that is lent ends before.
+    fn with<T>(&self, act: impl FnOnce(&mut AllCameras) -> T) -> T {
+        let mut inside = self.lock();
+        if std::mem::take(&mut inside.films) {
+            // Who asked for the film is told that the cell is at work.
+            let _ = inside.cameras.scanner.end_clip();
+        }
+        act(&mut inside.cameras)
+    }
+
+    /// Lends the cameras, or says why not.
+    fn lend(&self) -> Result<Lent<'_>, Reason> {
+        if self.0.is_lent.swap(true, Ordering::Acquire) {
+            return Err(Reason::new("busy", "somebody else takes pictures now; ask again when that has ended"));
+        }
+        Ok(Lent(self))
+    }
+
+    /// Where the axes stand, while the arm stands and its state is fresh.
+    pub(super) fn stands(&self) -> Option<Joints> {
+        self.0.last.stands()
+    }
+}
+
+impl std::fmt::Debug for SharedCameras {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("SharedCameras").field("rests", &self.0.rests).field("is_lent", &self.0.is_lent).finish()
+    }
+}
+
+/// The cameras, lent until this is dropped.
+struct Lent<'a>(&'a SharedCameras);
+
+impl Drop for Lent<'_> {
+    fn drop(&mut self) {
+        self.0.0.is_lent.store(false, Ordering::Release);
+    }
+}
+
+impl Lent<'_> {
+    /// The cameras for one shot, or for one picture of a film, where the cell still rests.
+    fn cameras(&self) -> Result<MutexGuard<'_, Inside>, Reason> {
+        let inside = self.0.lock();
+        // Asked once they are locked: whoever locks them later finds the shot ended.
+        if self.0.0.rests.load(Ordering::Relaxed) {
+            return Ok(inside);
+        }
+        Err(Reason::new(AT_WORK, "the cell is at work; ask again when the cycle has ended"))
+    }
+
+    /// Takes a picture by the flange camera, and says where the flange was meanwhile, where that is known.
+    fn from_flange<T>(&self, take: impl FnOnce() -> T) -> (T, Option<Rigid<Base, Flange>>) {
+        let before = self.0.stands();
+        let taken = take();
+        let both = before.zip(self.0.stands());
+        let moved_deg = |(before, after): &(Joints, Joints)| {
+            before
+                .degrees()
+                .iter()
+                .zip(after.degrees())
+                .map(|(before, after)| (before - after).abs())
+                .fold(0.0, f64::max)
+        };
+        let stood = both.filter(|both| moved_deg(both) < STANDS_DEG);
+        (taken, stood.and_then(|(joints, _)| self.0.0.arm.drawn_flange(&joints)))
+    }
+}
+
+impl Eyes for SharedCameras {
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
+        self.with(AllCameras::scan)
+    }
+
+    fn picture(&mut self) -> Result<Picture2d, SightError> {
+        self.with(AllCameras::picture)
+    }
+
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
+        self.with(|cameras| cameras.begin_film(pictures_per_second))
+    }
+
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+        self.with(AllCameras::next_of_film)
+    }
+
+    fn end_film(&mut self) -> Result<u64, SightError> {
+        self.with(AllCameras::end_film)
+    }
+
+    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+        self.with(AllCameras::corner_picture)
+    }
+
+    fn check(&mut self) -> Vec<SightError> {
+        self.with(AllCameras::check)
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,159 @@
+//! One connection that asks for shots.
+
+use super::{Lent, Sent, SharedCameras, ShotWish};
+use crate::devices::cameras::{CameraError, Conditions};
+use crate::files;
+use crate::geometry::{ColorPicture, KukaPose};
+use crate::verdict::Reason;
+use std::io::{ErrorKind, Read, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+/// A client takes what it is sent within this time.
+const CLIENT_PATIENCE: Duration = Duration::from_secs(10);
+/// A client's end of a film is looked for so long, before the next picture is.
+const GLANCE: Duration = Duration::from_millis(2);
+/// No camera takes more pictures a second.
+const MOST_PER_SECOND: f64 = 100.0;
+
+/// Why a connection ends before its end.
+enum Broken {
+    /// The client is told.
+    Told(Vec<Reason>),
+    /// There is nobody to tell.
+    HungUp,
+}
+
+impl From<std::io::Error> for Broken {
+    fn from(_: std::io::Error) -> Self {
+        Broken::HungUp
+    }
+}
+
+impl From<Reason> for Broken {
+    fn from(reason: Reason) -> Self {
+        Broken::Told(vec![reason])
+    }
+}
+
+impl From<CameraError> for Broken {
+    fn from(error: CameraError) -> Self {
+        Broken::Told(vec![Reason::new("camera", error.to_string())])
+    }
+}
+
+/// Takes what is asked for and sends it, until the client has enough or the cell no longer rests.
+pub fn serve(mut stream: UnixStream, wish: ShotWish, cameras: &SharedCameras) {
+    let sent = shots(&mut stream, wish, cameras);
+    if let Err(Broken::Told(reasons)) = sent {
+        // Whoever hung up does not want to know.
+        let _ = head(&mut stream, &Sent::Failed { reasons });
+    }
+}
+
+fn shots(stream: &mut UnixStream, wish: ShotWish, cameras: &SharedCameras) -> Result<(), Broken> {
+    stream.set_nonblocking(false)?;
+    stream.set_write_timeout(Some(CLIENT_PATIENCE))?;
+    stream.set_read_timeout(Some(GLANCE))?;
+    let lent = cameras.lend()?;
+    match wish {
+        ShotWish::Scan => {
+            let (shot, conditions) = {
+                let cameras = &mut lent.cameras()?.cameras;
+                (cameras.scanner.capture_3d()?, cameras.scanner.conditions())
+            };
+            let pcd = files::write_pcd(&shot.cloud);
+            head(stream, &Sent::Scan { bytes: pcd.len(), time_s: shot.time_s, conditions })?;
+            stream.write_all(&pcd)?;
+        }
+        ShotWish::Picture => {
+            let (shot, conditions) = {
+                let cameras = &mut lent.cameras()?.cameras;
+                (cameras.scanner.capture_2d()?, cameras.scanner.conditions())
+            };
+            picture(stream, &shot.picture, (shot.time_s, None, conditions))?;
+        }
+        ShotWish::Corner => {
+            let ((shot, conditions), stood) = {
+                let cameras = &mut lent.cameras()?.cameras;
+                let mut take = || (cameras.flange.capture(), cameras.flange.conditions());
+                lent.from_flange(&mut take)
+            };
+            let shot = shot?;
+            let flange = shot.base_from_flange.or(stood).map(|flange| KukaPose::from_rigid(&flange));
+            picture(stream, &shot.picture, (shot.time_s, flange, conditions))?;
+        }
+        ShotWish::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
+    }
+    Ok(())
+}
+
+fn film(stream: &mut UnixStream, pictures_per_second: f64, lent: &Lent<'_>) -> Result<(), Broken> {
+    if !(pictures_per_second > 0.0 && pictures_per_second <= MOST_PER_SECOND) {
+        let message = format!(
+            "{pictures_per_second} pictures a second; allowed is more than 0 and at most {MOST_PER_SECOND}"
+        );
+        return Err(Reason::new("bad_request", message).into());
+    }
+    let time_s = {
+        let mut inside = lent.cameras()?;
+        let time_s = inside.cameras.scanner.begin_clip(pictures_per_second)?;
+        inside.films = true;
+        time_s
+    };
+    let sent = pictures(stream, time_s, lent);
+    // However the film came to its end, and unless the loop has ended it: what is taken next needs the camera as it was.
+    let dropped = {
+        let mut inside = lent.0.lock();
+        std::mem::take(&mut inside.films).then(|| inside.cameras.scanner.end_clip())
+    };
+    sent?;
+    Ok(head(stream, &Sent::Ended { dropped: dropped.transpose()?.unwrap_or(0) })?)
+}
+
+fn pictures(stream: &mut UnixStream, time_s: f64, lent: &Lent<'_>) -> Result<(), Broken> {
+    head(stream, &Sent::Began { time_s })?;
+    while !has_enough(stream)? {
+        let next = {
+            let scanner = &mut lent.cameras()?.cameras.scanner;
+            let next = scanner.next_of_clip()?;
+            next.map(|shot| (shot, scanner.conditions()))
+        };
+        if let Some((shot, conditions)) = next {
+            picture(stream, &shot.picture, (shot.time_s, None, conditions))?;
+        }
+    }
+    Ok(())
+}
+
+/// Whether the client has closed its writing side.
+fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
+    match stream.read(&mut [0; 64]) {
+        Ok(0) => Ok(true),
+        Ok(_) => {
+            Err(Reason::new("bad_request", "the end of a film is told by closing, and by nothing else").into())
+        }
+        Err(error)
+            if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>
+        {
+            Ok(false)
+        }
+        Err(_) => Err(Broken::HungUp),
+    }
+}
+
+fn picture(
+    stream: &mut UnixStream,
+    picture: &ColorPicture,
+    (time_s, base_from_flange, conditions): (f64, Option<KukaPose>, Conditions),
+) -> std::io::Result<()> {
+    let (width_px, height_px) = (picture.width, picture.height);
+    head(stream, &Sent::Picture { width_px, height_px, time_s, base_from_flange, conditions })?;
+    stream.write_all(picture.rgb.as_flattened())
+}
+
+fn head(stream: &mut UnixStream, sent: &Sent) -> std::io::Result<()> {
+    let mut line = serde_json::to_vec(sent)?;
+    line.push(b'\n');
+    stream.write_all(&line)
+}

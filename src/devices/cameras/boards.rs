@@ -1,0 +1,82 @@
+//! The simulated cell's cameras before calibration boards: held by hand, on the flange, or standing still.
+//!
+//! The arm is the mock controller's where it moves; without one a simulated person brings it to a new pose for each picture. The
+//! truth of the boards stays in here.
+
+use super::CameraError;
+use crate::devices::mock::MockHandle;
+use crate::geometry::{Base, ColorPicture, Flange, GrayPicture, Rigid};
+use crate::sim::BoardCell;
+
+/// Which camera looks, and where the board is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BoardView {
+    /// The fixed camera; a person holds the board before it.
+    FixedByHand,
+    /// The camera on the flange; a person holds the board before it.
+    FlangeByHand,
+    /// The fixed camera; the board is on the flange.
+    Fixed,
+    /// The camera on the flange; the board stands still.
+    Flange,
+}
+
+/// A simulated camera that looks at a board.
+pub struct SimulatedBoards {
+    cell: BoardCell,
+    view: BoardView,
+    arm: Option<MockHandle>,
+    taken: usize,
+}
+
+impl SimulatedBoards {
+    /// A camera of this cell. Where there is an arm, its pose decides what is seen.
+    pub fn new(cell: BoardCell, view: BoardView, arm: Option<MockHandle>) -> Self {
+        SimulatedBoards { cell, view, arm, taken: 0 }
+    }
+
+    /// The next picture, and what the controller says of the flange where the board or the camera is on it.
+    ///
+    /// # Errors
+    /// Where the arm moves.
+    pub fn capture(&mut self) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), CameraError> {
+        let number = self.taken;
+        self.taken += 1;
+        let (scanner, flange_camera) = (self.cell.scanner(), self.cell.flange_camera());
+        let stood = self.arm.as_ref().map(|arm| arm.with(|arm| (arm.is_moving(), arm.flange_pose())));
+        if stood.is_some_and(|(moving, _)| moving) {
+            return Err(CameraError::ArmMoves);
+        }
+        let stood = stood.map(|(_, flange)| flange);
+        let (picture, flange) = match self.view {
+            BoardView::FixedByHand => {
+                let shots = self.cell.lens_shots::<crate::geometry::Camera>(&scanner, number + 1);
+                (self.cell.picture(&scanner, &shots[number]), None)
+            }
+            BoardView::FlangeByHand => {
+                let shots = self.cell.lens_shots::<crate::geometry::FlangeCamera>(&flange_camera, number + 1);
+                (self.cell.picture(&flange_camera, &shots[number]), None)
+            }
+            BoardView::Fixed => {
+                let shot = match stood {
+                    Some(flange) => self.cell.fixed_view(number as u64, flange),
+                    None => self.cell.fixed_shots(number + 1)[number],
+                };
+                (self.cell.picture(&scanner, &shot), Some(shot.base_from_flange))
+            }
+            BoardView::Flange => {
+                let shot = match stood {
+                    Some(flange) => self.cell.flange_view(number as u64, flange),
+                    None => self.cell.flange_shots(number + 1)[number],
+                };
+                (self.cell.picture(&flange_camera, &shot), Some(shot.base_from_flange))
+            }
+        };
+        Ok((colored(&picture), flange))
+    }
+}
+
+fn colored(picture: &GrayPicture) -> ColorPicture {
+    let rgb = picture.gray.iter().map(|&gray| [gray; 3]).collect();
+    ColorPicture { width: picture.width, height: picture.height, rgb }
+}

@@ -1,0 +1,77 @@
+//! Calibrations that take their pictures themselves, as somebody at the terminal uses them.
+
+use super::commands::json;
+use serde_json::Value;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// Runs a command that is answered these lines; its exit code, its JSON and what it told meanwhile.
+fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(command.split_whitespace())
+        .arg("--json")
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    child.stdin.take().expect("its input").write_all(lines.as_bytes()).expect("it listens");
+    let ended = child.wait_with_output().expect("it ends");
+    let told = String::from_utf8_lossy(&ended.stderr).into_owned();
+    let found = serde_json::from_slice(&ended.stdout).unwrap_or(Value::Null);
+    (ended.status.code().unwrap_or(-1), found, told)
+}
+
+const LENS: &str = "calibrate intrinsics --live shots --camera flange-camera --board 9x6 --square-mm 25 \
+                    --cell cell/cell.toml --out lens.toml";
+
+/// A lens from pictures that are taken one at each Enter, in two sessions; then both mounts, the arm moving by itself.
+#[test]
+fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (exit, told) = json(folder, "render --seed 3 --reduction 2 --seconds 5 --out cell");
+    assert_eq!(exit, 0, "{told}");
+
+    let (exit, _, told) =
+        answered(folder, "calibrate intrinsics --live shots --board 9x6 --square-mm 25 --out a.toml", "");
+    assert!(exit == 2 && told.contains("--camera scanner or --camera flange-camera"), "{told}");
+    // Too few, and the terminal is gone: a verdict, and the pictures stay.
+    let (exit, found, told) = answered(folder, LENS, "\n\n\n");
+    assert!(exit == 1 && found["reasons"].to_string().contains("too_few_pictures"), "{exit} {found} {told}");
+    assert!(told.contains("board_0003.png: the board is found, 54 of 54 corners"), "{told}");
+    let (exit, found, told) = answered(folder, LENS, &"\n".repeat(7));
+    assert!(told.contains("3 pictures are there already, 3 of them show the board"), "{told}");
+    assert!(told.contains("next: the board in the") && told.contains("so far:"), "{told}");
+    assert!(exit < 2 && found["rms_px"].as_f64() < Some(0.1), "{found}");
+    assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
+    assert!(folder.join("lens.toml").is_file());
+
+    for (mount, lens, file) in
+        [("eye-in-hand", "flange_camera", "flange_from_camera"), ("eye-to-hand", "scanner", "base_from_camera")]
+    {
+        let command = format!(
+            "calibrate hand-eye --live {mount} --move --mount {mount} --board 9x6 --square-mm 25 --cell cell/cell.toml \
+             --intrinsics cell/{lens}.toml --out {file}.toml"
+        );
+        let (exit, found, told) = answered(folder, &command, "\n");
+        assert!(exit < 2 && told.contains("The arm will move by itself"), "{exit} {found} {told}");
+        assert!(told.contains("so far:") && found["uncertainty_mm"].as_f64() < Some(0.3), "{found} {told}");
+        // The cell was written with its mounts as they truly are.
+        let number = |file: &str, key: &str| {
+            let text = std::fs::read_to_string(folder.join(file)).expect("written");
+            let value: toml::Table = text.parse().expect("TOML");
+            value[&*file_table(file)][key].as_float().expect("a number")
+        };
+        for key in ["x_mm", "y_mm", "z_mm"] {
+            let (ours, true_mm) = (number(&format!("{file}.toml"), key), number(&format!("cell/{file}.toml"), key));
+            assert!((ours - true_mm).abs() < 1.0, "{mount} {key}: {ours} {true_mm}");
+        }
+    }
+}
+
+fn file_table(file: &str) -> String {
+    Path::new(file).file_stem().map_or(String::new(), |stem| stem.to_string_lossy().into_owned())
+}
