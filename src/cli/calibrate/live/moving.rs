@@ -132,12 +132,15 @@ impl Tour<'_, '_> {
         };
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
-        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MOST_TURN_DEG) else { return Ok(false) };
+        let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MOST_TURN_DEG) else {
+            tell("that pose is left out: the arm does not come there, or only in another posture");
+            return Ok(false);
+        };
         match self.single.move_joints(*joints, AXIS_PERCENT, &self.cell.cell) {
             Ok(()) => Ok(true),
             Err(SingleError::Gate(judgement)) => {
                 let why = judgement.reasons.first().map_or(String::new(), |reason| reason.message.to_string());
-                tell(&format!("a pose is left out: {why}"));
+                tell(&format!("that pose is left out: {why}"));
                 Ok(false)
             }
             Err(error) => Err(Fault::stage(error)),

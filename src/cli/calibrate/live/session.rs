@@ -141,7 +141,7 @@ impl<'a> Session<'a> {
                 let pixels: Vec<Pixel> = found.corners.iter().map(|(_, pixel)| *pixel).collect();
                 let share = 100.0 * covered(&pixels, [picture.width, picture.height]);
                 tell(&format!(
-                    "{name}: the board is found, {} of {} corners, over {share:.0} % of the picture; {} pictures show it",
+                    "{name}: the board is found, {} of {} corners, over {share:.0} % of the picture; pictures that show it: {}",
                     found.corners.len(),
                     self.board.count(),
                     self.found
