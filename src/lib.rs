@@ -50,5 +50,6 @@ pub mod supervision;
 pub mod devices;
 
 pub mod daemon;
+pub mod page;
 
 pub mod cli;

@@ -28,6 +28,7 @@ mod robot;
 mod service;
 mod shoot;
 mod supervised;
+mod teach_page;
 mod walk;
 mod wall;
 mod words;

@@ -670,8 +670,25 @@ pub struct Teach {
     #[arg(long, value_name = "FILE")]
     pub recipe: PathBuf,
     /// The scan at the nominal place: organised PCD or PLY.
-    #[arg(long, value_name = "FILE")]
-    pub scan: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live")]
+    pub scan: Option<PathBuf>,
+    /// Take the scan and the corner pictures now, by the cell's cameras, and keep them in this folder; the region is drawn in a
+    /// browser between them.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["scan", "corner", "flange"])]
+    pub live: Option<PathBuf>,
+    /// Draw the region, its grids and what is masked on the scan's picture, in a browser on this computer; they are written into
+    /// the recipe's file, its comments stay.
+    #[arg(long)]
+    pub draw: bool,
+    /// With --live: the region is in the recipe already.
+    #[arg(long, requires = "live", conflicts_with = "draw")]
+    pub no_draw: bool,
+    /// Where the page to draw on is served: a loopback address; port 0 takes a free one.
+    #[arg(long, value_name = "ADDRESS:PORT", default_value = "127.0.0.1:0")]
+    pub listen: std::net::SocketAddr,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
     /// A corner picture at the nominal place; repeatable, each with its `--flange`.
     #[arg(long, value_name = "FILE")]
     pub corner: Vec<PathBuf>,

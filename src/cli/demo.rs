@@ -36,9 +36,15 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     }
     let common = rendered.common();
     progress("teaching the panel at its nominal place");
+    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
     let teaching = Teach {
         recipe: rendered.file("recipe.toml"),
-        scan: rendered.file("taught_scan.pcd"),
+        scan: Some(rendered.file("taught_scan.pcd")),
+        live: None,
+        draw: false,
+        no_draw: false,
+        listen: ([127, 0, 0, 1], 0).into(),
+        simulation,
         corner: ["taught_corner.png", "taught_corner2.png"].map(|name| rendered.file(name)).to_vec(),
         flange: ["taught_flange.json", "taught_flange2.json"].map(|name| rendered.file(name)).to_vec(),
         pictures: None,
@@ -46,7 +52,6 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     teach::run(&teaching, &common)?;
     let files = CellFiles::read(&common)?;
     let assignment = Assignment::read(&files, &teaching.recipe)?;
-    let simulation = Simulation { seed: args.seed, scene: args.scene, place: 0, arm_error_mm: args.arm_error_mm };
     progress("verifying both cameras and the tool on their boards");
     let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
     let camera = |name| verify::run(&rendered.verification(name), &common, &|_| {});

@@ -124,6 +124,14 @@ pub enum Fault {
         /// The cell's file.
         cell: PathBuf,
     },
+    /// There is nothing to teach by.
+    #[error("there is no scan to teach by: name it, --scan FILE, or take it now, --live DIR")]
+    NoScan,
+    /// The terminal is closed.
+    #[error(
+        "nobody answers at the terminal: what was taken so far is in the folder of --live, and can be named by --scan, --corner and --flange"
+    )]
+    NobodyAnswers,
     /// A live calibration without a camera.
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
     NoLiveCamera,

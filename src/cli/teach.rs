@@ -1,5 +1,7 @@
 //! `panelprep teach`: learn a panel at its nominal place and keep it.
 
+mod taking;
+
 use super::args::{Common, Teach};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
@@ -26,10 +28,12 @@ use std::path::Path;
 /// corner picture. Nothing is kept then.
 pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
     let cell_files = CellFiles::read(common)?;
+    let args = &taking::ready(args, &cell_files)?;
+    let Some(scan_file) = &args.scan else { return Err(Fault::NoScan) };
     let recipe = load::recipe(&args.recipe)?;
     let (scanner, base_from_camera) = (cell_files.scanner()?, cell_files.base_from_camera()?);
-    let scan = load::scan(&args.scan, &scanner.value)?; // Refused with the file's name before anything is kept.
-    let teaching = given(args, &cell_files, &recipe)?;
+    let scan = load::scan(scan_file, &scanner.value)?; // Refused with the file's name before anything is kept.
+    let teaching = given((args, scan_file), &cell_files, &recipe)?;
     let name =
         |index: usize| args.corner.get(index).map_or_else(|| index.to_string(), |file| file.display().to_string());
     let mut taught = match load::derive(&teaching, &recipe, String::new(), &name) {
@@ -64,10 +68,10 @@ pub fn run(args: &Teach, common: &Common) -> Result<Outcome, Fault> {
 }
 
 /// The files that are given, as the store keeps them.
-fn given(args: &Teach, cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
+fn given((args, scan): (&Teach, &Path), cell_files: &CellFiles, recipe: &Recipe) -> Result<Teaching, Fault> {
     let mut teaching = Teaching {
         name: recipe.panel().to_owned(),
-        scan: super::disk::read(&args.scan)?,
+        scan: super::disk::read(scan)?,
         recipe_text: super::disk::read_text(&args.recipe)?,
         scanner_calibration_text: cell_files.scanner()?.text,
         base_from_camera_text: cell_files.base_from_camera()?.text,

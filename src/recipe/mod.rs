@@ -3,11 +3,13 @@
 //! Each table is declared in `tables`, key by key with range, default and meaning; this file joins them and
 //! checks what concerns several keys. See `config/` for the reading itself.
 
+mod edit;
 mod tables;
 
 #[cfg(test)]
 mod tests;
 
+pub use edit::{Drawn, EditError, drawn_into};
 pub use tables::{
     Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Path, Pattern, Process, Region, Surface,
 };

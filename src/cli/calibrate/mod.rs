@@ -9,7 +9,7 @@ mod hand_eye;
 mod history;
 mod in_use;
 mod intrinsics;
-mod live;
+pub mod live;
 mod over_volume;
 mod robot;
 mod robot_advice;

@@ -67,6 +67,13 @@ impl CornerNames {
     pub fn of(&self, picture: usize) -> CornerName {
         self.0.get(picture).or(self.0.last()).copied().unwrap_or(CornerName::TopLeft)
     }
+
+    /// All of them, as a recipe writes them, in the order of teaching.
+    pub fn words(&self) -> Vec<&'static str> {
+        let word =
+            |name: &CornerName| CornerName::WORDS.iter().find(|(_, known)| known == name).map(|(word, _)| *word);
+        self.0.iter().filter_map(word).collect()
+    }
 }
 
 impl From<CornerName> for CornerNames {

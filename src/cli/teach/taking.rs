@@ -1,0 +1,137 @@
+//! What `teach` learns from, taken now: the scan, the region drawn on its picture in a browser, and the corner pictures.
+
+use super::super::args::{Shot, Teach};
+use super::super::calibrate::live::{Poses, answer};
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::load::{self, CellFiles};
+use super::super::output::tell_line;
+use super::super::shoot::opening::{self, Wanted};
+use super::super::{ctl, live};
+use crate::cell::Camera;
+use crate::files;
+use crate::geometry::{Base, ColorPicture, Flange, KukaPose, Rigid};
+use crate::page::Local;
+use crate::page::drawing::{self, Sheet};
+use crate::sim::{self, Place};
+use std::path::{Path, PathBuf};
+
+/// The same command with files that are there: those that it names, or those that were taken.
+///
+/// # Errors
+/// Where a camera does not deliver, nobody answers, the page cannot be served, or the disk refuses.
+pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
+    let mut ready = args.clone();
+    if let Some(folder) = &args.live {
+        let scan = scan(args, cell, folder)?;
+        ready.scan = Some(scan);
+    }
+    if let (Some(scan), true) = (&ready.scan, args.draw || args.live.is_some() && !args.no_draw) {
+        draw(args, cell, scan)?;
+    }
+    if let Some(folder) = args.live.as_ref().filter(|_| args.corner.is_empty()) {
+        let calibration = cell.cell.calibration();
+        if calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some() {
+            (ready.corner, ready.flange) = corners(args, cell, folder)?;
+        }
+    }
+    Ok(ready)
+}
+
+/// The simulated cell, where nobody else has its cameras: a simulated person stands the panel at its nominal place.
+fn simulated(args: &Teach, cell: &CellFiles, camera: bool) -> Result<Option<sim::Cell>, Fault> {
+    if !camera || ctl::state_of(&cell.socket()).is_some() {
+        return Ok(None);
+    }
+    Ok(Some(live::simulated_cell(&cell.scanner()?.value, args.simulation)?))
+}
+
+fn scan(args: &Teach, cell: &CellFiles, folder: &Path) -> Result<PathBuf, Fault> {
+    let file = folder.join("taught_scan.pcd");
+    let cloud = match simulated(args, cell, matches!(cell.cell.scanner(), Camera::Simulated))? {
+        Some(world) => world.taught_scan(),
+        None => {
+            let wanted = Wanted { shot: Shot::Scan, simulation: args.simulation };
+            let mut opened = opening::scanner(cell, &wanted, &tell_line)?;
+            opened.camera.capture_3d().map_err(Fault::stage)?.cloud
+        }
+    };
+    disk::write(&file, files::write_pcd(&cloud))?;
+    tell_line(&format!("{}: the scan that the panel is taught by", file.display()));
+    Ok(file)
+}
+
+/// Serves the page until the person is done.
+fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
+    let picture = load::scan(scan, &cell.scanner()?.value)?.picture();
+    let recipe = args.recipe.clone();
+    let sheet = Sheet {
+        recipe: args.recipe.clone(),
+        picture_png: files::write_color_png(&picture).map_err(Fault::stage)?,
+        size_px: [picture.width, picture.height],
+        write: Box::new(move |text| disk::write_through(&recipe, text).map_err(|fault| fault.to_string())),
+    };
+    let local = Local::listen(args.listen).map_err(Fault::stage)?;
+    tell_line(&format!("Draw the region and what is masked: open {} in a browser on this computer.", local.url()));
+    let saved = drawing::serve(local, sheet).map_err(Fault::stage)?;
+    let words = if saved == 0 { "nothing was saved: the recipe is as it was" } else { "saved" };
+    tell_line(&format!("{}: {words}", args.recipe.display()));
+    Ok(())
+}
+
+/// The corner pictures with their poses, in the recipe's order.
+fn corners(args: &Teach, cell: &CellFiles, folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Fault> {
+    let names = load::recipe(&args.recipe)?.corner().which().words();
+    let world = simulated(args, cell, matches!(cell.cell.flange_camera(), Camera::Simulated))?;
+    let mut camera = match &world {
+        Some(_) => None,
+        None => {
+            let wanted = Wanted { shot: Shot::Corner, simulation: args.simulation };
+            Some(opening::flange_camera(cell, &wanted, &tell_line)?.camera)
+        }
+    };
+    let mut poses = Poses::of(cell);
+    let (mut pictures, mut flanges) = (Vec::new(), Vec::new());
+    for (index, name) in names.iter().enumerate() {
+        let number = index + 1;
+        let (picture, pose) = loop {
+            tell_line(&format!(
+                "Bring the camera on the flange to where it sees the {name} corner of the panel, as far away as in a cycle, and press Enter."
+            ));
+            if answer()?.is_none() {
+                return Err(Fault::NobodyAnswers);
+            }
+            let before = poses.now()?;
+            let (picture, from_camera) = match (&world, &mut camera) {
+                (Some(world), _) => seen(world, index)?,
+                (None, Some(camera)) => {
+                    let taken = camera.capture().map_err(Fault::stage)?;
+                    (taken.picture, taken.base_from_flange)
+                }
+                (None, None) => return Err(Fault::NoWorld),
+            };
+            if let Some(pose) = poses.of_picture(before, from_camera)? {
+                break (picture, pose);
+            }
+        };
+        let (file, flange) =
+            (folder.join(format!("taught_corner{number}.png")), folder.join(format!("taught_flange{number}.json")));
+        disk::write(&file, files::write_color_png(&picture).map_err(Fault::stage)?)?;
+        let reported = files::ReportedFlange {
+            base_from_flange: KukaPose::from_rigid(&pose.base_from_flange),
+            joints: pose.joints,
+        };
+        disk::write(&flange, files::write_reported_flange(&reported))?;
+        tell_line(&format!("{}, {}: the {name} corner", file.display(), flange.display()));
+        pictures.push(file);
+        flanges.push(flange);
+    }
+    Ok((pictures, flanges))
+}
+
+/// What the simulated camera sees of a corner, where the simulated person has brought it.
+fn seen(world: &sim::Cell, index: usize) -> Result<(ColorPicture, Option<Rigid<Base, Flange>>), Fault> {
+    let views = world.corner_views();
+    let view = views.get(index).ok_or(Fault::NoWorld)?;
+    Ok((world.flange_picture(&view.base_from_flange, Place::Nominal), Some(view.base_from_flange)))
+}

@@ -1,0 +1,103 @@
+//! The page as a browser asks for it.
+
+use super::*;
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::thread::JoinHandle;
+
+const RECIPE: &str = "panel = \"door\" # the left one\n\n[locate]\nbox_min_mm = [0, 0, 0]\nbox_max_mm = [900, 900, 900]\n\n\
+                      [region]\ncorners_px = [[10, 10], [90, 10], [90, 60], [10, 60]] # from the ruler\nrows = 2\ncolumns = 3\n";
+
+struct Open {
+    url: String,
+    serving: JoinHandle<u32>,
+    folder: tempfile::TempDir,
+}
+
+fn open() -> Open {
+    let folder = tempfile::tempdir().expect("a folder");
+    let recipe = folder.path().join("door.toml");
+    std::fs::write(&recipe, RECIPE).expect("written");
+    let file = recipe.clone();
+    let write = Box::new(move |text: &str| std::fs::write(&file, text).map_err(|error| error.to_string()));
+    let sheet = Sheet { recipe, picture_png: vec![1, 2, 3], size_px: [100, 80], write };
+    let local = Local::listen(([127, 0, 0, 1], 0).into()).expect("a port");
+    let url = local.url();
+    Open { url, serving: std::thread::spawn(move || serve(local, sheet).expect("served")), folder }
+}
+
+impl Open {
+    fn host(&self) -> &str {
+        self.url.trim_start_matches("http://").split('/').next().expect("a host")
+    }
+
+    /// Asks as this host; the status and the body.
+    fn ask_as(&self, host: &str, method: &str, path: &str, body: &str) -> (u16, String) {
+        let mut stream = TcpStream::connect(self.host()).expect("it listens");
+        let request = format!(
+            "{method} {path} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
+             content-length: {}\r\n\r\n{body}",
+            body.len()
+        );
+        stream.write_all(request.as_bytes()).expect("sent");
+        let mut answer = String::new();
+        stream.read_to_string(&mut answer).expect("answered");
+        let status = answer.split(' ').nth(1).and_then(|word| word.parse().ok()).expect("a status");
+        (status, answer.split_once("\r\n\r\n").map_or(String::new(), |(_, body)| body.to_owned()))
+    }
+
+    fn ask(&self, method: &str, page: &str, body: &str) -> (u16, String) {
+        let key = self.url.trim_end_matches('/').rsplit('/').next().expect("a key").to_owned();
+        self.ask_as(&self.host().to_owned(), method, &format!("/{key}/{page}"), body)
+    }
+
+    fn recipe(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("door.toml")).expect("the recipe")
+    }
+}
+
+const DRAWN: &str = r#"{"corners_px":[[12,10],[90,10],[90.26,60],[10,60]],"rows":4,"columns":3,"masked_px":[[[20,20],[30,20],[30,30],[20,30]]]}"#;
+
+#[test]
+fn what_a_person_draws_comes_into_the_recipe() {
+    let page = open();
+    let (status, found) = page.ask("GET", "drawing.json", "");
+    assert!(status == 200 && found.contains(r#""corners_px":[[10.0,10.0],[90.0,10.0]"#), "{status} {found}");
+    for (file, words) in [("", "Region of panel"), ("drawing.js", "pointerdown"), ("drawing.css", ".corner")] {
+        let (status, text) = page.ask("GET", file, "");
+        assert!(status == 200 && text.contains(words), "{file}: {status}");
+    }
+    let (status, told) = page.ask("POST", "save", DRAWN);
+    assert!(status == 200 && told.contains("door.toml"), "{status} {told}");
+    let expected = RECIPE
+        .replace("[[10, 10], [90, 10], [90, 60], [10, 60]]", "[[12, 10], [90, 10], [90.3, 60], [10, 60]]")
+        .replace("rows = 2", "rows = 4");
+    assert!(page.recipe().starts_with(&expected), "{}", page.recipe());
+    assert!(page.recipe().contains("masked_px = [[[20, 20], [30, 20], [30, 30], [20, 30]]]"));
+    assert_eq!(page.ask("POST", "done", "").0, 200);
+    assert_eq!(page.serving.join().expect("it ends"), 1, "saved once");
+}
+
+#[test]
+fn what_is_no_region_changes_nothing() {
+    let page = open();
+    let crossed = DRAWN.replace("[12,10],[90,10]", "[90,10],[12,10]");
+    let outside = DRAWN.replace("[12,10]", "[100,10]");
+    for (body, words) in [(&*crossed, "must go round"), (&outside, "outside of the picture, 100×80 px")] {
+        let (status, told) = page.ask("POST", "save", body);
+        assert!(status == 422 && told.contains(words), "{status} {told}");
+    }
+    assert!(page.ask("POST", "save", "{}").0 >= 400);
+    assert_eq!(page.recipe(), RECIPE);
+}
+
+/// Another page in the same browser neither knows the key nor names this host.
+#[test]
+fn nobody_else_is_served() {
+    let page = open();
+    assert_eq!(page.ask_as(page.host(), "GET", "/", "").0, 404);
+    assert_eq!(page.ask_as(page.host(), "GET", "/0123/drawing.json", "").0, 404);
+    let key = page.url.trim_end_matches('/').rsplit('/').next().expect("a key");
+    assert_eq!(page.ask_as("evil.example", "GET", &format!("/{key}/drawing.json"), "").0, 403);
+    assert!(Local::listen(([0, 0, 0, 0], 0).into()).is_err(), "not for the whole network");
+}

@@ -1,0 +1,109 @@
+//! A server for the browser on this computer.
+
+use axum::Router;
+use axum::body::Body;
+use axum::extract::{Request, State};
+use axum::http::{StatusCode, header};
+use axum::middleware::{self, Next};
+use axum::response::{IntoResponse, Response};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use tokio::net::TcpListener;
+use tokio::runtime::{Builder, Runtime};
+use tokio::sync::oneshot;
+
+/// Why a page is not served.
+#[derive(Debug, thiserror::Error)]
+pub enum LocalError {
+    /// Others could open it.
+    #[error(
+        "{address}: this page is for the browser on this computer alone: name an address such as 127.0.0.1:8090"
+    )]
+    NotLoopback {
+        /// As asked for.
+        address: SocketAddr,
+    },
+    /// The system refuses.
+    #[error("{address}: the page cannot be served here: {source}; name another port")]
+    System {
+        /// As asked for.
+        address: SocketAddr,
+        /// What it says.
+        source: std::io::Error,
+    },
+}
+
+/// A server that listens.
+pub struct Local {
+    runtime: Runtime,
+    listener: TcpListener,
+    address: SocketAddr,
+    key: String,
+}
+
+/// Who may ask: the host that a browser on this computer names.
+struct Gate {
+    hosts: [String; 2],
+}
+
+impl Local {
+    /// Listens on a loopback address; port 0 takes a free one.
+    ///
+    /// # Errors
+    /// Where the address is another computer's way in, or is taken.
+    pub fn listen(address: SocketAddr) -> Result<Self, LocalError> {
+        if !address.ip().is_loopback() {
+            return Err(LocalError::NotLoopback { address });
+        }
+        let failed = |source| LocalError::System { address, source };
+        let runtime = Builder::new_current_thread().enable_io().enable_time().build().map_err(failed)?;
+        let listener = runtime.block_on(TcpListener::bind(address)).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let mut random = [0; 16];
+        rustix::rand::getrandom(&mut random, rustix::rand::GetRandomFlags::empty())
+            .map_err(|error| failed(error.into()))?;
+        let key = random.iter().map(|byte| format!("{byte:02x}")).collect();
+        Ok(Local { runtime, listener, address, key })
+    }
+
+    /// What a person opens in the browser.
+    pub fn url(&self) -> String {
+        format!("http://{}/{}/", self.address, self.key)
+    }
+
+    /// Serves these pages, below the key, until `done` is told or dropped.
+    ///
+    /// # Errors
+    /// Where the system refuses.
+    pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
+        let Local { runtime, listener, address, key } = self;
+        let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
+        let router =
+            Router::new().nest(&format!("/{key}"), pages).layer(middleware::from_fn_with_state(gate, pass));
+        let until = async {
+            let _ = done.await;
+        };
+        let served = runtime.block_on(async { axum::serve(listener, router).with_graceful_shutdown(until).await });
+        served.map_err(|source| LocalError::System { address, source })
+    }
+}
+
+/// Lets a request through that names this computer as its host; whatever is served is kept nowhere and framed by nobody.
+async fn pass(State(gate): State<Arc<Gate>>, request: Request<Body>, next: Next) -> Response {
+    let host = request.headers().get(header::HOST).and_then(|host| host.to_str().ok());
+    if !host.is_some_and(|host| gate.hosts.iter().any(|own| own == host)) {
+        return (StatusCode::FORBIDDEN, "this page is for the browser on this computer alone").into_response();
+    }
+    let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    let policy = "default-src 'self'; img-src 'self'; style-src 'self'; script-src 'self'; frame-ancestors 'none'";
+    for (name, value) in [
+        (header::CACHE_CONTROL, "no-store"),
+        (header::CONTENT_SECURITY_POLICY, policy),
+        (header::X_CONTENT_TYPE_OPTIONS, "nosniff"),
+        (header::REFERRER_POLICY, "no-referrer"),
+    ] {
+        headers.insert(name, header::HeaderValue::from_static(value));
+    }
+    response
+}

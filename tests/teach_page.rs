@@ -1,0 +1,114 @@
+//! `panelprep teach` with a page to draw on, as a person at the cell uses it: the program, a browser, the recipe's file.
+
+use super::commands::{TEACH, rendered};
+use std::io::{BufRead, BufReader, Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+
+/// The program, and the address of its page as it tells it.
+fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
+    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(command.split_whitespace())
+        .arg("--json")
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("the program starts");
+    let mut told = BufReader::new(child.stderr.take().expect("its words"));
+    let mut line = String::new();
+    while !line.contains("http://") {
+        line.clear();
+        assert!(told.read_line(&mut line).expect("it tells") > 0, "it ended without a page");
+    }
+    let url = line.split_whitespace().find(|word| word.starts_with("http://")).expect("an address").to_owned();
+    (child, told, url)
+}
+
+fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
+    let (host, key) =
+        url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
+    let mut stream = TcpStream::connect(host).expect("it listens");
+    let request = format!(
+        "{method} /{key}/{page} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
+         content-length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    stream.write_all(request.as_bytes()).expect("sent");
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).expect("answered");
+    String::from_utf8_lossy(&answer).into_owned()
+}
+
+/// What Chromium makes of a page; `None` where there is no Chromium on this computer.
+fn browsed(url: &str, folder: &Path) -> Option<String> {
+    let shown = Command::new("chromium")
+        .args([
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--window-size=1400,900",
+            "--virtual-time-budget=5000",
+        ])
+        .arg(format!("--user-data-dir={}", folder.join("browser").display()))
+        .args(["--dump-dom", url])
+        .stderr(Stdio::null())
+        .output()
+        .ok()?;
+    Some(String::from_utf8_lossy(&shown.stdout).into_owned())
+}
+
+/// The whole of teaching, live: scan, region, corners; the panel is kept.
+#[test]
+fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
+    let folder = rendered("good");
+    let folder = folder.path();
+    let before = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
+    let command = "teach --live shots --cell cell/cell.toml --recipe cell/recipe.toml --seed 3";
+    let (mut child, mut told, url) = opened(folder, command);
+    let drawing = ask(&url, "GET", "drawing.json", "");
+    let object: serde_json::Value =
+        serde_json::from_str(drawing.split_once("\r\n\r\n").expect("a body").1).expect("JSON");
+    assert_eq!(object["panel"], "simulated-panel");
+
+    match browsed(&url, folder) {
+        Some(page) => {
+            // Four corners of the region, its outline, and the lines between its rows and columns.
+            let count = |what: &str| page.matches(what).count();
+            let lines = object["drawn"]["rows"].as_u64().expect("rows")
+                + object["drawn"]["columns"].as_u64().expect("columns")
+                - 2;
+            assert_eq!((count("class=\"corner region"), count("class=\"area region")), (4, 1), "{page}");
+            assert_eq!(count("class=\"grid\"") as u64, lines, "{page}");
+            assert!(page.contains("simulated-panel") && page.contains("recipe.toml"), "{page}");
+        }
+        None => eprintln!("not run: there is no chromium on this computer, so nobody looked at the page"),
+    }
+
+    let mut drawn = object["drawn"].clone();
+    drawn["rows"] = 3.into();
+    assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
+    assert!(ask(&url, "POST", "done", "").starts_with("HTTP/1.1 200"));
+    child.stdin.take().expect("its input").write_all(b"\n\n").expect("it listens");
+    let mut words = String::new();
+    told.read_to_string(&mut words).expect("it tells");
+    let ended = child.wait_with_output().expect("it ends");
+    let found: serde_json::Value = serde_json::from_slice(&ended.stdout).expect("JSON");
+    assert_eq!(ended.status.code(), Some(0), "{found} {words}");
+    assert!(words.contains("the top-left corner") && words.contains("recipe.toml: saved"), "{words}");
+    let after = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
+    assert!(after.contains("rows = 3\n") && after.lines().count() == before.lines().count(), "{after}");
+    assert!(after.contains("# as each taught picture shows it"), "comments stay: {after}");
+    for file in ["taught_scan.pcd", "taught_corner1.png", "taught_flange1.json"] {
+        assert!(folder.join("shots").join(file).is_file(), "{file}");
+    }
+
+    // On files that are there, the person leaves the page as it was.
+    let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
+    ask(&url, "POST", "done", "");
+    let ended = child.wait_with_output().expect("it ends");
+    told.read_to_string(&mut words).expect("it tells");
+    assert!(ended.status.success() && words.contains("nothing was saved"), "{words}");
+}
