@@ -6,9 +6,12 @@ mod stub;
 
 use panelprep::daemon::{Cameras, Eyes};
 use panelprep::devices::cameras::{Conditions, RecordedFlangeCamera, Scanner};
-use panelprep::devices::zivid::{Flicker, Restarts, Warmth, ZividFault, ZividScanner};
+use panelprep::devices::zivid::{
+    Flicker, Launcher, Restarts, Setup, Source, Warmth, ZividFault, ZividScanner, launcher,
+};
 use panelprep::geometry::PinholeCamera;
 use rand::SeedableRng;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 const SMALL: [usize; 2] = [162, 100];
@@ -58,6 +61,16 @@ fn each_planted_fault_of_the_camera_is_named() {
     assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
 }
 
+/// A camera on the network, played by these lines, and its workers.
+fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
+    let (setup, _) = stub::camera(folder, [width, height], lines);
+    let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
+    let program = env!("CARGO_BIN_EXE_panelprep");
+    let arguments =
+        [named.into(), program.into(), "zivid-worker".into(), "--library".into(), stub::library().into()];
+    (Setup { source: Source::Only, ..setup }, launcher("/usr/bin/env".into(), arguments.into()))
+}
+
 /// A camera that is there and does not open is not "is its cable in?".
 #[test]
 fn a_camera_that_is_there_and_does_not_open_says_why() {
@@ -71,7 +84,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
     ];
     for (status, words) in cases {
         let folder = tempfile::tempdir().expect("a folder");
-        let (setup, launch) = stub::on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
+        let (setup, launch) = on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
         let scanner = ZividScanner::start(setup, launch).expect("a thread");
         let told = scanner.ready(PATIENCE).expect_err(status).to_string();
         assert!(
@@ -81,7 +94,7 @@ fn a_camera_that_is_there_and_does_not_open_says_why() {
         assert!(!told.contains("cable"), "{told}");
     }
     let folder = tempfile::tempdir().expect("a folder");
-    let (setup, launch) = stub::on_the_network(folder.path(), SMALL, "");
+    let (setup, launch) = on_the_network(folder.path(), SMALL, "");
     let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
     scanner.ready(PATIENCE).expect("this one opens");
     scanner.shot().expect("and delivers");

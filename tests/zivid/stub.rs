@@ -9,15 +9,6 @@ mod built;
 
 pub use built::{PICTURE, SCAN, library};
 
-/// A camera on the network, played by these lines, and its workers.
-pub fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
-    let (setup, _) = camera(folder, [width, height], lines);
-    let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
-    let program = env!("CARGO_BIN_EXE_panelprep");
-    let arguments = [named.into(), program.into(), "zivid-worker".into(), "--library".into(), library().into()];
-    (Setup { source: Source::Only, ..setup }, launcher("/usr/bin/env".into(), arguments.into()))
-}
-
 /// A camera of this size, played from a file of these lines, and its workers: this program in its role.
 pub fn camera(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
     let file = folder.join("camera.zfc");
