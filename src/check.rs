@@ -2,7 +2,7 @@
 //!
 //! The kind is decided by the names at the top of the file, so that a file may have any name; what begins with `<` or is
 //! called `.xml` is an EthernetKRL file. Several of those are checked for clashes with each other. What is called `.src`,
-//! `.sub` or `.dat` is KRL; such files are checked as one program.
+//! `.sub` or `.dat` is KRL; such files are checked as one program. What is called `.yml` or `.yaml` is a Zivid's settings.
 
 mod eki;
 mod krl;
@@ -10,7 +10,7 @@ mod text;
 
 use crate::cell::{
     CELL_KEYS, Camera, Cell, FlangeCameraMount, Gige, Intrinsics, Mount, MountedPose, RobotCorrection, RobotKind,
-    ScannerMount, TargetMount, ToolMount, ZividCamera,
+    ScannerMount, TargetMount, ToolMount, ZividCamera, ZividSettings,
 };
 use crate::config::{self, Problem, Problems};
 use crate::geometry::{Degrees, Frame, Vector, polygon};
@@ -87,6 +87,10 @@ pub fn check_files_for(files: &[(&str, &str)], purpose: Option<Purpose>, kss: Ks
             reports.push(FileReport { kind: None, problems: vec![], warnings: vec![], says: vec![] });
             continue;
         }
+        if is_yaml(name) {
+            reports.push(check_zivid(name, text));
+            continue;
+        }
         if !is_eki(name, text) {
             reports.push(check_ours(name, text, purpose));
             continue;
@@ -114,6 +118,19 @@ pub fn check_file(name: &str, text: &str) -> FileReport {
 
 fn is_eki(name: &str, text: &str) -> bool {
     name.to_lowercase().ends_with(".xml") || text.trim_start_matches('\u{feff}').trim_start().starts_with('<')
+}
+
+fn is_yaml(name: &str) -> bool {
+    let name = name.to_lowercase();
+    name.ends_with(".yml") || name.ends_with(".yaml")
+}
+
+fn check_zivid(name: &str, text: &str) -> FileReport {
+    let (problems, says) = match ZividSettings::read(name, text) {
+        Ok(settings) => (vec![], settings.says()),
+        Err(problems) => (problems.list, vec![]),
+    };
+    FileReport { kind: Some("zivid_settings"), problems, warnings: vec![], says }
 }
 
 fn check_ours(name: &str, text: &str, purpose: Option<Purpose>) -> FileReport {

@@ -106,3 +106,52 @@ fn the_unit_that_ships_is_hardened_and_lets_the_program_live() {
         Err(error) => eprintln!("systemd-analyze is not here: {error}"),
     }
 }
+
+/// The samples of a Zivid's settings are read as such; a file of that kind with a lit film is refused at its line.
+#[test]
+fn the_camera_settings_that_ship_are_right() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/zivid");
+    for (name, says) in [("scan.yml", "3D shots with colour"), ("film.yml", "pictures of the film")] {
+        let text = fs::read_to_string(root.join(name)).expect("it ships");
+        let report = check_files(&[(name, &text)], None).swap_remove(0);
+        assert_eq!((report.kind, report.problems.as_slice()), (Some("zivid_settings"), [].as_slice()), "{name}");
+        assert!(report.says[0].contains(says), "{:?}", report.says);
+        let lit = check_files(&[(name, &text.replace("Brightness: 0", "Brightness: 1"))], None).swap_remove(0);
+        assert_eq!(lit.problems.len(), usize::from(name == "film.yml"), "{lit:?}");
+    }
+}
+
+/// The unit for a cell with a Zivid: it names the graphics processor's devices as today's drivers do, and systemd, where it is
+/// here, takes every line of both files. Without it nothing of that was looked at, which is said.
+#[test]
+fn the_unit_for_a_zivid_is_one_that_systemd_takes() {
+    let config = Path::new(env!("CARGO_MANIFEST_DIR")).join("config");
+    let more = fs::read_to_string(config.join("panelprep-zivid.conf")).expect("it ships");
+    for device in ["drm", "nvidia", "nvidiactl", "nvidia-uvm"] {
+        let line = format!("DeviceAllow=char-{device} rw");
+        assert!(more.lines().any(|found| found == line), "no {line}");
+    }
+    assert!(more.lines().any(|line| line == "SupplementaryGroups=video render"));
+    let folder = tempfile::tempdir().expect("a folder");
+    let beside = folder.path().join("panelprep.service.d");
+    fs::create_dir(&beside).expect("made");
+    let unit = fs::read_to_string(config.join("panelprep.service")).expect("it ships");
+    let unit = unit.replace("/usr/local/bin/panelprep", env!("CARGO_BIN_EXE_panelprep"));
+    fs::write(folder.path().join("panelprep.service"), unit).expect("written");
+    let says = |more: &str| {
+        fs::write(beside.join("zivid.conf"), more).expect("written");
+        let mut verify = Command::new("systemd-analyze");
+        let verify = verify.args(["verify", "--man=no"]).arg(folder.path().join("panelprep.service"));
+        let told =
+            verify.output().map(|told| (told.status.success(), String::from_utf8_lossy(&told.stderr).into_owned()));
+        told.map(|(right, words)| (right, words.lines().filter(|line| line.contains("panelprep")).count()))
+    };
+    match says(&more) {
+        Ok(found) => {
+            assert_eq!(found, (true, 0), "systemd takes each line");
+            let spoilt = says(&more.replace("DevicePolicy=closed", "DevicePolicy=shut")).expect("it is here");
+            assert_eq!(spoilt.1, 1, "and tells one that it does not take");
+        }
+        Err(error) => eprintln!("NOT RUN: systemd-analyze is not here ({error}); the units were not verified"),
+    }
+}

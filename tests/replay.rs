@@ -27,7 +27,7 @@ fn changed(name: &str, mut change: impl FnMut(&mut Entry)) -> (tempfile::TempDir
     let bytes = fs::read(fixture(name)).expect("the fixture");
     let checked = check(&bytes[..]).expect("whole");
     let files: Vec<_> = checked.files.into_iter().collect();
-    let mut writer = Writer::begin(Vec::new(), &checked.start, &files, &[]).expect("begun");
+    let mut writer = Writer::begin(Vec::new(), &checked.start, &files, &[], &[]).expect("begun");
     for entry in Entries::new(&bytes[..], checked.start.unix_ns) {
         let mut entry = entry.expect("read");
         change(&mut entry);

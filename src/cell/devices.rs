@@ -18,9 +18,11 @@ pub enum Camera<Device> {
     Device(Device),
 }
 
-/// What makes a device of one kind: the word for it, the keys that it alone has, and how they are taken.
+/// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it alone has,
+/// and how they are taken.
 pub(super) struct Kind<'k, Take> {
     pub word: &'static str,
+    pub required: &'k [(&'static str, &'static str)],
     pub keys: &'k [&'static str],
     pub take: Take,
 }
@@ -40,6 +42,11 @@ pub(super) fn take_camera<Device>(
     let mut right = true;
     for (key, needs) in needs.filter(|(key, needs)| section.has(key) && kind != *needs) {
         section.problem(key, format!("has no effect with kind = \"{kind}\"; it is for kind = \"{needs}\""));
+        right = false;
+    }
+    let missing = device.required.iter().filter(|(key, _)| kind == device.word && !section.has(key));
+    for (key, what_to_do) in missing {
+        section.problem(key, format!("is missing; {what_to_do}"));
         right = false;
     }
     let camera = match (kind, folder) {

@@ -17,8 +17,8 @@ pub struct Gige {
     pub user_set: String,
     /// One of [`PIXEL_FORMATS`].
     pub pixel_format: &'static str,
-    /// Exposure time, µs; the user set's where there is none.
-    pub exposure_us: Option<f64>,
+    /// Exposure time, µs.
+    pub exposure_us: f64,
     /// Gain, dB; the user set's where there is none.
     pub gain_db: Option<f64>,
     /// Size of a packet with its headers, bytes.
@@ -27,6 +27,11 @@ pub struct Gige {
 
 pub(super) const KIND: Kind<'_, fn(&Section<'_, '_>) -> Option<Gige>> = Kind {
     word: "gige",
+    required: &[(
+        "exposure_us",
+        "kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains of 50 Hz, of 8333 on 60 Hz, so that the \
+         brightest parts are not saturated (`panelprep shoot corner` says so)",
+    )],
     keys: &["serial", "address", "user_set", "pixel_format", "exposure_us", "gain_db", "packet_bytes"],
     take,
 };
@@ -36,6 +41,7 @@ fn take(section: &Section<'_, '_>) -> Option<Gige> {
     let (serial, address) = (text("serial"), text("address"));
     let user_set = section.take::<String>("user_set", (), Some("Default".to_owned()));
     let pixel_format = section.take::<&str>("pixel_format", PIXEL_FORMATS.to_vec(), Some(PIXEL_FORMATS[0]));
+    // Whether it is missing is asked where the kind is known.
     let exposure_us = section.take::<Option<f64>>("exposure_us", 1.0..=10e6, Some(None));
     let gain_db = section.take::<Option<f64>>("gain_db", 0.0..=60.0, Some(None));
     // From GigE Vision's least to the largest of an ordinary jumbo frame.
@@ -50,7 +56,7 @@ fn take(section: &Section<'_, '_>) -> Option<Gige> {
         address,
         user_set: user_set?,
         pixel_format: pixel_format?,
-        exposure_us: exposure_us?,
+        exposure_us: exposure_us??,
         gain_db: gain_db?,
         packet_bytes: packet_bytes?,
     })

@@ -17,6 +17,7 @@ mod names;
 mod robot_correction;
 mod rough;
 mod zivid;
+mod zivid_settings;
 
 #[cfg(test)]
 mod tests;
@@ -37,6 +38,7 @@ pub use names::{Feedback, InputsOutputs, Output};
 pub use robot_correction::{CorrectionNumbers, GEOMETRY_NUMBERS, RobotCorrection, SMOOTH_NUMBERS};
 pub use rough::RoughMounts;
 pub use zivid::ZividCamera;
+pub use zivid_settings::{Mains, ZividSettings, ZividUse};
 
 use crate::config::{self, Problems, Section};
 use crate::geometry::Joints;

@@ -54,7 +54,7 @@ fn a_gige_camera_is_set_by_the_cell() {
         address: Some("10.0.0.2".to_owned()),
         user_set: "Default".to_owned(),
         pixel_format: "Mono8",
-        exposure_us: Some(8_000.0),
+        exposure_us: 8_000.0,
         gain_db: None,
         packet_bytes: 1_400,
     };
@@ -107,11 +107,11 @@ fn each_mistake_is_named() {
             "4: scanner.serial: has no effect with kind = \"recorded\"; it is for kind = \"zivid\"",
         ),
         (
-            "flange_camera = {kind = 'gige', serial = 221600123}",
+            "flange_camera = {kind = 'gige', serial = 221600123, exposure_us = 10000}",
             "1: flange_camera.serial: found 221600123, allowed is a text that is not empty",
         ),
         (
-            "[flange_camera]\nkind = 'gige'\nserial = '1'\naddress = '10.0.0.2'",
+            "[flange_camera]\nkind = 'gige'\nserial = '1'\naddress = '10.0.0.2'\nexposure_us = 10000",
             "4: flange_camera.address: serial names a camera already; name it by one of the two",
         ),
         (
@@ -119,8 +119,13 @@ fn each_mistake_is_named() {
             "2: flange_camera.packet_bytes: has no effect with kind = \"simulated\"; it is for kind = \"gige\"",
         ),
         (
-            "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001",
+            "[flange_camera]\nkind = 'gige'\npacket_bytes = 9001\nexposure_us = 10000",
             "3: flange_camera.packet_bytes: found 9001, allowed is a whole number from 576 to 9000",
+        ),
+        (
+            "[flange_camera]\nkind = 'gige'",
+            "1: flange_camera.exposure_us: is missing; kind = \"gige\" needs it, in µs: take a multiple of 10000 for lamps on mains \
+             of 50 Hz, of 8333 on 60 Hz, so that the brightest parts are not saturated (`panelprep shoot corner` says so)",
         ),
         (
             "[scanner]\nexposure_us = 100",

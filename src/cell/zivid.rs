@@ -22,7 +22,7 @@ pub struct ZividCamera {
 /// The keys that a Zivid alone has, and how they are taken; its files start at the cell's folder.
 pub(super) fn kind(cell_folder: &Path) -> Kind<'static, impl FnOnce(&Section<'_, '_>) -> Option<ZividCamera>> {
     let keys = &["serial", "file_camera", "settings", "settings_2d", "library"];
-    Kind { word: "zivid", keys, take: |section: &Section<'_, '_>| take(cell_folder, section) }
+    Kind { word: "zivid", required: &[], keys, take: |section: &Section<'_, '_>| take(cell_folder, section) }
 }
 
 fn take(cell_folder: &Path, section: &Section<'_, '_>) -> Option<ZividCamera> {

@@ -241,6 +241,9 @@ pub struct Doctor {
     /// Folder with the controller's CELLCMD.xml, CELLSTAT.xml and cell_data.dat, copied from it or to be copied to it.
     #[arg(long, value_name = "FOLDER")]
     pub kuka: Option<PathBuf>,
+    /// Take 3D shots with a Zivid for ten minutes and follow its temperature: only then is it known to be warm.
+    #[arg(long)]
+    pub warm_up: bool,
 }
 
 /// Options of `demo`.

@@ -4,7 +4,7 @@ use super::args::ZividWorker;
 use super::disk;
 use super::fault::Fault;
 use super::load::calibrated_serial;
-use crate::cell::{Camera, Cell, ZividCamera};
+use crate::cell::{Camera, Cell, ZividCamera, ZividSettings, ZividUse};
 use crate::devices::zivid::library::Sdk;
 use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividScanner, launcher, process, worker};
 use crate::geometry::PinholeCamera;
@@ -19,7 +19,8 @@ pub const ROLE: &str = "zivid-worker";
 /// Begins to start the camera that the cell's file names; `camera` is its calibration.
 ///
 /// # Errors
-/// Where the cell does not name the camera's settings, a file cannot be read, or there is no thread or program.
+/// Where the cell does not name the camera's settings, a file cannot be read or is not what it must be, or there is no thread
+/// or program.
 pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Result<ZividScanner, Fault> {
     let [(_, scan_yaml), (_, picture_yaml)] = texts(zivid)?;
     let source = match (&zivid.serial, &zivid.file_camera) {
@@ -47,7 +48,7 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
 /// cell's file names none.
 ///
 /// # Errors
-/// Where a file cannot be read.
+/// As [`checked_settings`].
 pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
     match cell.scanner() {
         Camera::Device(zivid) => Ok(texts(zivid)?.into()),
@@ -56,10 +57,27 @@ pub fn settings(cell: &Cell) -> Result<Vec<(&'static str, String)>, Fault> {
 }
 
 fn texts(zivid: &ZividCamera) -> Result<[(&'static str, String); 2], Fault> {
-    let read =
-        |key, file: &Option<PathBuf>| disk::read_text(file.as_deref().ok_or(Fault::NoCameraSettings { key })?);
-    let (scan, picture) = (read("settings", &zivid.settings)?, read("settings_2d", &zivid.settings_2d)?);
-    Ok([("zivid_settings", scan), ("zivid_settings_2d", picture)])
+    let [(scan, _), (film, _)] = read(zivid)?;
+    Ok([("zivid_settings", scan), ("zivid_settings_2d", film)])
+}
+
+/// What is known of the camera's settings: those of 3D shots, those of the film.
+///
+/// # Errors
+/// Where a file is not named, cannot be read, or is not what it must be.
+pub fn checked_settings(zivid: &ZividCamera) -> Result<[ZividSettings; 2], Fault> {
+    Ok(read(zivid)?.map(|(_, settings)| settings))
+}
+
+fn read(zivid: &ZividCamera) -> Result<[(String, ZividSettings); 2], Fault> {
+    let read = |key, file: &Option<PathBuf>, usage| {
+        let file = file.as_deref().ok_or(Fault::NoCameraSettings { key })?;
+        let text = disk::read_text(file)?;
+        let settings = ZividSettings::check(&file.display().to_string(), &text, usage)?;
+        Ok::<_, Fault>((text, settings))
+    };
+    let scan = read("settings", &zivid.settings, ZividUse::Scan)?;
+    Ok([scan, read("settings_2d", &zivid.settings_2d, ZividUse::Film)?])
 }
 
 /// Serves the daemon at the other end of standard input until it hangs up.

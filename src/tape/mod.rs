@@ -5,7 +5,10 @@
 //! run again on what it heard, and what it says then compared with what it said.
 //!
 //! MCAP (<https://mcap.dev/spec>) holds them by topic. Pictures, points, transforms and words are messages of schemas that
-//! Foxglove and Lichtblick show as they are; all else is JSON. Colours and points are kept without loss. Files that the
+//! Foxglove and Lichtblick show as they are; all else is JSON. Colours and points are kept without loss, in mm as the cameras
+//! gave them: a viewer that takes them for metres shows a scene a thousand times too large, with every angle and
+//! every point in its pixel as they are, which the log says at the beginning. Lenses go along, so that pictures lie over
+//! points. Files that the
 //! cycle worked by are attachments. A message's time rises from each to the next, so that order is kept whoever
 //! rewrites the file; its sequence counts within its topic, so that what is missing is found. The last record says how
 //! much there must be.
@@ -27,14 +30,17 @@ mod tests;
 pub use entry::{Armed, Begin, Ending, Entry, Lost, Shot, Start};
 pub use error::TapeError;
 pub use read::{Checked, Entries, check};
-pub use shown::Mounted;
+pub use shown::{Lens, Mounted};
 pub use topic::Topic;
 pub use write::Writer;
 
 /// What a recording's records mean. Another number is another meaning, and is not read.
 ///
 /// 2: pictures have the camera's time, what was computed has its moment, a recording may begin with a service's cycle.
-pub const FORMAT: u32 = 2;
+/// 3: points have an alpha channel, and the lenses are there: both for those who look at it. What 2 says is read as before.
+pub const FORMAT: u32 = 3;
+/// The oldest that is read.
+pub const OLDEST_FORMAT: u32 = 2;
 
 /// Names of the metadata records, of the attachment that says how the loop began, and of the files beside it.
 const METADATA: &str = "panelprep";

@@ -7,7 +7,7 @@ use super::error::TapeError;
 use super::topic::Topic;
 use super::well_known::{CompressedImage, PointCloud};
 use super::write::STRIDE;
-use super::{END, FORMAT, METADATA, START};
+use super::{END, FORMAT, METADATA, OLDEST_FORMAT, START};
 use crate::files::read_color;
 use crate::geometry::{Camera, OrganizedCloud};
 use mcap::McapError;
@@ -167,7 +167,8 @@ impl Seen {
 
     fn begin(&mut self, metadata: &Metadata) -> Result<(), TapeError> {
         let value = |key: &str| metadata.metadata.get(key).cloned().unwrap_or_else(|| "none".to_owned());
-        if value("format") != FORMAT.to_string() {
+        let found = value("format").parse();
+        if !found.is_ok_and(|found: u32| (OLDEST_FORMAT..=FORMAT).contains(&found)) {
             return Err(TapeError::Version { found: value("format"), program: value("program") });
         }
         self.is_ours = true;
@@ -376,11 +377,16 @@ fn shot(topic: Topic, data: &[u8], heard: &Value) -> Result<Shot, String> {
     Ok(shot)
 }
 
+/// Bytes of one point in format 2, which had no alpha.
+const STRIDE_OF_2: usize = 15;
+
 fn points(cloud: &PointCloud, [width, height]: [usize; 2]) -> Result<OrganizedCloud<Camera>, String> {
-    if cloud.point_stride as usize != STRIDE || !cloud.data.len().is_multiple_of(STRIDE) {
-        return Err(format!("points of {} bytes; ours have {STRIDE}", cloud.point_stride));
+    let stride = cloud.point_stride as usize;
+    if ![STRIDE_OF_2, STRIDE].contains(&stride) || !cloud.data.len().is_multiple_of(stride) {
+        return Err(format!("points of {stride} bytes; ours have {STRIDE}"));
     }
-    let each = || cloud.data.as_chunks::<STRIDE>().0.iter();
+    // What both have in common stands first.
+    let each = || cloud.data.chunks_exact(stride).filter_map(<[u8]>::first_chunk::<STRIDE_OF_2>);
     let points_mm = each().map(|&[a, b, c, d, e, f, g, h, i, j, k, l, ..]| {
         [[a, b, c, d], [e, f, g, h], [i, j, k, l]].map(f32::from_le_bytes)
     });

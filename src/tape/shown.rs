@@ -4,7 +4,7 @@ use super::entry::Entry;
 use super::topic::Topic;
 use super::well_known::Level;
 use crate::eki::{Report, State};
-use crate::geometry::{Base, Flange, KukaPose, Rigid, Tool};
+use crate::geometry::{Base, Flange, KukaPose, PinholeCamera, Rigid, Tool};
 use crate::record::Finding;
 use crate::verdict::Verdict;
 use serde::Deserialize;
@@ -19,6 +19,30 @@ pub struct Mounted {
     /// Parent from child.
     pub pose: KukaPose,
 }
+
+/// A camera's lens, and the topic and frame of its pictures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lens {
+    /// [`Topic::ScannerLens`] or [`Topic::FlangeLens`].
+    pub topic: Topic,
+    /// The calibrated camera.
+    pub camera: PinholeCamera,
+}
+
+impl Lens {
+    /// The frame that its pictures and points are in.
+    pub(super) fn frame(&self) -> &'static str {
+        if self.topic == Topic::FlangeLens { FLANGE_FRAME } else { SCANNER_FRAME }
+    }
+}
+
+/// Frames of the cameras' pictures.
+pub(super) const SCANNER_FRAME: &str = "scanner";
+pub(super) const FLANGE_FRAME: &str = "flange_camera";
+
+/// What is said at the beginning of each recording.
+pub(super) const UNITS: &str = "all lengths in this recording are mm: a viewer that takes them for metres shows the scene 1000 times \
+     as large as it is";
 
 /// What is shown.
 #[derive(Debug, Clone, PartialEq)]

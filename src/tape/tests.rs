@@ -1,9 +1,11 @@
 //! Recordings written, read, cut, changed and replaced.
 
+use super::well_known::{CameraCalibration, CompressedImage, Log, PointCloud};
 use super::*;
 use crate::cycle::State;
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud, PinholeCamera};
 use proptest::prelude::*;
+use prost::Message;
 use serde_json::{Value, json};
 use std::sync::Arc;
 
@@ -62,7 +64,7 @@ fn entries() -> Vec<Entry> {
 }
 
 fn written(entries: &[Entry], ending: &Ending) -> Vec<u8> {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     entries.iter().for_each(|entry| writer.write(entry).expect("written"));
     writer.finish(ending).expect("finished")
 }
@@ -97,10 +99,72 @@ fn what_is_written_reads_back_to_the_bit() {
     assert_eq!(back, put);
 }
 
+/// What Foxglove asks for: colours with an alpha beside them, and a lens whose frame is that of the pictures. By hand, with an
+/// undistorted lens: the point (10, −20, 400) mm is seen at u = 100 · 10/400 + 3 = 5.5, v = 200 · (−20)/400 + 20 = 10, and
+/// the same in metres.
+#[test]
+fn points_have_colours_and_pictures_a_lens_for_those_who_look() {
+    let (k1, k2, p1, p2, k3) = (0.1, 0.2, 0.3, 0.4, 0.5);
+    let lens = PinholeCamera {
+        width_px: 7,
+        height_px: 5,
+        fx_px: 100.0,
+        fy_px: 200.0,
+        cx_px: 3.0,
+        cy_px: 20.0,
+        k1,
+        k2,
+        p1,
+        p2,
+        k3,
+    };
+    let lenses = [Topic::ScannerLens, Topic::FlangeLens].map(|topic| Lens { topic, camera: lens });
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &lenses).expect("begun");
+    entries().iter().for_each(|entry| writer.write(entry).expect("written"));
+    let bytes = writer.finish(&Ending::default()).expect("finished");
+    assert_eq!(check(&bytes[..]).expect("whole").entries, 9, "lenses are for people, not for a replay");
+
+    let mut seen = std::collections::BTreeMap::new();
+    for message in mcap::MessageStream::new(&bytes).expect("a container") {
+        let message = message.expect("a message");
+        let schema = message.channel.schema.as_ref().map(|schema| schema.name.clone()).unwrap_or_default();
+        seen.entry(message.channel.topic.clone()).or_insert((schema, message.data.into_owned()));
+    }
+    let lens_of = |topic: &str| {
+        let (schema, data) = &seen[topic];
+        assert_eq!(schema, "foxglove.CameraCalibration");
+        CameraCalibration::decode(&data[..]).expect("a lens")
+    };
+    let scanner = lens_of("/scanner/calibration");
+    assert_eq!((scanner.width, scanner.height, scanner.frame_id.as_str()), (7, 5, "scanner"));
+    assert_eq!((scanner.distortion_model.as_str(), scanner.d.as_slice()), ("plumb_bob", &[k1, k2, p1, p2, k3][..]));
+    let seen_at = |point: [f64; 3]| {
+        let row = |row: usize| (0..3).map(|column| scanner.p[4 * row + column] * point[column]).sum::<f64>();
+        [row(0) / row(2), row(1) / row(2)]
+    };
+    assert_eq!(seen_at([10.0, -20.0, 400.0]), [5.5, 10.0]);
+    let metres = seen_at([0.010, -0.020, 0.400]);
+    assert!((metres[0] - 5.5).abs() < 1e-12 && (metres[1] - 10.0).abs() < 1e-12, "{metres:?}");
+    assert_eq!(lens_of("/flange/calibration").frame_id, "flange_camera");
+    let picture = CompressedImage::decode(&seen["/flange/picture"].1[..]).expect("a picture");
+    assert_eq!(picture.frame_id, "flange_camera");
+
+    let cloud = PointCloud::decode(&seen["/scanner/points"].1[..]).expect("points");
+    let fields: Vec<(&str, u32)> = cloud.fields.iter().map(|field| (field.name.as_str(), field.offset)).collect();
+    assert_eq!(fields[3..], [("red", 12), ("green", 13), ("blue", 14), ("alpha", 15)]);
+    assert_eq!(
+        (cloud.point_stride, &cloud.data[16 * 3 + 12..16 * 4]),
+        (16, &[3, 1, 2, 255][..]),
+        "the fourth point"
+    );
+    let log = Log::decode(&seen["/log"].1[..]).expect("words");
+    assert!(log.message.contains("lengths in this recording are mm"), "{}", log.message);
+}
+
 /// A cut file is one that a crash left: refused as unfinished, and read up to its last whole chunk.
 #[test]
 fn a_cut_recording_is_unfinished_wherever_it_is_cut() {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     for entry in entries() {
         writer.write(&entry).expect("written");
         writer.flush().expect("flushed");
@@ -132,7 +196,7 @@ fn a_changed_byte_is_found() {
 
 #[test]
 fn a_gap_is_named_with_its_topic_and_time() {
-    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[]).expect("begun");
+    let mut writer = Writer::begin(Vec::new(), &start(), &files(), &[], &[]).expect("begun");
     let clock = |at_ms| entry(Topic::Clock, at_ms, Value::Null, json!(at_ms));
     writer.write(&clock(100)).expect("written");
     writer.skip(Topic::Clock);
@@ -185,6 +249,8 @@ fn other_files_are_refused_with_the_reason() {
         version.contains("format 99 (written by panelprep 9.1.0)") && version.contains(&format!("format {FORMAT}")),
         "{version}"
     );
+    let older = refused(&foreign(&[("format", "1"), ("program", "0.0.1")]));
+    assert!(older.contains("format 1 (written by panelprep 0.0.1)"), "{older}");
     assert!(refused(&foreign(&[])).contains("no recording of panelprep"));
     assert!(refused(&foreign(&[("format", &FORMAT.to_string())])).contains("/chatter"));
     for bytes in [&b""[..], b"P6\n2 2\n255\n", b"\x89MCAP0\r\nand then not"] {

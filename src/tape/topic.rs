@@ -29,6 +29,10 @@ pub enum Topic {
     ScannerPicture,
     /// The flange camera's pictures.
     FlangePicture,
+    /// For people: the lens of the 3D camera's pictures.
+    ScannerLens,
+    /// For people: the lens of the flange camera.
+    FlangeLens,
     /// For people: where things stand.
     Transform,
     /// For people: what was found, in words.
@@ -37,7 +41,7 @@ pub enum Topic {
 
 impl Topic {
     /// All of them.
-    pub const ALL: [Topic; 14] = [
+    pub const ALL: [Topic; 16] = [
         Topic::Report,
         Topic::Command,
         Topic::Clock,
@@ -50,6 +54,8 @@ impl Topic {
         Topic::Points,
         Topic::ScannerPicture,
         Topic::FlangePicture,
+        Topic::ScannerLens,
+        Topic::FlangeLens,
         Topic::Transform,
         Topic::Log,
     ];
@@ -69,6 +75,8 @@ impl Topic {
             Topic::Points => "/scanner/points",
             Topic::ScannerPicture => "/scanner/picture",
             Topic::FlangePicture => "/flange/picture",
+            Topic::ScannerLens => "/scanner/calibration",
+            Topic::FlangeLens => "/flange/calibration",
             Topic::Transform => "/tf",
             Topic::Log => "/log",
         }
@@ -81,7 +89,7 @@ impl Topic {
 
     /// Whether its messages are [`Entry`](super::Entry)s, without which nothing can be run again.
     pub fn is_entry(self) -> bool {
-        !self.is_shot() && !matches!(self, Topic::Transform | Topic::Log)
+        !self.is_shot() && !matches!(self, Topic::ScannerLens | Topic::FlangeLens | Topic::Transform | Topic::Log)
     }
 
     /// Whether its messages belong to the camera entry before them.
@@ -94,6 +102,7 @@ impl Topic {
         match self {
             Topic::Points => foxglove("foxglove.PointCloud"),
             Topic::ScannerPicture | Topic::FlangePicture => foxglove("foxglove.CompressedImage"),
+            Topic::ScannerLens | Topic::FlangeLens => foxglove("foxglove.CameraCalibration"),
             Topic::Transform => foxglove("foxglove.FrameTransform"),
             Topic::Log => foxglove("foxglove.Log"),
             _ => Schema { name: "panelprep.Entry", encoding: JSON, text: ENTRY.as_bytes().to_vec() },

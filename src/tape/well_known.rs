@@ -59,6 +59,33 @@ pub enum NumericType {
     Float32 = 7,
 }
 
+/// A camera's lens.
+#[derive(Clone, PartialEq, Message)]
+pub struct CameraCalibration {
+    #[prost(message, optional, tag = "1")]
+    pub timestamp: Option<Timestamp>,
+    #[prost(fixed32, tag = "2")]
+    pub width: u32,
+    #[prost(fixed32, tag = "3")]
+    pub height: u32,
+    #[prost(string, tag = "4")]
+    pub distortion_model: String,
+    /// k1, k2, p1, p2, k3.
+    #[prost(double, repeated, tag = "5")]
+    pub d: Vec<f64>,
+    /// The camera's matrix, row by row.
+    #[prost(double, repeated, tag = "6")]
+    pub k: Vec<f64>,
+    /// Rectification: none.
+    #[prost(double, repeated, tag = "7")]
+    pub r: Vec<f64>,
+    /// The matrix of the rectified picture, 3×4, row by row.
+    #[prost(double, repeated, tag = "8")]
+    pub p: Vec<f64>,
+    #[prost(string, tag = "9")]
+    pub frame_id: String,
+}
+
 /// Where something stands.
 #[derive(Clone, PartialEq, Message)]
 pub struct Pose {
@@ -136,6 +163,7 @@ const NS: u64 = 1_000_000_000;
 /// What a field holds.
 enum Holds {
     Plain(Type),
+    Plains(Type),
     Message(&'static str),
     Messages(&'static str),
     Enum(&'static str),
@@ -147,7 +175,7 @@ const QUATERNION: Holds = Holds::Message(".foxglove.Quaternion");
 
 /// The descriptors of all messages here, as a serialized `FileDescriptorSet`.
 pub fn descriptors() -> Vec<u8> {
-    use Holds::{Enum, Message as One, Messages, Plain};
+    use Holds::{Enum, Message as One, Messages, Plain, Plains};
     let double = || Plain(Type::Double);
     let text = || Plain(Type::String);
     let when = || ("timestamp", 1, One(TIMESTAMP));
@@ -182,6 +210,20 @@ pub fn descriptors() -> Vec<u8> {
             ],
         ),
         with_enum(packed, "NumericType", &numbers),
+        message(
+            "CameraCalibration",
+            [
+                when(),
+                ("width", 2, Plain(Type::Fixed32)),
+                ("height", 3, Plain(Type::Fixed32)),
+                ("distortion_model", 4, text()),
+                ("D", 5, Plains(Type::Double)),
+                ("K", 6, Plains(Type::Double)),
+                ("R", 7, Plains(Type::Double)),
+                ("P", 8, Plains(Type::Double)),
+                ("frame_id", 9, text()),
+            ],
+        ),
         message("Pose", [("position", 1, VECTOR), ("orientation", 2, QUATERNION)]),
         message(
             "FrameTransform",
@@ -227,11 +269,12 @@ fn file(
 fn message<const N: usize>(name: &str, fields: [(&str, i32, Holds); N]) -> DescriptorProto {
     let field = |(name, number, holds): (&str, i32, Holds)| {
         let (kind, type_name) = match holds {
-            Holds::Plain(kind) => (kind, None),
+            Holds::Plain(kind) | Holds::Plains(kind) => (kind, None),
             Holds::Message(of) | Holds::Messages(of) => (Type::Message, Some(of.to_owned())),
             Holds::Enum(of) => (Type::Enum, Some(of.to_owned())),
         };
-        let label = if matches!(holds, Holds::Messages(_)) { Label::Repeated } else { Label::Optional };
+        let is_repeated = matches!(holds, Holds::Messages(_) | Holds::Plains(_));
+        let label = if is_repeated { Label::Repeated } else { Label::Optional };
         FieldDescriptorProto {
             name: Some(name.to_owned()),
             number: Some(number),

@@ -3,15 +3,15 @@
 
 use super::entry::{Ending, Entry, Lost, Shot, Start};
 use super::error::TapeError;
-use super::shown::{Mounted, Shown, shown};
+use super::shown::{FLANGE_FRAME, Lens, Mounted, SCANNER_FRAME, Shown, UNITS, shown};
 use super::topic::Topic;
 use super::well_known::{
-    CompressedImage, FrameTransform, Log, NumericType, PackedElementField, PointCloud, Pose, Quaternion, Vector3,
-    timestamp,
+    CameraCalibration, CompressedImage, FrameTransform, Level, Log, NumericType, PackedElementField, PointCloud,
+    Pose, Quaternion, Vector3, timestamp,
 };
 use super::{END, FORMAT, METADATA, START};
 use crate::files::write_color_png;
-use crate::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid};
+use crate::geometry::{Base, Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, PinholeCamera, Rigid};
 use mcap::records::{MessageHeader, Metadata};
 use mcap::write::NoSeek;
 use mcap::{Attachment, Compression, McapError, WriteOptions};
@@ -21,8 +21,9 @@ use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::io::Write;
 
-/// Bytes of one point: three numbers and three colours.
-pub(super) const STRIDE: usize = 15;
+/// Bytes of one point: three numbers, three colours, and how opaque it is, without which Foxglove shows no colours.
+pub(super) const STRIDE: usize = 16;
+const OPAQUE: u8 = 255;
 
 /// Where a topic stands.
 #[derive(Debug, Clone, Copy)]
@@ -40,7 +41,7 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Begins with how the loop began, the files it works by, and where cameras and tool are mounted.
+    /// Begins with how the loop began, the files it works by, where cameras and tool are mounted, and the cameras' lenses.
     ///
     /// # Errors
     /// Where the disk refuses; likewise for the others.
@@ -49,6 +50,7 @@ impl<W: Write> Writer<W> {
         start: &Start,
         files: &[(String, Vec<u8>)],
         mounted: &[Mounted],
+        lenses: &[Lens],
     ) -> Result<Self, TapeError> {
         let options = WriteOptions::new()
             .library(format!("panelprep {}", start.program))
@@ -81,7 +83,12 @@ impl<W: Write> Writer<W> {
             channels.insert(topic, Channel { id, written: 0 });
         }
         let mut writer = Writer { mcap, channels, began_ns: start.unix_ns, last_ns: start.unix_ns };
+        writer.show(0, &Shown::Says { level: Level::Info, message: UNITS.to_owned() })?;
         mounted.iter().try_for_each(|mounted| writer.show(0, &Shown::Stands(*mounted)))?;
+        for lens in lenses {
+            let calibration = calibration(lens, start.unix_ns);
+            writer.message(lens.topic, 0, &calibration.encode_to_vec())?;
+        }
         Ok(writer)
     }
 
@@ -174,8 +181,8 @@ impl<W: Write> Writer<W> {
         let unix_ns = self.began_ns + at_ns;
         match shot {
             Shot::Points(cloud) => Ok(points(cloud, unix_ns).encode_to_vec()),
-            Shot::Scanner(picture) => image(picture, "scanner", unix_ns),
-            Shot::Flange(picture) => image(picture, "flange_camera", unix_ns),
+            Shot::Scanner(picture) => image(picture, SCANNER_FRAME, unix_ns),
+            Shot::Flange(picture) => image(picture, FLANGE_FRAME, unix_ns),
         }
     }
 }
@@ -213,6 +220,7 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     for (index, point) in cloud.raw_points_mm().iter().enumerate() {
         point.iter().for_each(|mm| data.extend(mm.to_le_bytes()));
         data.extend(cloud.color_at(index));
+        data.push(OPAQUE);
     }
     let field = |(name, offset, kind): (&str, u32, NumericType)| PackedElementField {
         name: name.to_owned(),
@@ -221,15 +229,31 @@ fn points(cloud: &OrganizedCloud<Camera>, unix_ns: u64) -> PointCloud {
     };
     let coordinates =
         [("x", 0, NumericType::Float32), ("y", 4, NumericType::Float32), ("z", 8, NumericType::Float32)];
-    let colors =
-        [("red", 12, NumericType::Uint8), ("green", 13, NumericType::Uint8), ("blue", 14, NumericType::Uint8)];
+    let colors = [("red", 12), ("green", 13), ("blue", 14), ("alpha", 15)];
+    let colors = colors.map(|(name, offset)| (name, offset, NumericType::Uint8));
     PointCloud {
         timestamp: Some(timestamp(unix_ns)),
-        frame_id: "scanner".to_owned(),
+        frame_id: SCANNER_FRAME.to_owned(),
         pose: Some(pose_of(&KukaPose::default())),
         point_stride: STRIDE as u32,
         fields: coordinates.into_iter().chain(colors).map(field).collect(),
         data,
+    }
+}
+
+/// The lens as OpenCV has it, which is ours and Foxglove's "plumb bob": pixels are counted from the first one's middle.
+fn calibration(lens: &Lens, unix_ns: u64) -> CameraCalibration {
+    let PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1, k2, p1, p2, k3 } = lens.camera;
+    CameraCalibration {
+        timestamp: Some(timestamp(unix_ns)),
+        width: width_px as u32,
+        height: height_px as u32,
+        distortion_model: "plumb_bob".to_owned(),
+        d: vec![k1, k2, p1, p2, k3],
+        k: vec![fx_px, 0.0, cx_px, 0.0, fy_px, cy_px, 0.0, 0.0, 1.0],
+        r: vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: vec![fx_px, 0.0, cx_px, 0.0, 0.0, fy_px, cy_px, 0.0, 0.0, 0.0, 1.0, 0.0],
+        frame_id: lens.frame().to_owned(),
     }
 }
 

@@ -12,6 +12,8 @@ SCHEMAS = {
     "/scanner/points": "foxglove.PointCloud",
     "/scanner/picture": "foxglove.CompressedImage",
     "/flange/picture": "foxglove.CompressedImage",
+    "/scanner/calibration": "foxglove.CameraCalibration",
+    "/flange/calibration": "foxglove.CameraCalibration",
     "/tf": "foxglove.FrameTransform",
     "/log": "foxglove.Log",
 }
@@ -41,11 +43,16 @@ def counted(path):
                 points = len(decoded.data) // decoded.point_stride
                 fields = {field.name: (field.offset, field.type) for field in decoded.fields}
                 assert fields["z"] == (8, 7) and fields["blue"] == (14, 1), fields
+                # Recordings of format 2 have no alpha.
+                assert fields.get("alpha") == ((15, 1) if decoded.point_stride == 16 else None), fields
                 depths = [struct.unpack_from("<f", decoded.data, i * decoded.point_stride + 8)[0] for i in range(points)]
                 seen = sorted(depth for depth in depths if depth == depth)
                 print(f"  {points} points, {len(seen)} seen, median depth {seen[len(seen) // 2]:.1f} mm")
             elif channel.topic.endswith("/picture"):
                 assert decoded.format == "png" and decoded.data[:8] == PNG
+            elif channel.topic.endswith("/calibration"):
+                assert decoded.distortion_model == "plumb_bob" and len(decoded.D) == 5, decoded
+                assert len(decoded.K) == 9 and len(decoded.P) == 12 and decoded.width > 0, decoded
             elif channel.topic == "/tf":
                 turn = decoded.rotation
                 assert abs(turn.x**2 + turn.y**2 + turn.z**2 + turn.w**2 - 1) < 1e-9

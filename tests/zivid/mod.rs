@@ -5,10 +5,13 @@ mod service;
 mod stub;
 
 use panelprep::daemon::{Cameras, Eyes};
-use panelprep::devices::cameras::RecordedFlangeCamera;
-use panelprep::devices::zivid::{Restarts, ZividFault, ZividScanner};
+use panelprep::devices::cameras::{Conditions, RecordedFlangeCamera, Scanner};
+use panelprep::devices::zivid::{
+    Flicker, Launcher, Restarts, Setup, Source, Warmth, ZividFault, ZividScanner, launcher,
+};
 use panelprep::geometry::PinholeCamera;
 use rand::SeedableRng;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 const SMALL: [usize; 2] = [162, 100];
@@ -56,6 +59,67 @@ fn each_planted_fault_of_the_camera_is_named() {
     scanner.shot().expect("the third try");
     let told = scanner.photo().expect_err("hot").to_string();
     assert!(told.starts_with("C3 the 3D camera is hot and paused for 2500 ms during a picture"), "{told}");
+}
+
+/// A camera on the network, played by these lines, and its workers.
+fn on_the_network(folder: &Path, [width, height]: [usize; 2], lines: &str) -> (Setup, Launcher) {
+    let (setup, _) = stub::camera(folder, [width, height], lines);
+    let named = format!("PANELPREP_ZIVID_STUB={}", folder.join("camera.zfc").display());
+    let program = env!("CARGO_BIN_EXE_panelprep");
+    let arguments =
+        [named.into(), program.into(), "zivid-worker".into(), "--library".into(), stub::library().into()];
+    (Setup { source: Source::Only, ..setup }, launcher("/usr/bin/env".into(), arguments.into()))
+}
+
+/// A camera that is there and does not open is not "is its cable in?".
+#[test]
+fn a_camera_that_is_there_and_does_not_open_says_why() {
+    let cases = [
+        (
+            "firmwareUpdateRequired",
+            "C5 the 3D camera needs other firmware: camera STUB0001 has firmware 2.17.0+played",
+        ),
+        ("busy", "C1 the 3D camera is in use: camera STUB0001 is connected to another program or computer"),
+        ("inaccessible", "C1 the 3D camera cannot be reached: camera STUB0001 is seen on the network"),
+    ];
+    for (status, words) in cases {
+        let folder = tempfile::tempdir().expect("a folder");
+        let (setup, launch) = on_the_network(folder.path(), SMALL, &format!("status {status}\n"));
+        let scanner = ZividScanner::start(setup, launch).expect("a thread");
+        let told = scanner.ready(PATIENCE).expect_err(status).to_string();
+        assert!(
+            told.starts_with(words) && told.contains("In the SDK's words: the camera cannot be connected"),
+            "{told}"
+        );
+        assert!(!told.contains("cable"), "{told}");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let (setup, launch) = on_the_network(folder.path(), SMALL, "");
+    let mut scanner = ZividScanner::start(setup, launch).expect("a thread");
+    scanner.ready(PATIENCE).expect("this one opens");
+    scanner.shot().expect("and delivers");
+}
+
+/// By hand: 30 °C at the first exposure, which warms up, and half a degree more at each after it; the samples expose for
+/// 10 ms in 3D and 20 ms for the film.
+#[test]
+fn each_shot_tells_its_own_temperature_and_exposure() {
+    let (_folder, mut scanner) = ready("lens 30\nwarms 0.5\nfault 4 throttled\nlight grid50hz 100\n", |_| ());
+    assert_eq!(scanner.conditions(), Conditions::default(), "no shot yet that anybody asked for");
+    scanner.shot().expect("a shot");
+    let told = |exposure_us, camera_c, throttled_ms| Conditions {
+        exposure_us: Some(exposure_us),
+        camera_c: Some(camera_c),
+        throttled_ms: Some(throttled_ms),
+    };
+    assert_eq!(scanner.conditions(), told(10_000.0, 30.5, 0.0));
+    scanner.photo().expect("a picture");
+    assert_eq!(scanner.conditions(), told(20_000.0, 31.0, 0.0));
+    scanner.shot().expect("a scene that stands bears a pause");
+    assert_eq!(scanner.conditions(), told(10_000.0, 31.5, 2_500.0));
+    assert!(matches!(scanner.warmth(), Warmth::NotFollowed { followed_s } if followed_s < 600.0));
+    let light = scanner.light().expect("a look at the light");
+    assert_eq!((light.flicker, light.frequency.as_str()), (Flicker::Grid50Hz, "100"));
 }
 
 /// The film's pictures have the camera's own times: who looks away for a while finds the newest three, and a gap before

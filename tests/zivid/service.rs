@@ -1,7 +1,7 @@
 //! The service of a cell whose 3D camera is killed under it, again and again.
 
 use super::stub;
-use crate::commands::rendered;
+use crate::commands::{json, rendered};
 use crate::service::Service;
 use rustix::process::{Pid, Signal, kill_process};
 use std::path::Path;
@@ -67,4 +67,38 @@ fn the_service_outlives_its_camera() {
     });
     service.signal(Signal::TERM);
     assert!(service.ended().success());
+}
+
+/// What doctor says of a Zivid besides whether it delivers: how the light flickers, that its warmth is not known yet, and which
+/// graphics processor there is. A film by the projector's light is refused with file, line and key.
+#[test]
+fn doctor_looks_at_light_warmth_and_settings() {
+    let folder = rendered("good");
+    with_zivid(folder.path());
+    let camera = folder.path().join("cell/camera.zfc");
+    std::fs::write(camera, "width 486\nheight 300\nlight grid60hz 120\n").expect("written");
+    let checks = || json(folder.path(), "doctor --cell cell/cell.toml").1["checks"].clone();
+    let check = |checks: &serde_json::Value, name: &str| {
+        let all = checks.as_array().expect("checks");
+        let one = all.iter().find(|check| check["name"] == name).unwrap_or_else(|| panic!("{name}: {checks}"));
+        (one["ok"] == true, format!("{} {}", one["found"], one["advice"]))
+    };
+    let found = checks();
+    let (_, graphics) = check(&found, "graphics processor");
+    assert!(graphics.contains("nvidia") || graphics.contains("NVIDIA"), "{graphics}");
+    let (ok, light) = check(&found, "light on the scene");
+    assert!(
+        !ok && light.contains("flickers as on mains of 60 Hz (120 Hz)") && light.contains("settings_2d"),
+        "{light}"
+    );
+    let (ok, warmth) = check(&found, "scanner's warmth");
+    assert!(ok && warmth.contains("whether it is warm is not known") && warmth.contains("--warm-up"), "{warmth}");
+    let (ok, scanner) = check(&found, "scanner");
+    assert!(ok && scanner.contains("a Zivid, ready"), "{scanner}");
+
+    let film = folder.path().join("cell/film.yml");
+    std::fs::write(&film, stub::PICTURE.replace("Brightness: 0", "Brightness: 1.8")).expect("written");
+    let (ok, scanner) = check(&checks(), "scanner");
+    let words = "Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, allowed is 0";
+    assert!(!ok && scanner.contains("film.yml:") && scanner.contains(words), "{scanner}");
 }

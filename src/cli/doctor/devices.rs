@@ -1,27 +1,24 @@
 //! Facts of what is connected: cameras, the robot's ports, the service. Nothing is moved.
 
-use super::{Check, machine};
-use crate::cell::{Camera, Cell, Gige, RobotKind, ZividCamera};
+use super::{Check, machine, zivid};
+use crate::cell::{Camera, Cell, Gige, RobotKind};
 use crate::cli::fault::Fault;
 use crate::cli::load::{Calibrated, CellFiles};
 use crate::cli::shoot::opening;
 use crate::cli::{ctl, live};
-use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner, Single, SingleError};
-use crate::devices::cameras::{
-    CameraError, FlangeCamera as _, RecordedFlangeCamera, RecordedScanner, Scanner as _,
-};
-use crate::devices::zivid::Patience;
+use crate::daemon::{BorrowedFlangeCamera, Single, SingleError};
+use crate::devices::cameras::{CameraError, FlangeCamera as _, RecordedFlangeCamera, RecordedScanner};
 use crate::eki::LinkLoss;
 use crate::geometry::{ColorPicture, PinholeCamera};
 
 /// Both cameras, and the sockets that a network camera needs.
-pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
+pub(super) fn cameras(files: &CellFiles, warm_up: bool) -> Vec<Check> {
     let scanner = match files.cell.scanner() {
-        Camera::Simulated => simulated("scanner"),
+        Camera::Simulated => vec![simulated("scanner")],
         Camera::Recorded { folder } => {
-            recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))
+            vec![recorded("scanner", files.scanner(), |lens| RecordedScanner::open(folder, lens).map(drop))]
         }
-        Camera::Device(camera) => zivid(files, camera),
+        Camera::Device(camera) => zivid::checks(files, camera, warm_up),
     };
     let flange_camera = match files.cell.flange_camera() {
         Camera::Simulated => vec![simulated("flange camera")],
@@ -29,18 +26,23 @@ pub(super) fn cameras(files: &CellFiles) -> Vec<Check> {
             let open = |lens| RecordedFlangeCamera::open(folder, lens).map(drop);
             vec![recorded("flange camera", files.flange_camera(), open)]
         }
-        Camera::Device(gige) => vec![machine::receive_buffer(), gige_camera(files, gige)],
+        Camera::Device(gige) => {
+            let (camera, size_px) = gige_camera(files, gige);
+            vec![machine::receive_buffer(size_px, gige.packet_bytes), camera]
+        }
     };
-    std::iter::once(scanner).chain(flange_camera).collect()
+    scanner.into_iter().chain(flange_camera).collect()
 }
 
-/// Opens the camera and waits for its first whole picture; where the service has it, the service takes one.
+/// Opens the camera and waits for its first whole picture; where the service has it, the service takes one. With its size,
+/// where that is known: by its calibration, else by itself.
 #[cfg(feature = "gige")]
-fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
+fn gige_camera(files: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     let name = "flange camera";
+    let calibrated = || files.flange_camera().ok().map(|lens| [lens.value.width_px, lens.value.height_px]);
     if let Some(state) = ctl::state_of(&files.socket()) {
         let taken = BorrowedFlangeCamera::new(files.socket()).capture();
-        return borrowed(name, &state, taken.map(|taken| taken.picture));
+        return (borrowed(name, &state, taken.map(|taken| taken.picture)), calibrated());
     }
     let opened = opening::lens(files.flange_camera()).and_then(|lens| {
         let open = |lens: &PinholeCamera| live::gige_camera(&files.cell, gige, lens);
@@ -50,25 +52,26 @@ fn gige_camera(files: &CellFiles, gige: &Gige) -> Check {
     match whole {
         Ok([width, height]) => {
             let bytes = gige.packet_bytes;
-            Check::right(name, format!("delivers {width}×{height} in packets of {bytes} bytes"))
+            let told = format!("delivers {width}×{height} in packets of {bytes} bytes");
+            (Check::right(name, told), Some([width, height]))
         }
-        Err(error) => Check::wrong(
-            name,
-            error.to_string(),
-            "look at its power, cable and address; end other camera programs; hold [flange_camera] against it",
-        ),
+        Err(error) => {
+            let advice =
+                "look at its power, cable and address; end other camera programs; hold [flange_camera] against it";
+            (Check::wrong(name, error.to_string(), advice), calibrated())
+        }
     }
 }
 
 #[cfg(not(feature = "gige"))]
-fn gige_camera(_: &CellFiles, gige: &Gige) -> Check {
+fn gige_camera(_: &CellFiles, gige: &Gige) -> (Check, Option<[usize; 2]>) {
     let which = gige.serial.as_ref().map_or("the only one found".to_owned(), |serial| format!("serial {serial}"));
     let found = format!("a GigE Vision camera, {which}: this program was built without its driver");
-    Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\"")
+    (Check::wrong("flange camera", found, "use a program that was built with it, or kind = \"recorded\""), None)
 }
 
 /// A camera that the service has, and what came of asking it for a shot; a cell that is at work is not disturbed.
-fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
+pub(super) fn borrowed(name: &str, state: &str, taken: Result<ColorPicture, CameraError>) -> Check {
     let holder = format!("held by the service, which is {state}");
     match taken {
         Ok(picture) => Check::right(name, format!("{holder}: delivers {}×{}", picture.width, picture.height)),
@@ -94,38 +97,6 @@ fn recorded(
     match lens.and_then(|lens| open(lens).map_err(Fault::stage)) {
         Ok(()) => Check::right(name, "recorded shots are played"),
         Err(error) => Check::wrong(name, error.to_string(), "name the folder of a recording in the cell's file"),
-    }
-}
-
-/// Starts the camera's worker, opens the camera and takes a shot to warm it up.
-fn zivid(files: &CellFiles, camera: &ZividCamera) -> Check {
-    if let Some(state) = ctl::state_of(&files.socket()) {
-        let taken = BorrowedScanner::new(files.socket()).capture_3d();
-        return borrowed("scanner", &state, taken.map(|taken| taken.cloud.picture()));
-    }
-    let lens = opening::lens(files.scanner());
-    let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
-    let opened = lens.and_then(|lens| {
-        let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
-        opening::sized(lens, open, |scanner| Ok(scanner.ready(Patience::default().start())?))
-    });
-    let mut scanner = match opened {
-        Ok((scanner, _)) => scanner,
-        Err(fault) => return Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file"),
-    };
-    let ready = scanner.ready(Patience::default().start());
-    match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
-        Ok((found, own)) => {
-            let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
-            let calibrated = calibrated_px
-                .map_or("it is not calibrated yet".to_owned(), |px| format!("by its calibration {px:.1} px"));
-            let told = format!(
-                "a Zivid, ready; temperature of its lens {warm}; focal length by itself {:.1} px, {calibrated}",
-                own.matrix_px[0]
-            );
-            Check::right("scanner", told)
-        }
-        Err(fault) => Check::wrong("scanner", fault.to_string(), "src/devices/README.md says what it needs"),
     }
 }
 

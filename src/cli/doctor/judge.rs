@@ -1,12 +1,12 @@
 //! From a fact of the computer to a line for a person. Pure.
 
 use super::Check;
+use crate::cell::{Mains, ZividSettings, ZividUse};
 use crate::daemon::FLOOR_MB;
+use crate::devices::zivid::{Flicker, Light, Warmth};
 
 /// Below this there is room for a few cycles only, MB.
 const SCARCE_MB: u64 = 10_000;
-/// A camera's frames are received into a socket buffer of this size.
-pub(super) const RECEIVE_BUFFER_BYTES: u64 = 8 * 1024 * 1024;
 /// What is written and read in the same minute may differ by as much, s.
 const CLOCK_SLACK_S: i64 = 60;
 
@@ -44,20 +44,25 @@ pub(super) fn clock_behind(written_unix_s: i64, now_unix_s: i64) -> Check {
     Check::right("clock beside the store", format!("last written {:.1} h ago", -ahead_s as f64 / 3600.0))
 }
 
-/// May a socket have the buffer that a GigE Vision camera needs? `largest` is the kernel's `rmem_max`.
-pub(super) fn receive_buffer(largest_bytes: Option<u64>) -> Check {
+/// May a socket have the buffer that a GigE Vision camera's picture needs, which comes in one burst? `largest_bytes` is the
+/// kernel's `rmem_max`; without a size an ordinary camera's is meant.
+pub(super) fn receive_buffer(
+    largest_bytes: Option<u64>,
+    needed_bytes: usize,
+    size_px: Option<[usize; 2]>,
+) -> Check {
     let name = "socket buffers";
     let advice = format!(
-        "put `net.core.rmem_max = {RECEIVE_BUFFER_BYTES}` into /etc/sysctl.d/60-panelprep.conf and run `sysctl --system`"
+        "put `net.core.rmem_max = {needed_bytes}` into /etc/sysctl.d/60-panelprep.conf and run `sysctl --system`"
     );
+    let whose = match size_px {
+        Some([width, height]) => format!("this camera's, of {width}×{height}, takes {needed_bytes}"),
+        None => format!("a camera's takes {needed_bytes}"),
+    };
     match largest_bytes {
-        Some(bytes) if bytes >= RECEIVE_BUFFER_BYTES => {
-            Check::right(name, format!("up to {bytes} bytes; a camera's takes {RECEIVE_BUFFER_BYTES}"))
-        }
+        Some(bytes) if bytes >= needed_bytes as u64 => Check::right(name, format!("up to {bytes} bytes; {whose}")),
         Some(bytes) => {
-            let found =
-                format!("up to {bytes} bytes; a camera's takes {RECEIVE_BUFFER_BYTES}, and loses frames with less");
-            Check::wrong(name, found, advice)
+            Check::wrong(name, format!("up to {bytes} bytes; {whose}, and loses frames with less"), advice)
         }
         None => Check::wrong(
             name,
@@ -67,19 +72,149 @@ pub(super) fn receive_buffer(largest_bytes: Option<u64>) -> Check {
     }
 }
 
+/// Is there a graphics processor for the Zivid SDK, and may the service reach it? By the character devices of
+/// `/proc/devices`: their names are those that `config/panelprep-zivid.conf` lets the service have. `has_uvm_node`: /dev/nvidia-uvm
+/// is there.
+pub(super) fn graphics_processor(devices: Option<&str>, has_uvm_node: bool) -> Check {
+    let name = "graphics processor";
+    let Some(devices) = devices else {
+        return Check::wrong(name, "the kernel does not list its devices (/proc/devices)", "mount /proc");
+    };
+    let characters = devices.split("Block devices:").next().unwrap_or_default();
+    let names: Vec<&str> = characters.lines().filter_map(|line| line.split_whitespace().nth(1)).collect();
+    let has = |wanted: &str| names.contains(&wanted);
+    let uvm = "put a line `nvidia-uvm` into /etc/modules-load.d/panelprep.conf and run `modprobe nvidia-uvm`: the service must \
+               not load it by itself";
+    match (has("nvidia") || has("nvidia-frontend"), has("nvidia-uvm"), has("drm")) {
+        (true, true, _) if has_uvm_node => Check::right(name, "NVIDIA, with nvidia-uvm"),
+        (true, true, _) => Check::wrong(
+            name,
+            "NVIDIA, and its computing part has no /dev/nvidia-uvm",
+            "let `nvidia-modprobe -c 0 -u` run at boot: the service must not make a device by itself",
+        ),
+        (true, false, _) => Check::wrong(name, "NVIDIA, and its computing part nvidia-uvm is not loaded", uvm),
+        (false, _, true) => {
+            let found =
+                "no NVIDIA driver; a display driver (drm) is there, by which the SDK computes where it knows it";
+            Check::right(name, found)
+        }
+        (false, _, false) => Check::wrong(
+            name,
+            "no driver of one is loaded (neither nvidia nor drm in /proc/devices); the Zivid SDK computes on it",
+            "install the driver of the graphics processor; a file camera may compute without, see the SDK's manual",
+        ),
+    }
+}
+
+/// Does the cell's light, as it is now, go with the exposures of the camera's settings?
+pub(super) fn light(light: &Light, settings: &[ZividSettings]) -> Check {
+    let name = "light on the scene";
+    let every = match light.frequency.as_str() {
+        "" => String::new(),
+        frequency => format!(" ({frequency} Hz)"),
+    };
+    let mains = match light.flicker {
+        Flicker::None => return Check::right(name, "does not flicker, as it is now"),
+        Flicker::Grid50Hz => Mains::Hz50,
+        Flicker::Grid60Hz => Mains::Hz60,
+        Flicker::Other | Flicker::Unknown => {
+            let found = format!("flickers, and not as on the mains{every}: no exposure is known to fit");
+            return Check::wrong(
+                name,
+                found,
+                "find the lamp that flickers; take one on direct current for the film",
+            );
+        }
+    };
+    let file = |settings: &ZividSettings| match settings.usage() {
+        ZividUse::Scan => "settings",
+        ZividUse::Film => "settings_2d",
+    };
+    let misfits = |settings: &&ZividSettings| !settings.fitting().contains(&mains);
+    let wrong: Vec<&str> = settings.iter().filter(misfits).map(file).collect();
+    let found = format!("flickers as on mains of {}{every}", mains.name());
+    if wrong.is_empty() {
+        return Check::right(name, format!("{found}; each exposure is a multiple of that"));
+    }
+    let advice = format!(
+        "make each ExposureTime in [scanner] {} a multiple of {:.0} µs, or light the scene by direct current",
+        wrong.join(" and "),
+        mains.flicker_us()
+    );
+    Check::wrong(name, format!("{found}, and an exposure is no multiple of that, or not stated"), advice)
+}
+
+/// The camera does not say how the light is: a doubt, no fault of the cell.
+pub(super) fn light_not_known(why: &str) -> Check {
+    Check::right("light on the scene", format!("whether it flickers is not known: {why}"))
+}
+
+/// Is the 3D camera as warm as it stays? A doubt is told; a cycle may begin with it.
+pub(super) fn warmth(warmth: Warmth) -> Check {
+    let name = "scanner's warmth";
+    match warmth {
+        Warmth::Changing { .. } => {
+            let advice = "let it take shots for ten minutes: `panelprep doctor --warm-up`, or cycles";
+            Check::wrong(name, warmth.to_string(), advice)
+        }
+        Warmth::NotFollowed { .. } => Check::right(name, format!("{warmth}; `--warm-up` takes shots for so long")),
+        Warmth::Warm { .. } | Warmth::Unclear { .. } => Check::right(name, warmth.to_string()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// As drivers from 550 on list themselves, and as older ones did.
+    #[test]
+    fn a_graphics_processor_is_found_by_its_drivers_names() {
+        let listed = |names: &str| {
+            let lines: String = names.split(' ').map(|name| format!("195 {name}\n")).collect();
+            let text = format!("Character devices:\n  1 mem\n{lines}\nBlock devices:\n  8 sd\n253 nvidia\n");
+            graphics_processor(Some(&text), true)
+        };
+        assert!(listed("nvidia nvidia-modeset nvidiactl nvidia-uvm drm").ok);
+        assert!(listed("nvidia-frontend nvidia-uvm").ok);
+        let unloaded = listed("nvidia nvidiactl drm");
+        assert!(!unloaded.ok && unloaded.advice.contains("modprobe nvidia-uvm"), "{unloaded:?}");
+        assert!(listed("drm").found.contains("no NVIDIA driver"));
+        let none = listed("tty");
+        assert!(!none.ok && none.found.contains("neither nvidia nor drm"), "{none:?}: a block device is none");
+        assert!(!graphics_processor(None, true).ok);
+        let nodeless = graphics_processor(Some("Character devices:\n195 nvidia\n508 nvidia-uvm\n"), false);
+        assert!(!nodeless.ok && nodeless.advice.contains("nvidia-modprobe -c 0 -u"), "{nodeless:?}");
+    }
+
+    /// By hand: the samples expose for 10 and 20 ms; 20 ms are 2.4 periods of a lamp on 60 Hz.
+    #[test]
+    fn a_lamp_that_flickers_is_told_with_the_settings_that_do_not_fit() {
+        let files =
+            [include_str!("../../../config/zivid/scan.yml"), include_str!("../../../config/zivid/film.yml")];
+        let settings =
+            files.map(|text| ZividSettings::read("f", text).unwrap_or_else(|problems| panic!("{problems}")));
+        let told = |flicker, frequency: &str| light(&Light { flicker, frequency: frequency.to_owned() }, &settings);
+        assert!(told(Flicker::None, "").ok);
+        let fits = told(Flicker::Grid50Hz, "100.02");
+        assert!(fits.ok && fits.found.starts_with("flickers as on mains of 50 Hz (100.02 Hz)"), "{fits:?}");
+        let other = told(Flicker::Grid60Hz, "120");
+        assert!(!other.ok && other.advice.contains("settings and settings_2d a multiple of 8333 µs"), "{other:?}");
+        assert!(!told(Flicker::Unknown, "").ok);
+        let doubt = warmth(Warmth::NotFollowed { followed_s: 61.0 });
+        assert!(doubt.ok && doubt.found.contains("followed for 1 of 10 min"), "{doubt:?}");
+        assert!(!warmth(Warmth::Changing { rise_c_per_min: 0.8 }).ok);
+    }
 
     #[test]
     fn a_full_disk_and_a_small_buffer_say_what_to_do() {
         assert!(disk("store", FLOOR_MB).ok && disk("store", 50_000).found.starts_with("50000 MB free"));
         let full = disk("store", FLOOR_MB - 1);
         assert!(!full.ok && full.advice.contains("1000 MB"));
-        assert!(receive_buffer(Some(RECEIVE_BUFFER_BYTES)).ok);
-        for small in [Some(212_992), None] {
-            let check = receive_buffer(small);
-            assert!(!check.ok && check.advice.contains("net.core.rmem_max = 8388608"), "{check:?}");
+        let buffer = |largest| receive_buffer(largest, 20_874_880, Some([5_472, 3_648]));
+        assert!(buffer(Some(20_874_880)).ok && buffer(Some(20_874_880)).found.contains("5472×3648"));
+        for small in [Some(8_388_608), None] {
+            let check = buffer(small);
+            assert!(!check.ok && check.advice.contains("net.core.rmem_max = 20874880"), "{check:?}");
         }
     }
 

@@ -3,6 +3,7 @@
 use super::{Check, judge};
 use crate::cli::calibrate::now_unix_s;
 use crate::daemon;
+use crate::devices::gige::socket_buffer_bytes;
 use crate::store::free_mb;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -69,8 +70,15 @@ pub(super) fn recordings(store: &Path) -> Option<Check> {
     (count > 0).then(|| Check::right("recordings", found))
 }
 
-/// The kernel's largest receive buffer.
-pub(super) fn receive_buffer() -> Check {
+/// The drivers of graphics processors that the kernel has.
+pub(super) fn graphics_processor() -> Check {
+    let devices = fs::read_to_string("/proc/devices").ok();
+    judge::graphics_processor(devices.as_deref(), Path::new("/dev/nvidia-uvm").exists())
+}
+
+/// The kernel's largest receive buffer, and what a picture of this size needs of it.
+pub(super) fn receive_buffer(size_px: Option<[usize; 2]>, packet_bytes: u16) -> Check {
     let text = fs::read_to_string("/proc/sys/net/core/rmem_max").ok();
-    judge::receive_buffer(text.and_then(|text| text.trim().parse().ok()))
+    let needed = socket_buffer_bytes(size_px.unwrap_or_default(), packet_bytes);
+    judge::receive_buffer(text.and_then(|text| text.trim().parse().ok()), needed, size_px)
 }

@@ -2,12 +2,13 @@
 //!
 //! It moves nothing and writes nothing. Where something above rests on something below that is not right, it is said to
 //! be not looked at, which counts as not right. `judge` turns facts into words, `machine` finds those of the computer,
-//! `cell` those of the cell's files, and `devices` those of what is connected.
+//! `cell` those of the cell's files, and `devices` and `zivid` those of what is connected.
 
 mod cell;
 mod devices;
 mod judge;
 mod machine;
+mod zivid;
 
 use super::args::{Common, Doctor};
 use super::fault::Fault;
@@ -71,7 +72,7 @@ fn of_cell(args: &Doctor, common: &Common, files: &CellFiles) -> Vec<Check> {
     checks.extend(cell::calibrations(files, store.as_ref()));
     let programs = cell::kuka(args.kuka.as_deref(), &files.cell);
     checks.extend(programs.checks);
-    checks.extend(devices::cameras(files));
+    checks.extend(devices::cameras(files, args.warm_up));
     checks.extend(devices::robot_and_service(files, programs.sum));
     checks
 }

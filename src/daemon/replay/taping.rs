@@ -11,7 +11,7 @@ use crate::geometry::KukaPose;
 use crate::record::CycleId;
 use crate::store;
 use crate::supervision::{Supervised, Supervisor, supervised};
-use crate::tape::{Begin, Entry, Mounted, Start, TapeError, Topic, Writer};
+use crate::tape::{Begin, Entry, Lens, Mounted, Start, TapeError, Topic, Writer};
 use serde_json::{Value, json};
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Write};
@@ -195,7 +195,8 @@ impl Inside {
                 Ok(out)
             });
             let out = made.map_err(|error| TapeError::Disk { doing: "made", source: error.into() })?;
-            Writer::begin(BufWriter::new(OnDisk(out, of_disk)), &start, &files, &mounted(&calibrations))
+            let (mounted, lenses) = (mounted(&calibrations), lenses(&calibrations));
+            Writer::begin(BufWriter::new(OnDisk(out, of_disk)), &start, &files, &mounted, &lenses)
         };
         let name = file.display().to_string();
         let bounds = (Bounds::of(self.lock_step), Some(sign));
@@ -245,6 +246,12 @@ fn mounted(values: &Calibrations) -> [Mounted; 3] {
         mounted("flange", "flange_camera", KukaPose::from_rigid(&values.flange_from_camera)),
         mounted("flange", "tool", KukaPose::from_rigid(&values.flange_from_tool)),
     ]
+}
+
+/// The cameras' lenses, for the same.
+fn lenses(values: &Calibrations) -> [Lens; 2] {
+    let lens = |topic, camera| Lens { topic, camera };
+    [lens(Topic::ScannerLens, values.scanner), lens(Topic::FlangeLens, values.flange_camera)]
 }
 
 /// Free space on the disk of this file, MB.

@@ -58,7 +58,7 @@ fn start() -> Start {
 }
 
 fn begun(disk: &Disk) -> Writer<Disk> {
-    Writer::begin(disk.clone(), &start(), &[], &[]).expect("begun")
+    Writer::begin(disk.clone(), &start(), &[], &[], &[]).expect("begun")
 }
 
 fn bounds(waits: bool, hangs_at_the_end: Duration) -> Bounds {

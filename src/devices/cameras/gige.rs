@@ -15,7 +15,9 @@ use std::time::Instant;
 #[derive(Debug)]
 pub struct GigeFlangeCamera {
     camera: GigeCamera,
-    exposure_us: Option<f64>,
+    /// Of each picture, µs: as the cell's file says, which the camera has confirmed.
+    exposure_us: f64,
+    conditions: Conditions,
     began: Instant,
 }
 
@@ -41,7 +43,7 @@ impl GigeFlangeCamera {
             user_set: cell.user_set.clone(),
             size_px: [calibrated.width_px, calibrated.height_px],
             format,
-            exposure_us: cell.exposure_us,
+            exposure_us: Some(cell.exposure_us),
             gain_db: cell.gain_db,
             exposing: Exposing::OnTrigger,
             packet_bytes: cell.packet_bytes,
@@ -51,7 +53,8 @@ impl GigeFlangeCamera {
         if let Some(short) = socket_buffer_short_of(needed) {
             tracing::warn!("pictures of the flange camera may arrive incomplete: {short}");
         }
-        Ok(GigeFlangeCamera { camera: opened(settings)?, exposure_us: cell.exposure_us, began: Instant::now() })
+        let (camera, conditions, began) = (opened(settings)?, Conditions::default(), Instant::now());
+        Ok(GigeFlangeCamera { camera, exposure_us: cell.exposure_us, conditions, began })
     }
 
     /// What its link has counted, now and later.
@@ -62,7 +65,11 @@ impl GigeFlangeCamera {
 
 impl FlangeCamera for GigeFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
-        let picture = colored(&self.camera.picture().map_err(failed)?)?;
+        let frame = self.camera.picture().map_err(failed)?;
+        let exposure_us = Some(self.exposure_us);
+        // Such a camera has no projector and pauses for no heat.
+        self.conditions = Conditions { exposure_us, camera_c: frame.camera_c, throttled_ms: None };
+        let picture = colored(&frame)?;
         Ok(FlangePicture { picture, base_from_flange: None, time_s: self.began.elapsed().as_secs_f64() })
     }
 
@@ -71,7 +78,7 @@ impl FlangeCamera for GigeFlangeCamera {
     }
 
     fn conditions(&self) -> Conditions {
-        Conditions { exposure_us: self.exposure_us, ..Conditions::default() }
+        self.conditions
     }
 }
 
@@ -182,10 +189,10 @@ fn failed(error: GigeError) -> CameraError {
         | GigeError::Controlled { .. }
         | GigeError::WrongCamera { .. }
         | GigeError::Lost { .. } => CameraError::NotThere { which, reason: error.to_string() },
-        GigeError::NoNode(_)
+        GigeError::Plan(_)
         | GigeError::NotTaken { .. }
         | GigeError::NothingWhole { .. }
-        | GigeError::NotArmed { .. }
+        | GigeError::OtherFormat { .. }
         | GigeError::Refused { .. }
         | GigeError::Frozen { .. } => CameraError::Unusable { which, reason: error.to_string() },
     }

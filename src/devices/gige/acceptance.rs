@@ -161,6 +161,9 @@ pub struct Acceptance {
     last_id: Option<u64>,
     /// The last taken frame.
     last_time_ns: Option<u64>,
+    /// Of the frame before, where it was refused as no newer than that.
+    older_time_ns: Option<u64>,
+    clock_steps: u64,
     last_pixels: Vec<u8>,
     lost: u64,
     /// Incomplete frames without a number of their own since the last that had one.
@@ -170,7 +173,16 @@ pub struct Acceptance {
 impl Acceptance {
     /// Nothing was seen yet.
     pub fn new(expected: Expected) -> Self {
-        Acceptance { expected, last_id: None, last_time_ns: None, last_pixels: Vec::new(), lost: 0, unnumbered: 0 }
+        Acceptance {
+            expected,
+            last_id: None,
+            last_time_ns: None,
+            older_time_ns: None,
+            clock_steps: 0,
+            last_pixels: Vec::new(),
+            lost: 0,
+            unnumbered: 0,
+        }
     }
 
     /// A new stream begins: its numbers may begin anywhere. The camera's clock goes on.
@@ -186,6 +198,18 @@ impl Acceptance {
     /// Frames that are missing in the numbers, of a free running camera.
     pub fn lost(&self) -> u64 {
         self.lost
+    }
+
+    /// How often the camera's clock was set back.
+    pub fn clock_steps(&self) -> u64 {
+        self.clock_steps
+    }
+
+    /// Whether a time that is no newer than the last is a clock's that was set back, as PTP does where a new master takes over:
+    /// the frame before was refused for its time, this one is newer than that. A camera that shows one old frame again
+    /// and again never gets there.
+    fn is_clock_step(&self, camera_time_ns: u64) -> bool {
+        self.older_time_ns.is_some_and(|older_ns| camera_time_ns > older_ns)
     }
 
     /// Takes the frame, or says why not.
@@ -219,7 +243,10 @@ impl Acceptance {
             Some(_) if gaps == Gaps::Counted => {}
             _ => return Err(Refused::OutOfSequence { id, last: before.unwrap_or_default() }),
         }
-        if let Some(last_ns) = self.last_time_ns.filter(|&last_ns| camera_time_ns <= last_ns) {
+        let not_newer = self.last_time_ns.filter(|&last_ns| camera_time_ns <= last_ns);
+        let is_clock_step = not_newer.is_some() && self.is_clock_step(camera_time_ns);
+        if let Some(last_ns) = not_newer.filter(|_| !is_clock_step) {
+            self.older_time_ns = Some(camera_time_ns);
             return Err(Refused::NotNewer { id, found_ns: camera_time_ns, last_ns });
         }
         // A picture of one brightness, as of a shut lens, does repeat.
@@ -227,7 +254,8 @@ impl Acceptance {
         if !may_repeat && !plain && pixels == self.last_pixels {
             return Err(Refused::Repeated { id });
         }
-        self.last_time_ns = Some(camera_time_ns);
+        self.clock_steps += u64::from(is_clock_step);
+        (self.last_time_ns, self.older_time_ns) = (Some(camera_time_ns), None);
         if !may_repeat {
             self.last_pixels.clear();
             self.last_pixels.extend_from_slice(pixels);
@@ -297,6 +325,23 @@ mod tests {
         acceptance.new_stream();
         let restarted = Facts { id: 1, camera_time_ns: 9_000, ..frame(1) };
         assert_eq!(acceptance.judge(&restarted, &pixels(1)), Ok(()));
+    }
+
+    /// By hand: after 8 µs the clock goes on from 1 µs. The first frame of the new time is refused, the next one taken, and from
+    /// then on the new time holds. The same old frame once more is never taken.
+    #[test]
+    fn a_clock_that_is_set_back_costs_one_picture() {
+        let at = |id: u64, camera_time_ns: u64| Facts { camera_time_ns, ..frame(id) };
+        let mut acceptance = Acceptance::new(EXPECTED);
+        assert_eq!(acceptance.judge(&at(7, 8_000), &pixels(7)), Ok(()));
+        let back = acceptance.judge(&at(8, 1_000), &pixels(8)).expect_err("older");
+        assert!(matches!(back, Refused::NotNewer { .. }), "{back}");
+        acceptance.new_stream();
+        let same = acceptance.judge(&at(1, 1_000), &pixels(8)).expect_err("the same once more");
+        assert!(matches!(same, Refused::NotNewer { .. }), "{same}");
+        acceptance.new_stream();
+        assert_eq!(acceptance.judge(&at(1, 1_100), &pixels(9)), Ok(()));
+        assert_eq!((acceptance.judge(&at(2, 1_200), &pixels(10)), acceptance.clock_steps()), (Ok(()), 1));
     }
 
     proptest! {

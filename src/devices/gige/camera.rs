@@ -4,9 +4,10 @@
 //! socket buffer are set outright: what is negotiated may be more than the way lets through, and the default buffer holds a
 //! tenth of a picture.
 
-use super::acceptance::{Acceptance, Expected, Facts, Gaps};
+use super::acceptance::{Acceptance, Expected, Facts, Gaps, Refused};
 use super::configure::{configure, found};
 use super::error::GigeError;
+use super::format::PixelFormat;
 use super::settings::{Exposing, Settings};
 use super::sockets::{rmem_max, socket_buffer_bytes};
 use super::statistics::Statistics;
@@ -26,12 +27,14 @@ pub const WARM_UP: u32 = 5;
 static LIBRARY: Mutex<()> = Mutex::new(());
 
 /// A frame that was taken.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
     /// What is known of it.
     pub facts: Facts,
     /// Its pixels, one byte each, row by row.
     pub pixels: Vec<u8>,
+    /// The camera's temperature at that time, °C, where it tells one.
+    pub camera_c: Option<f64>,
 }
 
 /// A connected camera.
@@ -84,6 +87,9 @@ impl Connected {
             match self.sensor.wait()? {
                 Some((facts, pixels)) => match self.acceptance.judge(&facts, &pixels) {
                     Ok(()) => return Ok(()),
+                    Err(last @ Refused::WrongForm { format, expected, .. }) if format != expected.code() => {
+                        return Err(GigeError::OtherFormat { found: PixelFormat::name_of(format), expected, last });
+                    }
                     Err(refused) => last = refused.to_string(),
                 },
                 None => last = "nothing came".to_owned(),
@@ -101,7 +107,8 @@ impl Connected {
     /// A picture that is exposed now.
     pub fn still(&mut self) -> Result<Frame, GigeError> {
         let taken = still::take(&mut self.sensor, &mut self.acceptance, &mut self.statistics);
-        taken.map(|(facts, pixels)| Frame { facts, pixels }).map_err(|none| match none {
+        let camera_c = if taken.is_ok() { self.sensor.temperature_c() } else { None };
+        taken.map(|(facts, pixels)| Frame { facts, pixels, camera_c }).map_err(|none| match none {
             NoStill::Gone(gone) => gone,
             NoStill::Timeout => GigeError::Timeout { waited_ms: whole_ms(TRIES * self.settings.patience()) },
             NoStill::Refused(last) => GigeError::Refused { tries: TRIES, last },
@@ -117,7 +124,7 @@ impl Connected {
             match self.acceptance.judge(&facts, &pixels) {
                 Ok(()) => {
                     self.statistics.accepted += 1;
-                    return Ok(Frame { facts, pixels });
+                    return Ok(Frame { facts, pixels, camera_c: self.sensor.temperature_c() });
                 }
                 Err(refused) => {
                     tracing::debug!("{refused}");
@@ -139,6 +146,8 @@ impl Connected {
         let packets = self.sensor.packets();
         Statistics {
             lost: self.acceptance.lost(),
+            clock_steps: self.acceptance.clock_steps(),
+            unarmed: self.sensor.unarmed,
             packets: packets.received,
             resent_packets: packets.resent,
             missing_packets: packets.missing,

@@ -2,7 +2,9 @@
 
 use super::error::GigeError;
 use super::settings::{Settings, Step, Which, plan};
+use super::sockets::subnets_here;
 use super::streaming::gone;
+use super::subnet;
 use aravis::glib::object::Cast;
 use aravis::prelude::*;
 use aravis::{GvDevice, GvInterface, GvPacketSizeAdjustment};
@@ -12,6 +14,7 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     let wanted = which.to_string();
     let not_found = |found: String| GigeError::NotFound { wanted: wanted.clone(), found };
     let interface = GvInterface::instance().ok_or_else(|| not_found("Aravis has no GigE Vision".to_owned()))?;
+    let far = |address: &str| subnet::out_of_reach(address, &subnets_here());
     let id = match which {
         Which::Address(address) => address.clone(),
         Which::Only | Which::Serial(_) => {
@@ -25,20 +28,29 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
                 .collect();
             let told =
                 all.iter().map(|[_, serial, address]| format!("serial {serial} at {address}")).collect::<Vec<_>>();
-            let told =
-                if all.is_empty() { "none answered".to_owned() } else { format!("there is {}", told.join(", ")) };
+            let told = match all.is_empty() {
+                true => format!(
+                    "none answered; cameras answer in this computer's subnets, {}, and one with another address may not",
+                    subnet::told(&subnets_here())
+                ),
+                false => format!("there is {}", told.join(", ")),
+            };
             let right = all.iter().filter(|[_, serial, _]| match which {
                 Which::Serial(wanted) => serial == wanted,
                 _ => true,
             });
             match right.collect::<Vec<_>>().as_slice() {
+                [[_, _, address]] if far(address).is_some() => {
+                    return Err(not_found(far(address).unwrap_or_default()));
+                }
                 [[id, ..]] => id.clone(),
                 [] => return Err(not_found(told)),
                 _ => return Err(not_found(format!("{told}: name one by its serial"))),
             }
         }
     };
-    let device = interface.open_device(Some(&id)).map_err(|error| not_found(error.to_string()))?;
+    let why = |error: aravis::glib::Error| far(&id).unwrap_or_else(|| error.to_string());
+    let device = interface.open_device(Some(&id)).map_err(|error| not_found(why(error)))?;
     device.downcast::<GvDevice>().map_err(|_| not_found("it is no GigE Vision camera".to_owned()))
 }
 
@@ -78,7 +90,7 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
     let (node, value) = match step {
         Step::Command(node) => (*node, "()".to_owned()),
         Step::Choose(node, entry) => (*node, entry.clone()),
-        Step::Number(node, number) => (*node, number.to_string()),
+        Step::Number(node, number) | Step::Limit(node, number) => (*node, number.to_string()),
         Step::Switch(node, on) => (*node, on.to_string()),
     };
     let not_taken = |why: String| GigeError::NotTaken { node, value: value.clone(), why };
@@ -95,10 +107,14 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             let taken = camera.string(node).map_err(refused)?;
             if taken == *entry { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
         }
+        Step::Limit(node, number) => {
+            let (_, most) = camera.float_bounds(node).map_err(refused)?;
+            set(camera, &Step::Number(node, number.min(most)))
+        }
         Step::Number(node, number) => {
             let (least, most) = camera.float_bounds(node).map_err(refused)?;
             if !(least..=most).contains(number) {
-                return Err(not_taken(format!("it allows {least} to {most}")));
+                return Err(not_taken(format!("it allows {least} to {most}{}", at_its_rate(camera, node))));
             }
             camera.set_float(node, *number).map_err(refused)?;
             let taken = camera.float(node).map_err(refused)?;
@@ -107,4 +123,10 @@ fn set(camera: &aravis::Camera, step: &Step) -> Result<(), GigeError> {
             if near { Ok(()) } else { Err(not_taken(format!("it made {taken} of it"))) }
         }
     }
+}
+
+/// What limits an exposure: the camera's frame rate, where it tells one.
+fn at_its_rate(camera: &aravis::Camera, node: &str) -> String {
+    let rate = node.starts_with("Exposure").then(|| camera.float("AcquisitionFrameRate").ok()).flatten();
+    rate.map_or(String::new(), |rate| format!(" at its {rate:.3} pictures a second, the fewest that it takes"))
 }

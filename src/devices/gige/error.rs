@@ -1,7 +1,8 @@
 //! Why a GigE Vision camera gives no picture.
 
 use super::acceptance::Refused;
-use super::settings::NoNode;
+use super::format::PixelFormat;
+use super::settings::PlanError;
 
 /// Why a GigE Vision camera gives no picture.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -28,9 +29,9 @@ pub enum GigeError {
         /// Which one.
         wanted: String,
     },
-    /// A key that it has no node for.
+    /// Settings that this camera cannot have.
     #[error(transparent)]
-    NoNode(#[from] NoNode),
+    Plan(#[from] PlanError),
     /// A value that it does not take.
     #[error("the camera does not take {node} = {value}: {why}")]
     NotTaken {
@@ -78,17 +79,24 @@ pub enum GigeError {
         /// What came of the last.
         last: String,
     },
+    /// What it sends is in another form than it was set to, and says that it is.
+    #[error(
+        "the camera took pixel format {} and sends {found}: {last}; name in [flange_camera] pixel_format one that it sends as it \
+         is named, or give it other firmware", expected.name()
+    )]
+    OtherFormat {
+        /// What it sends.
+        found: String,
+        /// What it was set to.
+        expected: PixelFormat,
+        /// In the words of the refusal.
+        last: Refused,
+    },
     /// It was there and is not any more.
     #[error("the camera is lost: {why}")]
     Lost {
         /// How that shows.
         why: String,
-    },
-    /// Its sensor is not ready for a trigger.
-    #[error("the camera is not ready for its trigger within {waited_ms} ms (node TriggerArmed)")]
-    NotArmed {
-        /// How long was waited.
-        waited_ms: u64,
     },
     /// It does not answer in time.
     #[error("no picture within {waited_ms} ms")]

@@ -52,6 +52,23 @@ impl PixelFormat {
         Self::ALL.into_iter().find(|format| format.name() == name)
     }
 
+    /// A format's name by its code, also of one that this program does not take: as GenICam's naming convention has it.
+    pub fn name_of(code: u32) -> String {
+        let ours = Self::ALL.into_iter().find(|format| format.code() == code).map(Self::name);
+        let other = || match code {
+            0x0110_0003 => Some("Mono10"),
+            0x0110_0005 => Some("Mono12"),
+            0x0110_0007 => Some("Mono16"),
+            0x0110_000d => Some("BayerRG10"),
+            0x0110_0011 => Some("BayerRG12"),
+            0x0110_002f => Some("BayerRG16"),
+            0x010c_0059 => Some("BayerRG12p"),
+            0x0218_0014 => Some("RGB8"),
+            _ => None,
+        };
+        ours.or_else(other).map_or_else(|| format!("format {code:#010x}"), str::to_owned)
+    }
+
     /// The colour that a pixel's filter passes, 0 red, 1 green, 2 blue; none where there is no filter.
     pub fn filter(self, column: usize, row: usize) -> Option<usize> {
         // Where red is: the column and row of the first one.

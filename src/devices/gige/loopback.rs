@@ -5,13 +5,15 @@
 //! that there is one of them at a time. Aravis shares that port with whoever asks, and a client would then speak to either; so the
 //! TCP port of the same number, which GigE Vision does not use, is held as a lock between programs. Its pictures come from
 //! a function that is called for each exposure, in its thread.
-//! It offers neither user sets nor automatics, and does not send packets again.
+//! What it says of itself is `test_camera.xml`: the features of a LUCID Triton that this program uses. Most of them change
+//! nothing in it; they keep what was written. It does not send packets again.
 
 use super::format::PixelFormat;
 use aravis::GvFakeCamera;
 use aravis::glib::translate::ToGlibPtr;
 use aravis_sys as ffi;
 use std::ffi::c_void;
+use std::io::Write;
 use std::net::{TcpListener, UdpSocket};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,6 +23,40 @@ pub const ADDRESS: &str = "127.0.0.1";
 
 /// The port of GigE Vision's control packets.
 const PORT: u16 = 3956;
+
+/// The camera's features and their registers.
+const DESCRIPTION: &str = include_str!("test_camera.xml");
+
+/// A register of a feature that the description adds to Aravis's own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Register {
+    /// Which set of values was chosen.
+    UserSetSelector = 0x4000,
+    /// 1 once it was loaded.
+    UserSetLoad = 0x4004,
+    /// 0 for off.
+    ExposureAuto = 0x4008,
+    /// 0 for off.
+    BalanceWhiteAuto = 0x4010,
+    /// 1 where the frame rate is limited.
+    AcquisitionFrameRateEnable = 0x4014,
+    /// 1 where it is ready for a trigger.
+    TriggerArmed = 0x4018,
+    /// 1 where data come beside the picture.
+    ChunkModeActive = 0x401c,
+    /// 1 where its clock is set by the network.
+    PtpEnable = 0x4020,
+    /// Its temperature, tenths of a degree.
+    DeviceTemperature = 0x4024,
+    /// Gain, tenths of a dB.
+    Gain = 0x0110,
+    /// 0 for off.
+    GainAuto = 0x0114,
+    /// µs.
+    ExposureTime = 0x0120,
+    /// Time of one picture, µs.
+    FramePeriod = 0x0138,
+}
 
 /// Fills an exposure's pixels, given how many exposures there were before.
 pub type Fill = Box<dyn Fn(u64, &mut [u8]) + Send + Sync>;
@@ -41,6 +77,9 @@ pub enum NoLoopback {
         /// What was asked, px.
         size_px: [usize; 2],
     },
+    /// Its description cannot be handed to Aravis.
+    #[error("the simulated GigE Vision camera's description cannot be written into a file: {0}")]
+    NoDescription(String),
 }
 
 /// What the fake camera's thread uses.
@@ -71,6 +110,33 @@ impl LoopbackCamera {
     /// # Errors
     /// Where its port is taken, or it cannot have that size.
     pub fn start(serial: &str, size_px: [usize; 2], format: PixelFormat, fill: Fill) -> Result<Self, NoLoopback> {
+        Self::start_as(DESCRIPTION, serial, size_px, format, fill)
+    }
+
+    /// Starts one that took `format` and sends `sent` instead, a code of a format of up to two bytes a pixel.
+    ///
+    /// # Errors
+    /// As [`LoopbackCamera::start`].
+    #[cfg(test)]
+    pub(super) fn start_sending(
+        serial: &str,
+        size_px: [usize; 2],
+        format: PixelFormat,
+        sent: u32,
+        fill: Fill,
+    ) -> Result<Self, NoLoopback> {
+        let value = |code: u32| format!("<Value>{code}</Value>");
+        let description = DESCRIPTION.replace(&value(format.code()), &value(sent));
+        Self::start_as(&description, serial, size_px, format, fill)
+    }
+
+    fn start_as(
+        description: &str,
+        serial: &str,
+        size_px: [usize; 2],
+        format: PixelFormat,
+        fill: Fill,
+    ) -> Result<Self, NoLoopback> {
         let sensor_px = ffi::ARV_FAKE_CAMERA_SENSOR_WIDTH as usize;
         if size_px.iter().any(|px| !(1..=sensor_px).contains(px)) {
             return Err(NoLoopback::TooLarge { sensor_px, size_px });
@@ -78,15 +144,23 @@ impl LoopbackCamera {
         let lock = TcpListener::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
         // Another program's, that knows nothing of the lock.
         UdpSocket::bind((ADDRESS, PORT)).map_err(|_| NoLoopback::Taken)?;
-        let fake = GvFakeCamera::new(Some(ADDRESS), Some(serial));
+        // Aravis reads it while it starts.
+        let no_file = |error: std::io::Error| NoLoopback::NoDescription(error.to_string());
+        let mut file = tempfile::Builder::new().suffix(".xml").tempfile().map_err(no_file)?;
+        file.write_all(description.as_bytes()).and_then(|()| file.flush()).map_err(no_file)?;
+        let name =
+            file.path().to_str().ok_or_else(|| NoLoopback::NoDescription("its name is no text".to_owned()))?;
+        let fake = GvFakeCamera::new_full(Some(ADDRESS), Some(serial), Some(name));
         let camera = fake.fake_camera().filter(|_| fake.is_running()).ok_or(NoLoopback::Taken)?;
         let [width, height] = size_px.map(|px| px as u32);
         for (register, value) in [
-            (ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH, width),
-            (ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT, height),
-            (ffi::ARV_FAKE_CAMERA_REGISTER_PIXEL_FORMAT, format.code()),
+            (ffi::ARV_FAKE_CAMERA_REGISTER_WIDTH as u32, width),
+            (ffi::ARV_FAKE_CAMERA_REGISTER_HEIGHT as u32, height),
+            (ffi::ARV_FAKE_CAMERA_REGISTER_PIXEL_FORMAT as u32, format.code()),
+            (Register::TriggerArmed as u32, 1),
+            (Register::DeviceTemperature as u32, 315),
         ] {
-            camera.write_register(register as u32, value);
+            camera.write_register(register, value);
         }
         let exposures = Arc::new(Exposures { camera: Mutex::new(camera), fill, count: AtomicU64::new(0) });
         set_fill(&exposures);
@@ -96,6 +170,16 @@ impl LoopbackCamera {
     /// How often it exposed.
     pub fn exposures(&self) -> u64 {
         self.exposures.count.load(Ordering::Relaxed)
+    }
+
+    /// What a register holds.
+    pub fn register(&self, register: Register) -> Option<u32> {
+        self.exposures.camera().read_register(register as u32)
+    }
+
+    /// Writes a register, as if the camera had changed by itself.
+    pub fn write(&self, register: Register, value: u32) {
+        self.exposures.camera().write_register(register as u32, value);
     }
 
     /// Has it lose this share of its packets, 0…1.

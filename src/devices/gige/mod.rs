@@ -9,8 +9,9 @@
 //! `still` (how often one is tried), `bayer` (one colour a pixel to three). A picture that is handed on is whole, of the
 //! calibrated size, newer than the one before, and shows the exposure that was asked for; any doubt is an error.
 //!
-//! Without the cargo feature `gige` only the pure part is there. Nothing of it has run on a real camera: no user set, no packet
-//! that was sent again, no flange cable.
+//! Without the cargo feature `gige` only the pure part is there. Nothing of it has run on a real camera. Each call to a
+//! camera meets Aravis in the tests, whose camera has the features of a LUCID Triton by `test_camera.xml`; what it cannot
+//! show: whether a Triton means the same by them, a packet that was sent again, a clock that PTP sets, a flange cable.
 
 mod acceptance;
 mod bayer;
@@ -30,6 +31,7 @@ mod statistics;
 mod still;
 #[cfg(feature = "gige")]
 mod streaming;
+mod subnet;
 
 pub use acceptance::{Acceptance, Delivery, Expected, Facts, Gaps, Refused, ahead};
 pub use bayer::{demosaic, mosaic};
@@ -40,11 +42,12 @@ pub use format::PixelFormat;
 #[cfg(feature = "gige")]
 pub use link::{Gauge, GigeCamera, Standing};
 #[cfg(feature = "gige")]
-pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback};
-pub use settings::{Exposing, NoNode, PACKET_BYTES, Settings, Step, Which, plan};
+pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback, Register};
+pub use settings::{Exposing, NoNode, PACKET_BYTES, PlanError, Settings, Step, Which, plan};
 pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;
 pub use still::{NoStill, Shutter, TRIES, take};
+pub use subnet::{Subnet, out_of_reach, subnets};
 
 /// For messages.
 #[cfg(feature = "gige")]

@@ -1,4 +1,6 @@
-//! What a picture that comes in one burst of packets needs of the system's sockets.
+//! What a picture that comes in one burst of packets needs of the system's sockets, and what the system says of its network.
+
+use super::subnet::{Subnet, subnets};
 
 /// What is asked for at least, bytes: two pictures of an ordinary camera.
 const LEAST_BYTES: usize = 8 << 20;
@@ -22,6 +24,11 @@ pub fn burst_bytes(size_px: [usize; 2], packet_bytes: u16) -> usize {
 /// The largest receive buffer that the system gives, bytes, where it says so.
 pub fn rmem_max() -> Option<usize> {
     std::fs::read_to_string("/proc/sys/net/core/rmem_max").ok()?.trim().parse().ok()
+}
+
+/// This computer's subnets, as the kernel lists them.
+pub(super) fn subnets_here() -> Vec<Subnet> {
+    subnets(&std::fs::read_to_string("/proc/net/route").unwrap_or_default())
 }
 
 #[cfg(test)]

@@ -13,6 +13,10 @@ pub struct Statistics {
     pub timeouts: u64,
     /// Stills that were triggered once more.
     pub retries: u64,
+    /// Triggers given to a camera that did not say that it was ready.
+    pub unarmed: u64,
+    /// Times that the camera's clock was set back.
+    pub clock_steps: u64,
     /// Packets that came.
     pub packets: u64,
     /// Packets that came only after they had been asked for again.
@@ -36,6 +40,8 @@ impl Statistics {
             lost: self.lost + other.lost,
             timeouts: self.timeouts + other.timeouts,
             retries: self.retries + other.retries,
+            unarmed: self.unarmed + other.unarmed,
+            clock_steps: self.clock_steps + other.clock_steps,
             packets: self.packets + other.packets,
             resent_packets: self.resent_packets + other.resent_packets,
             missing_packets: self.missing_packets + other.missing_packets,
@@ -49,10 +55,12 @@ impl Statistics {
 impl std::fmt::Display for Statistics {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let Statistics { accepted, refused, lost, timeouts, retries, .. } = self;
+        let Statistics { unarmed, clock_steps, .. } = self;
         let Statistics { packets, resent_packets, missing_packets, underruns, losses, connections, .. } = self;
         write!(
             f,
-            "{accepted} frames taken, {refused} refused, {lost} lost, {timeouts} timeouts, {retries} retries; \
+            "{accepted} frames taken, {refused} refused, {lost} lost, {timeouts} timeouts, {retries} retries, {unarmed} triggered \
+             unready, {clock_steps} steps back of its clock; \
              {packets} packets, {resent_packets} asked for again, {missing_packets} missing, {underruns} without a buffer; \
              connected {connections} times, lost {losses} times"
         )

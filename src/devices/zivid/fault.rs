@@ -12,6 +12,23 @@ pub enum ZividFault {
         "C1 the 3D camera is not found: {0}; is it on, and its cable in? It is looked for again every few seconds"
     )]
     NotFound(String),
+    /// It is there and connected elsewhere.
+    #[error(
+        "C1 the 3D camera is in use: {0}; close Zivid Studio and other camera programs, on other computers, too"
+    )]
+    InUse(String),
+    /// It is seen and cannot be reached.
+    #[error(
+        "C1 the 3D camera cannot be reached: {0}; give this computer's network port an address in the camera's subnet, or set \
+         the camera's by Zivid Studio"
+    )]
+    OutOfReach(String),
+    /// Its firmware is not the SDK's.
+    #[error(
+        "C5 the 3D camera needs other firmware: {0}; update it with Zivid Studio or ZividFirmwareUpdater, then verify its \
+         calibration"
+    )]
+    Firmware(String),
     /// The worker's program or its library is not there.
     #[error("C1 the 3D camera's worker cannot work: {0}")]
     NoWorker(String),
@@ -216,11 +233,15 @@ impl ZividFault {
     pub fn row(&self) -> &'static str {
         use ZividFault as F;
         match self {
-            F::NotFound(_) | F::NoWorker(_) => "C1",
+            F::NotFound(_) | F::InUse(_) | F::OutOfReach(_) | F::NoWorker(_) => "C1",
             F::Lost { .. } => "C2",
             F::Timeout { .. } | F::Stuck { .. } | F::NoShot { .. } | F::Throttled { .. } => "C3",
             F::Damaged { .. } | F::NotFinite(_) => "C4",
-            F::WrongSize { .. } | F::WrongCamera { .. } | F::WrongVersion { .. } | F::Settings { .. } => "C5",
+            F::Firmware(_)
+            | F::WrongSize { .. }
+            | F::WrongCamera { .. }
+            | F::WrongVersion { .. }
+            | F::Settings { .. } => "C5",
             F::NoPoints { .. } => "C6",
             F::Frozen(_) => "C9",
             F::Ended { .. } | F::Starting { .. } | F::Down { .. } | F::OutOfOrder { .. } => "C11",

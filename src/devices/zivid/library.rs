@@ -6,7 +6,7 @@
 //! of the buffers that are handed over. A session is used by one thread at a time (`&mut self`).
 #![allow(unsafe_code, reason = "calls into the camera vendor's SDK go through a C interface")]
 
-use super::message::{Identity, Lens, Refusal, Size, Source, Temperatures, Trouble, Use};
+use super::message::{Flicker, Identity, Lens, Light, Refusal, Size, Source, Temperatures, Trouble, Use};
 use super::sensor::{Exposed, Planes, Sensor, Slot};
 use libloading::Library;
 use std::ffi::{CStr, CString, OsStr, c_char};
@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::ptr::{NonNull, null};
 
 /// `PZ_INTERFACE` of the header that this file was written by.
-const INTERFACE: u32 = 1;
+const INTERFACE: u32 = 2;
 const NAME_BYTES: usize = 64;
 const MESSAGE_BYTES: usize = 1024;
 
@@ -90,6 +90,12 @@ struct RawLens {
     distortion: [f64; 5],
 }
 
+#[repr(C)]
+struct RawFlicker {
+    classification: [c_char; NAME_BYTES],
+    frequency: [c_char; NAME_BYTES],
+}
+
 /// `pz_session`, which only the library sees into.
 #[repr(C)]
 struct RawSession {
@@ -112,6 +118,7 @@ struct Functions {
     copy_picture: unsafe extern "C" fn(Session, *mut u8, usize, *mut Message) -> Status,
     intrinsics: unsafe extern "C" fn(Session, u32, *mut RawLens, *mut Message) -> Status,
     state: unsafe extern "C" fn(Session, *mut RawTemperatures, *mut Message) -> Status,
+    light: unsafe extern "C" fn(Session, *mut RawFlicker, *mut Message) -> Status,
 }
 
 /// A camera behind the SDK.
@@ -161,6 +168,7 @@ impl Sdk {
             copy_picture: function!("copy_picture"),
             intrinsics: function!("intrinsics"),
             state: function!("state"),
+            light: function!("light"),
         };
         let (mut sdk, mut message) = ([0; NAME_BYTES], Message::empty());
         // SAFETY: both buffers have the sizes that the header names.
@@ -178,6 +186,9 @@ impl Sdk {
             2 => Trouble::Gone,
             3 => Trouble::NoShot,
             4 => Trouble::Settings,
+            6 => Trouble::Firmware,
+            7 => Trouble::InUse,
+            8 => Trouble::OutOfReach,
             _ => Trouble::OutOfOrder,
         };
         Err(Refusal { trouble, message: message.read() })
@@ -277,6 +288,14 @@ impl Sensor for Sdk {
         let RawTemperatures { dmd_c, general_c, led_c, lens_c, pcb_c } = found;
         let [dmd_c, general_c, led_c, lens_c, pcb_c] = [dmd_c, general_c, led_c, lens_c, pcb_c].map(told);
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c, pcb_c })
+    }
+
+    fn light(&mut self) -> Result<Light, Refusal> {
+        let mut found = RawFlicker { classification: [0; NAME_BYTES], frequency: [0; NAME_BYTES] };
+        let into = &raw mut found;
+        // SAFETY: what is pointed at outlives the call.
+        self.call(|functions, session, message| unsafe { (functions.light)(session, into, message) })?;
+        Ok(Light { flicker: Flicker::named(&words(&found.classification)), frequency: words(&found.frequency) })
     }
 }
 

@@ -88,6 +88,8 @@ pub enum Request {
     },
     /// Its temperatures.
     State,
+    /// How the light around it flickers, as it is now.
+    Light,
 }
 
 /// What the worker says when it begins.
@@ -121,6 +123,8 @@ pub enum Reply {
     Intrinsics(Lens),
     /// The temperatures.
     State(Temperatures),
+    /// The light.
+    Light(Light),
     /// It cannot be done.
     Refused(Refusal),
 }
@@ -172,7 +176,7 @@ pub struct Taken {
     pub ready_ns: u64,
     /// How long the camera paused because it is hot, ms.
     pub throttled_ms: f64,
-    /// Temperature of the lens, °C, where the camera tells it.
+    /// Temperature of the lens at this shot, °C, where the camera tells it.
     pub lens_c: Option<f64>,
     /// Of a clip: pictures that were taken and that nobody took over, since it began.
     pub dropped: u64,
@@ -214,6 +218,45 @@ pub struct Temperatures {
     pub pcb_c: Option<f64>,
 }
 
+/// What the camera finds of the light around it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// How it flickers.
+    pub flicker: Flicker,
+    /// How often a second, in the SDK's words; empty where it does not say so.
+    pub frequency: String,
+}
+
+/// How light flickers, as the SDK names it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Flicker {
+    /// It does not.
+    None,
+    /// As on mains of 50 Hz.
+    Grid50Hz,
+    /// As on mains of 60 Hz.
+    Grid60Hz,
+    /// At another frequency.
+    Other,
+    /// It does, and the SDK does not know how; or this program does not know the SDK's word.
+    Unknown,
+}
+
+impl Flicker {
+    /// By the SDK's name for it.
+    pub fn named(classification: &str) -> Self {
+        match classification {
+            "noFlicker" => Flicker::None,
+            "grid50hz" => Flicker::Grid50Hz,
+            "grid60hz" => Flicker::Grid60Hz,
+            "otherFlicker" => Flicker::Other,
+            _ => Flicker::Unknown,
+        }
+    }
+}
+
 /// Why it cannot be done.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -228,8 +271,14 @@ pub struct Refusal {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Trouble {
-    /// There is no such camera, or it is in use.
+    /// There is no such camera.
     NotFound,
+    /// It is there, and its firmware is not the SDK's.
+    Firmware,
+    /// It is there, and connected to another program or computer.
+    InUse,
+    /// It is seen, and its address cannot be reached.
+    OutOfReach,
     /// The camera was open and is gone.
     Gone,
     /// The camera gave no shot; the next one may be good.

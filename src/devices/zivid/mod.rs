@@ -9,6 +9,7 @@
 //!
 //! - [`wire`]: frames that are whole and unchanged, or refused · [`message`]: what is said in them
 //! - [`budget`]: how often a worker is started again · [`accept`]: is what came what was asked for? · [`fault`]: in words
+//! - [`warmth`]: is the camera as warm as it stays?
 //! - [`host`], [`link`], [`process`]: the daemon's side · [`ZividScanner`]: the camera as the cell has it
 //! - [`worker`], [`sensor`], [`library`]: the worker's side · `cpp/`: the C interface over the SDK, declarations to build
 //!   it without one, and a camera that they play
@@ -28,6 +29,7 @@ pub mod message;
 pub mod process;
 mod scanner;
 pub mod sensor;
+pub mod warmth;
 pub mod wire;
 pub mod worker;
 
@@ -37,6 +39,7 @@ mod tests;
 pub use budget::Restarts;
 pub use fault::ZividFault;
 pub use host::{Patience, Setup};
-pub use message::{Size, Source};
+pub use message::{Flicker, Light, Size, Source};
 pub use process::{Launcher, launcher};
 pub use scanner::{ZividPicture, ZividScanner, ZividShot, ZividWatch};
+pub use warmth::Warmth;

@@ -4,9 +4,11 @@ use super::clock::now_ns;
 use super::fault::ZividFault;
 use super::host::{Ask, Found, Host, Order, Patience, Setup, Shared, Stage, TRIES};
 use super::link::Came;
-use super::message::{ClipEnd, Lens, Size, Taken, Temperatures};
+use super::message::{ClipEnd, Lens, Light, Size, Taken, Temperatures};
 use super::process::Launcher;
-use crate::devices::cameras::{CameraError, Picture, Scanner, Shot};
+use super::warmth::{Warmth, warmth};
+use crate::cell::ZividSettings;
+use crate::devices::cameras::{CameraError, Conditions, Picture, Scanner, Shot};
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -42,6 +44,10 @@ pub struct ZividScanner {
     shared: Arc<Shared>,
     patience: Patience,
     size: Size,
+    /// Of 3D shots and of pictures, by their settings, µs.
+    exposures_us: [Option<f64>; 2],
+    /// Of the last shot or picture.
+    conditions: Conditions,
     thread: Option<JoinHandle<()>>,
 }
 
@@ -82,9 +88,12 @@ impl ZividScanner {
         let (orders, taken) = mpsc::channel();
         let shared = Arc::new(Shared::default());
         let (patience, size) = (setup.patience, setup.size);
+        let exposures_us =
+            [&setup.scan_yaml, &setup.picture_yaml].map(|yaml| ZividSettings::read("", yaml).ok()?.exposure_us());
         let host = Host::new(setup, launch, shared.clone());
         let thread = thread::Builder::new().name("zivid".to_owned()).spawn(move || host.run(&taken))?;
-        Ok(ZividScanner { orders, shared, patience, size, thread: Some(thread) })
+        let (conditions, thread) = (Conditions::default(), Some(thread));
+        Ok(ZividScanner { orders, shared, patience, size, exposures_us, conditions, thread })
     }
 
     /// Waits until the camera delivers, as long as that may take.
@@ -112,6 +121,16 @@ impl ZividScanner {
     /// The same for another thread, now and later.
     pub fn watch(&self) -> ZividWatch {
         ZividWatch(self.shared.clone())
+    }
+
+    /// Whether the camera is as warm as it stays, by the temperatures that it told so far.
+    pub fn warmth(&self) -> Warmth {
+        warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
+    }
+
+    fn told(&mut self, taken: &Taken, exposure_us: Option<f64>) {
+        let throttled_ms = Some(taken.throttled_ms);
+        self.conditions = Conditions { exposure_us, camera_c: taken.lens_c, throttled_ms };
     }
 
     fn ask(&self, ask: Ask) -> Result<Found, ZividFault> {
@@ -164,6 +183,7 @@ impl ZividScanner {
         match self.ask(Ask::Scan)? {
             Found::Scan(Came { taken, came_ns, .. }, planes) => {
                 let Size { width, height } = taken.size;
+                self.told(&taken, self.exposures_us[0]);
                 let crossed_ms = came_ns.saturating_sub(taken.ready_ns) as f64 * 1e-6;
                 let cloud = OrganizedCloud::new(width, height, planes.points_mm, planes.colors)
                     .map_err(|error| unexpected(&error))?;
@@ -234,9 +254,21 @@ impl ZividScanner {
         }
     }
 
+    /// How the light around it flickers, as it is now.
+    ///
+    /// # Errors
+    /// As [`ZividScanner::shot`].
+    pub fn light(&mut self) -> Result<Light, ZividFault> {
+        match self.ask(Ask::Light)? {
+            Found::Light(light) => Ok(light),
+            _ => Err(unexpected(&"something else came")),
+        }
+    }
+
     fn picture_of(&mut self, ask: Ask) -> Result<ZividPicture, ZividFault> {
         match self.ask(ask)? {
             Found::Picture(Came { taken, .. }, rgb) => {
+                self.told(&taken, self.exposures_us[1]);
                 let Size { width, height } = self.size;
                 Ok(ZividPicture { picture: ColorPicture { width, height, rgb }, taken })
             }
@@ -293,10 +325,18 @@ impl Scanner for ZividScanner {
     fn check(&mut self) -> Result<(), CameraError> {
         let found = self.temperatures()?;
         tracing::info!(?found, "the 3D camera is well");
+        match self.warmth() {
+            Warmth::Warm { .. } => {}
+            doubt => tracing::warn!("the 3D camera: {doubt}"),
+        }
         Ok(())
     }
 
     fn warm(&mut self) {
         self.shared.settled(self.patience.start());
+    }
+
+    fn conditions(&self) -> Conditions {
+        self.conditions
     }
 }

@@ -1,6 +1,6 @@
 //! What the worker drives: a camera behind the SDK, one call at a time.
 
-use super::message::{Identity, Lens, Refusal, Size, Source, Temperatures, Use};
+use super::message::{Identity, Lens, Light, Refusal, Size, Source, Temperatures, Use};
 use std::path::Path;
 
 /// Settings that were read, by the number that the sensor gave them.
@@ -16,7 +16,7 @@ pub struct Exposed {
     pub exposed_ns: u64,
     /// How long the camera paused because it is hot, ms.
     pub throttled_ms: f64,
-    /// Temperature of the lens, °C.
+    /// Temperature of the lens at this shot, °C.
     pub lens_c: Option<f64>,
 }
 
@@ -79,4 +79,10 @@ pub trait Sensor: Send {
     /// # Errors
     /// As [`Sensor::connect`].
     fn state(&mut self) -> Result<Temperatures, Refusal>;
+
+    /// How the light around it flickers, as it is now.
+    ///
+    /// # Errors
+    /// As [`Sensor::connect`].
+    fn light(&mut self) -> Result<Light, Refusal>;
 }

@@ -18,7 +18,7 @@ use std::io::{ErrorKind, Read, Write};
 
 const MAGIC: [u8; 4] = *b"PPZV";
 /// The version of this page: of the frames and of the messages in them.
-pub const VERSION: u16 = 1;
+pub const VERSION: u16 = 2;
 const OPENING_BYTES: usize = 24;
 /// The largest head. Settings in YAML are the longest.
 pub const MOST_HEAD_BYTES: usize = 1 << 20;
@@ -330,7 +330,7 @@ mod tests {
     fn a_frame_is_what_the_page_says() {
         let bytes = written(258, b"{}", &[&[1, 2, 3]]);
         assert_eq!(bytes.len(), 24 + 4 + 2 + 4 + 3 + 4);
-        assert_eq!(bytes[..24], *b"PPZV\x01\0\x03\0\x02\x01\0\0\x02\0\0\0\x03\0\0\0\0\0\0\0");
+        assert_eq!(bytes[..24], *b"PPZV\x02\0\x03\0\x02\x01\0\0\x02\0\0\0\x03\0\0\0\0\0\0\0");
         assert_eq!(bytes[24..28], crc32fast::hash(&bytes[..24]).to_le_bytes());
         assert_eq!(read(&bytes, &[2, 1]).expect("whole"), (258, b"{}".to_vec(), vec![vec![1, 2], vec![3]]));
     }
@@ -344,8 +344,8 @@ mod tests {
         assert_eq!(told(&bytes, 8), "a payload has 9 bytes, by its head it has 8");
         assert!(told(b"HTTP/1.1 200 OK and more of the same", 9).starts_with("found [48, 54, 54, 50]"));
         let mut newer = bytes.clone();
-        newer[4] = 2;
-        assert_eq!(told(&newer, 9), "the frames are of version 2, this program's of version 1");
+        newer[4] = 3;
+        assert_eq!(told(&newer, 9), "the frames are of version 3, this program's of version 2");
         let mut request = Vec::new();
         write(&mut request, (Kind::Request, 1), b"{}", &[]).expect("written");
         assert_eq!(told(&request, 0), "found a frame of kind 2, allowed is kind 3, a reply");
@@ -354,7 +354,7 @@ mod tests {
     /// A peer that claims a long payload gets no memory for it.
     #[test]
     fn a_length_beyond_all_frames_is_refused_on_both_sides() {
-        let mut opening = b"PPZV\x01\0\x03\0\0\0\0\0".to_vec();
+        let mut opening = b"PPZV\x02\0\x03\0\0\0\0\0".to_vec();
         opening.extend(0_u32.to_le_bytes());
         opening.extend(u64::MAX.to_le_bytes());
         opening.extend(crc32fast::hash(&opening).to_le_bytes());

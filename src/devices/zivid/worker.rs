@@ -155,6 +155,7 @@ impl Worker {
                 words(Reply::Intrinsics(lock(&self.camera).sensor.intrinsics(known.slot)?))
             }
             Request::State => words(Reply::State(lock(&self.camera).sensor.state()?)),
+            Request::Light => words(Reply::Light(lock(&self.camera).sensor.light()?)),
         }
     }
 

@@ -141,10 +141,13 @@ fn a_wrong_camera_is_refused_in_words() {
     );
     let larger = says(settings([512, 384], FORMAT));
     assert_eq!(larger, "the camera's picture is 256×192, its calibration says 512×384");
-    let gain = says(Settings { gain_db: Some(3.0), ..settings(SIZE, FORMAT) });
-    assert!(gain.contains("has no gain in dB"), "{gain}");
-    let exposure = says(Settings { exposure_us: Some(1e9), ..settings(SIZE, FORMAT) });
-    assert!(exposure.contains("does not take ExposureTimeAbs = 1000000000: it allows"), "{exposure}");
+    let gain = says(Settings { gain_db: Some(60.0), ..settings(SIZE, FORMAT) });
+    assert!(gain.contains("does not take Gain = 60: it allows 0 to 48"), "{gain}");
+    let set = says(Settings { user_set: "UserSet7".to_owned(), ..settings(SIZE, FORMAT) });
+    assert!(set.contains("does not take UserSetSelector = UserSet7") && set.contains("Default, UserSet1"), "{set}");
+    // 12 s are longer than one picture at the fewest a second that it takes, 0.1.
+    let exposure = says(Settings { exposure_us: Some(12e6), ..settings(SIZE, FORMAT) });
+    assert!(exposure.contains("does not take AcquisitionFrameRate = 0.075: it allows 0.1 to 1000"), "{exposure}");
     // Another program has it: here the same one, twice.
     let mut first = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
     wait_for("the camera", || first.standing() == Standing::Connected);
@@ -174,4 +177,42 @@ fn a_size_that_changes_is_refused() {
         ),
         "{refused}"
     );
+}
+
+/// A camera that took BayerRG8 and sends BayerRG12, as a TRI032S is documented to: told as that, not as a network that loses
+/// packets.
+#[test]
+fn a_format_that_the_camera_changed_is_named() {
+    let _alone = alone();
+    const BAYER_RG12: u32 = 0x0110_0011;
+    let begun = Instant::now();
+    let _loopback = loop {
+        let fill = Box::new(numbered(picture()));
+        match LoopbackCamera::start_sending("T1", SIZE, FORMAT, BAYER_RG12, fill) {
+            Err(NoLoopback::Taken) if begun.elapsed() < Duration::from_secs(300) => {
+                std::thread::sleep(Duration::from_millis(200));
+            }
+            started => break started.unwrap_or_else(|error| panic!("{error}")),
+        }
+    };
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    let told = camera.check().expect_err("another format").to_string();
+    assert!(told.starts_with("the camera took pixel format BayerRG8 and sends BayerRG12: frame "), "{told}");
+    assert!(told.contains("pixel_format") && !told.contains("firewall"), "{told}");
+}
+
+/// A camera that never says that it is ready is triggered all the same; each time it was waited for is counted, and from the
+/// third on it is not waited for any more.
+#[test]
+fn a_camera_that_never_says_that_it_is_ready_is_triggered() {
+    let _alone = alone();
+    let loopback = loopback(SIZE, FORMAT, numbered(picture()));
+    loopback.write(Register::TriggerArmed, 0);
+    let mut camera = GigeCamera::open(settings(SIZE, FORMAT)).expect("a thread");
+    for _ in 0..4 {
+        let frame = camera.picture().unwrap_or_else(|error| panic!("{error}"));
+        exposure_of(&frame, &picture());
+    }
+    assert_eq!(camera.statistics().unarmed, 3, "{}", camera.statistics());
+    assert_eq!((camera.statistics().accepted, camera.statistics().losses), (4, 0));
 }

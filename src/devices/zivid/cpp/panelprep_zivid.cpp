@@ -1,8 +1,14 @@
-// The SDK's side of the interface in panelprep_zivid.h. It calls what the vendor's public samples document and nothing
-// else; the same text is built against the SDK on the cell's computer (make zivid) and against the declarations in
-// stub/ where there is no SDK (make zivid-stub).
+// The SDK's side of the interface in panelprep_zivid.h. CALLS.md lists each call of the SDK with the public sample that
+// shows it, and marks those that none shows. The same text is built against the SDK on the cell's computer (make zivid)
+// and against the declarations in stub/ where there is no SDK (make zivid-stub).
 
 #include "panelprep_zivid.h"
+
+#include <Zivid/Version.h>
+
+#if ZIVID_CORE_VERSION_MAJOR < 2 || (ZIVID_CORE_VERSION_MAJOR == 2 && ZIVID_CORE_VERSION_MINOR < 17)
+#error "Panelprep needs the Zivid SDK 2.17.0 or newer: older ones do not tell how long a hot camera paused (throttlingTime)"
+#endif
 
 #include <Zivid/Experimental/Calibration.h>
 #include <Zivid/Experimental/SettingsInfo.h>
@@ -23,12 +29,15 @@ static_assert(sizeof(Zivid::PointXYZ) == 3 * sizeof(float), "a point is three fl
 static_assert(sizeof(Zivid::ColorRGBA_SRGB) == 4, "a colour is four bytes");
 static_assert(sizeof(Zivid::SNR) == sizeof(float), "a signal to noise ratio is a float");
 
+using Picture = Zivid::Image<Zivid::ColorRGBA_SRGB>;
+
 struct pz_session {
     Zivid::Application application; // outlives everything else
     std::optional<Zivid::Camera> camera;
     std::vector<std::variant<Zivid::Settings, Zivid::Settings2D>> settings;
     std::optional<Zivid::Frame> frame;
-    std::optional<Zivid::Frame2D> frame2d;
+    std::optional<Picture> picture;
+    std::vector<Zivid::ColorRGBA_SRGB> colors; // of the last 3D shot; kept, so that its memory is used again
 };
 
 namespace {
@@ -50,6 +59,10 @@ template <size_t N> void name(char (&target)[N], const std::string &text) {
     std::memcpy(target, text.c_str(), text.size() + 1);
 }
 
+bool is_connected(const Zivid::Camera &camera) {
+    return camera.state().status() == Zivid::CameraState::Status::connected;
+}
+
 // Runs a call; where it throws, the message is the SDK's and the status is `usual`, or says that the camera is gone.
 template <typename Call> pz_status guarded(pz_session *session, pz_status usual, pz_message *message, Call call) {
     try {
@@ -64,8 +77,7 @@ template <typename Call> pz_status guarded(pz_session *session, pz_status usual,
         say(message, "an error without a description");
     }
     try {
-        const bool opened = session != nullptr && session->camera.has_value();
-        if (opened && session->camera->state().status() != Zivid::CameraState::Status::connected) {
+        if (session != nullptr && session->camera && !is_connected(*session->camera)) {
             return PZ_GONE;
         }
     } catch (...) {
@@ -98,18 +110,43 @@ uint64_t now_ns() {
     return static_cast<uint64_t>(std::chrono::duration_cast<std::chrono::nanoseconds>(since).count());
 }
 
-double lens_c(Zivid::Camera &camera) {
-    return camera.state().temperature().lens().value();
+// How a shot or picture was taken, from what the SDK keeps with it: the camera itself is not asked.
+template <typename Frame> pz_taken taken_of(const Frame &frame, uint64_t exposed_ns, pz_size size) {
+    const double throttled_ms = in_ms(frame.info().metrics().throttlingTime().value());
+    return {size, exposed_ns, throttled_ms, frame.state().temperature().lens().value()};
 }
 
-// Disconnects what an earlier process left connected; the SDK would call that camera busy.
-void let_go(Zivid::Application &application, const char *serial) {
+void pack(const Zivid::ColorRGBA_SRGB *colors, size_t pixels, uint8_t *rgb) {
+    for (size_t at = 0; at < pixels; ++at) {
+        rgb[3 * at] = colors[at].r, rgb[3 * at + 1] = colors[at].g, rgb[3 * at + 2] = colors[at].b;
+    }
+}
+
+// Why a camera that is there does not open; PZ_NOT_FOUND where that does not show. `text` becomes the reason.
+pz_status why_not(Zivid::Application &application, const char *serial, std::string &text) {
+    using Status = Zivid::CameraState::Status;
     for (auto &camera : application.cameras()) {
-        const bool is_it = serial == nullptr || camera.info().serialNumber().toString() == serial;
-        if (is_it && camera.state().status() == Zivid::CameraState::Status::connected) {
-            camera.disconnect();
+        const auto number = camera.info().serialNumber().toString();
+        if (serial != nullptr && number != serial) {
+            continue;
+        }
+        const auto status = camera.state().status();
+        const std::string who = "camera " + number;
+        if (status == Status::busy) {
+            text = who + " is connected to another program or computer";
+            return PZ_IN_USE;
+        }
+        if (status == Status::inaccessible) {
+            text = who + " is seen on the network, and its address cannot be reached from this computer";
+            return PZ_OUT_OF_REACH;
+        }
+        if (status == Status::firmwareUpdateRequired || !Zivid::Firmware::isUpToDate(camera)) {
+            text = who + " has firmware " + camera.info().firmwareVersion().toString() + ", which is not the one of SDK " +
+                   Zivid::Version::coreLibraryVersion();
+            return PZ_FIRMWARE;
         }
     }
+    return PZ_NOT_FOUND;
 }
 
 template <typename Settings>
@@ -166,17 +203,28 @@ pz_status pz_connect(pz_session *session, const char *serial, const char *file, 
         session->camera.reset();
     }
     session->frame.reset();
-    session->frame2d.reset();
+    session->picture.reset();
     session->settings.clear();
-    return guarded(session, PZ_NOT_FOUND, message, [&] {
-        auto &application = session->application;
+    auto &application = session->application;
+    const pz_status connected = guarded(session, PZ_NOT_FOUND, message, [&] {
         if (file != nullptr) {
             session->camera = application.createFileCamera(file);
         } else {
-            let_go(application, serial);
             session->camera = serial == nullptr ? application.connectCamera()
                                                 : application.connectCamera(Zivid::CameraInfo::SerialNumber{serial});
         }
+    });
+    if (connected != PZ_OK) {
+        pz_status why = connected;
+        std::string text;
+        pz_message ignored; // where even looking for the reason fails, the first message stands
+        guarded(nullptr, connected, &ignored, [&] { why = file == nullptr ? why_not(application, serial, text) : connected; });
+        if (!text.empty()) {
+            say(message, text + ". In the SDK's words: " + message->text);
+        }
+        return why;
+    }
+    return guarded(session, PZ_NOT_FOUND, message, [&] {
         const auto info = session->camera->info();
         name(identity->serial, info.serialNumber().toString());
         name(identity->model, info.modelName().toString());
@@ -197,12 +245,9 @@ pz_status pz_scan(pz_session *session, uint32_t slot, pz_taken *taken, pz_messag
         auto &camera = camera_of(session);
         session->frame.reset(); // the SDK keeps two unfinished shots at most
         session->frame = camera.capture2D3D(settings_of<Zivid::Settings>(session, slot));
-        taken->exposed_ns = now_ns(); // what follows may wait for the computation
-        const auto metrics = session->frame->info().metrics();
+        const uint64_t exposed_ns = now_ns(); // what follows may wait for the computation
         const auto cloud = session->frame->pointCloud();
-        taken->size = {cloud.width(), cloud.height()};
-        taken->throttled_ms = in_ms(metrics.throttlingTime().value());
-        taken->lens_c = lens_c(camera);
+        *taken = taken_of(*session->frame, exposed_ns, {cloud.width(), cloud.height()});
     });
 }
 
@@ -216,15 +261,12 @@ pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr
             throw OutOfOrder("there is room for " + std::to_string(pixels) + " points, the shot has " +
                              std::to_string(cloud.size()));
         }
-        const auto points = cloud.copyPointsXYZ();
-        std::memcpy(xyz, points.data(), pixels * sizeof(Zivid::PointXYZ));
-        const auto colors = cloud.copyColorsRGBA_SRGB();
-        for (size_t at = 0; at < pixels; ++at) {
-            const auto &color = colors.data()[at];
-            rgb[3 * at] = color.r, rgb[3 * at + 1] = color.g, rgb[3 * at + 2] = color.b;
-        }
-        const auto ratios = cloud.copySNRs();
-        std::memcpy(snr, ratios.data(), pixels * sizeof(float));
+        // Straight into the caller's memory, except the colours, which have a fourth byte there.
+        cloud.copyData(reinterpret_cast<Zivid::PointXYZ *>(xyz));
+        cloud.copyData(reinterpret_cast<Zivid::SNR *>(snr));
+        session->colors.resize(pixels);
+        cloud.copyData(session->colors.data());
+        pack(session->colors.data(), pixels, rgb);
         session->frame.reset();
     });
 }
@@ -232,33 +274,26 @@ pz_status pz_copy_scan(pz_session *session, float *xyz, uint8_t *rgb, float *snr
 pz_status pz_picture(pz_session *session, uint32_t slot, pz_taken *taken, pz_message *message) {
     return guarded(session, PZ_NO_SHOT, message, [&] {
         auto &camera = camera_of(session);
-        session->frame2d.reset();
-        session->frame2d = camera.capture2D(settings_of<Zivid::Settings2D>(session, slot));
-        taken->exposed_ns = now_ns();
-        const auto metrics = session->frame2d->info().metrics();
-        const auto image = session->frame2d->imageRGBA_SRGB();
-        taken->size = {image.width(), image.height()};
-        taken->throttled_ms = in_ms(metrics.throttlingTime().value());
-        taken->lens_c = lens_c(camera);
+        session->picture.reset();
+        const auto frame = camera.capture2D(settings_of<Zivid::Settings2D>(session, slot));
+        const uint64_t exposed_ns = now_ns();
+        session->picture = frame.imageRGBA_SRGB();
+        *taken = taken_of(frame, exposed_ns, {session->picture->width(), session->picture->height()});
     });
 }
 
 pz_status pz_copy_picture(pz_session *session, uint8_t *rgb, size_t pixels, pz_message *message) {
     return guarded(session, PZ_NO_SHOT, message, [&] {
-        if (!session->frame2d) {
+        if (!session->picture) {
             throw OutOfOrder("no picture was taken");
         }
-        const auto image = session->frame2d->imageRGBA_SRGB();
-        const size_t found = image.width() * image.height();
+        const size_t found = session->picture->width() * session->picture->height();
         if (found != pixels) {
             throw OutOfOrder("there is room for " + std::to_string(pixels) + " pixels, the picture has " +
                              std::to_string(found));
         }
-        for (size_t at = 0; at < pixels; ++at) {
-            const auto &color = image.data()[at];
-            rgb[3 * at] = color.r, rgb[3 * at + 1] = color.g, rgb[3 * at + 2] = color.b;
-        }
-        session->frame2d.reset();
+        pack(session->picture->data(), pixels, rgb);
+        session->picture.reset();
     });
 }
 
@@ -282,12 +317,21 @@ pz_status pz_intrinsics(pz_session *session, uint32_t slot, pz_lens *lens, pz_me
 pz_status pz_state(pz_session *session, pz_temperatures *temperatures, pz_message *message) {
     return guarded(session, PZ_GONE, message, [&] {
         const auto state = camera_of(session).state();
-        if (state.status() != Zivid::CameraState::Status::connected) {
+        if (!(state.status() == Zivid::CameraState::Status::connected)) {
             throw std::runtime_error("the camera is not connected");
         }
         const auto found = state.temperature();
         *temperatures = {found.dmd().value(), found.general().value(), found.led().value(), found.lens().value(),
                          found.pcb().value()};
+    });
+}
+
+pz_status pz_light(pz_session *session, pz_flicker *flicker, pz_message *message) {
+    return guarded(session, PZ_NO_SHOT, message, [&] {
+        const auto light = camera_of(session).measureSceneConditions().ambientLight();
+        const auto classification = light.flickerClassification().toString();
+        name(flicker->classification, classification);
+        name(flicker->frequency, classification == "noFlicker" ? std::string() : light.flickerFrequency().toString());
     });
 }
 

@@ -16,18 +16,21 @@
 extern "C" {
 #endif
 
-#define PZ_INTERFACE 1u
+#define PZ_INTERFACE 2u
 #define PZ_NAME_BYTES 64
 #define PZ_MESSAGE_BYTES 1024
 
 typedef int32_t pz_status;
 enum {
     PZ_OK = 0,
-    PZ_NOT_FOUND = 1,     /* no such camera, or it is in use */
+    PZ_NOT_FOUND = 1,     /* no such camera */
     PZ_GONE = 2,          /* it was open and is no longer connected */
     PZ_NO_SHOT = 3,       /* it gave no shot; the next one may be good */
     PZ_SETTINGS = 4,      /* the settings are not ones that the SDK takes */
-    PZ_OUT_OF_ORDER = 5   /* the call needs another one before */
+    PZ_OUT_OF_ORDER = 5,  /* the call needs another one before */
+    PZ_FIRMWARE = 6,      /* it is there, and its firmware is not the SDK's */
+    PZ_IN_USE = 7,        /* it is there, and connected elsewhere */
+    PZ_OUT_OF_REACH = 8   /* it is seen, and its address cannot be reached: another subnet */
 };
 
 typedef struct { char text[PZ_MESSAGE_BYTES]; } pz_message;
@@ -39,13 +42,17 @@ typedef struct {
     pz_size size;
     uint64_t exposed_ns;  /* when the acquisition was over, on CLOCK_MONOTONIC */
     double throttled_ms;  /* how long the camera paused because it is hot */
-    double lens_c;
+    double lens_c;        /* temperature of the lens at this shot */
 } pz_taken;
 
 typedef struct { double dmd_c, general_c, led_c, lens_c, pcb_c; } pz_temperatures;
 
 /* fx, fy, cx, cy in px; k1, k2, p1, p2, k3. */
 typedef struct { double matrix_px[4]; double distortion[5]; } pz_lens;
+
+/* What the camera finds of the light around it, in the SDK's words: noFlicker, grid50hz, grid60hz, otherFlicker,
+ * unknownFlicker; and how often it flickers a second, where the SDK says so. */
+typedef struct { char classification[PZ_NAME_BYTES]; char frequency[PZ_NAME_BYTES]; } pz_flicker;
 
 /* Everything that is open: the SDK, the camera, settings, the last shot. */
 typedef struct pz_session pz_session;
@@ -57,8 +64,8 @@ uint32_t pz_interface(void);
 pz_session *pz_begin(char sdk[PZ_NAME_BYTES], pz_message *message);
 void pz_end(pz_session *session);
 
-/* Opens a camera: by serial number, from a file, or, where both are null, the only one found. One that is open, or that an
- * earlier process left connected, is disconnected first. */
+/* Opens a camera: by serial number, from a file, or, where both are null, the only one found. One that this session has
+ * open is disconnected first; one that another program has is PZ_IN_USE. */
 pz_status pz_connect(pz_session *session, const char *serial, const char *file, pz_identity *identity,
                      pz_message *message);
 
@@ -80,6 +87,8 @@ pz_status pz_copy_picture(pz_session *session, uint8_t *rgb, size_t pixels, pz_m
 
 pz_status pz_intrinsics(pz_session *session, uint32_t slot, pz_lens *lens, pz_message *message);
 pz_status pz_state(pz_session *session, pz_temperatures *temperatures, pz_message *message);
+/* Looks at the light as it is now; exposes for that. */
+pz_status pz_light(pz_session *session, pz_flicker *flicker, pz_message *message);
 
 #ifdef __cplusplus
 }

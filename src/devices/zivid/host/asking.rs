@@ -51,7 +51,10 @@ impl Host {
             Ask::EndClip => Request::EndClip,
             Ask::Intrinsics => Request::Intrinsics { settings: scan },
             Ask::Check => Request::State,
+            Ask::Light => Request::Light,
         };
+        // All but its next picture ends a clip.
+        self.takes_clip = matches!(ask, Ask::BeginClip(_)) || self.takes_clip && ask == Ask::NextPicture;
         let during = ask.words();
         let mut tries = 0;
         loop {
@@ -84,7 +87,7 @@ impl Host {
         let (during, message) = (ask.words(), refusal.message.clone());
         let is_shot = matches!(ask, Ask::Scan | Ask::Picture);
         match refusal.trouble {
-            Trouble::Gone | Trouble::NotFound => {
+            Trouble::Gone | Trouble::NotFound | Trouble::Firmware | Trouble::InUse | Trouble::OutOfReach => {
                 let fault = ZividFault::Lost { during, message };
                 self.search = Instant::now();
                 self.without_camera(fault.clone());
@@ -122,7 +125,11 @@ impl Host {
             (Ask::BeginClip(_), Answer::Words(Reply::ClipBegun)) => Ok(Found::Done),
             (Ask::EndClip, Answer::Words(Reply::ClipEnded(end))) => Ok(Found::Clip(end)),
             (Ask::Intrinsics, Answer::Words(Reply::Intrinsics(lens))) => Ok(Found::Lens(lens)),
-            (Ask::Check, Answer::Words(Reply::State(temperatures))) => Ok(Found::State(temperatures)),
+            (Ask::Check, Answer::Words(Reply::State(temperatures))) => {
+                self.shared.felt(now_ns(), temperatures.lens_c);
+                Ok(Found::State(temperatures))
+            }
+            (Ask::Light, Answer::Words(Reply::Light(light))) => Ok(Found::Light(light)),
             (_, other) => Err(self.lost(ask.words(), Loss::Damaged(name(&other)))),
         }
     }
@@ -139,6 +146,7 @@ impl Host {
         accept::accept(&came.taken, came.sum, &asked)?;
         taking.last_sum = Some(came.sum);
         self.last_number = came.taken.number;
+        self.shared.felt(came.taken.exposed_ns, came.taken.lens_c);
         Ok(())
     }
 }

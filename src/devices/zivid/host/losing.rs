@@ -59,7 +59,7 @@ impl Host {
 
     /// Ends the worker; how it ended, where it did so by itself.
     pub(super) fn end_worker(&mut self) -> Option<String> {
-        self.camera = None;
+        (self.camera, self.takes_clip) = (None, false);
         // A shot of another worker is no repetition of its own.
         (self.last_number, self.scan.last_sum, self.picture.last_sum) = (0, None, None);
         let Worker { link, mut peer } = self.worker.take()?;

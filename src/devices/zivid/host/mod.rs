@@ -8,7 +8,8 @@
 //! It has a thread of its own and answers through a channel, so that nobody who asks waits longer than they said. A
 //! worker is lost where it ends, stalls, or says what cannot be read; then it is killed, since nothing it sends later
 //! could be believed. A camera that is absent is looked for again and again by the same worker, told once. Each
-//! fault is kept in words: none is mended in silence.
+//! fault is kept in words: none is mended in silence. A camera that nobody asks anything of tells its temperature now and
+//! then, from which [`warmth`](super::warmth) is judged.
 //!
 //! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing`
 
@@ -18,6 +19,7 @@ mod opening;
 mod shared;
 
 use super::budget::{Budget, Verdict};
+use super::clock::now_ns;
 use super::fault::ZividFault;
 use super::link::Link;
 use super::message::{Identity, SettingsHash};
@@ -69,6 +71,8 @@ pub struct Host {
     picture: Taking,
     last_number: u64,
     clip_from_ns: u64,
+    /// Pictures are being taken one after the other.
+    takes_clip: bool,
     /// When an absent camera is looked for again.
     search: Instant,
     /// After how long, the last time.
@@ -92,6 +96,7 @@ impl Host {
             camera: None,
             last_number: 0,
             clip_from_ns: 0,
+            takes_clip: false,
             search: now,
             search_pause: Duration::ZERO,
         }
@@ -132,6 +137,9 @@ impl Host {
             self.start();
         } else if self.camera.is_none() && Instant::now() >= self.search {
             self.open();
+        } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
+            // Whether the camera is warm shows in how its temperature goes on; a fault is told as any.
+            drop(self.asked(Ask::Check));
         }
     }
 

@@ -4,7 +4,7 @@ use super::losing::{Loss, name};
 use super::{Failed, Host, LONGEST_SEARCH, Stage, Worker};
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::{Answer, Link};
-use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Use};
+use crate::devices::zivid::message::{Identity, Refusal, Reply, Request, Size, Source, Trouble, Use};
 use crate::devices::zivid::wire::{VERSION, WireError};
 use std::time::{Duration, Instant};
 
@@ -62,7 +62,14 @@ impl Host {
     fn opened(&mut self) -> Result<Identity, Opening> {
         let (setup, patience) = (self.setup.clone(), self.setup.patience);
         let connect = Request::Connect { source: setup.source.clone() };
-        let refused = |refusal: Refusal| Opening::NoCamera(ZividFault::NotFound(refusal.message));
+        let refused = |Refusal { trouble, message }: Refusal| {
+            Opening::NoCamera(match trouble {
+                Trouble::Firmware => ZividFault::Firmware(message),
+                Trouble::InUse => ZividFault::InUse(message),
+                Trouble::OutOfReach => ZividFault::OutOfReach(message),
+                _ => ZividFault::NotFound(message),
+            })
+        };
         let identity = match self.step(&connect, ("its opening", patience.connect), refused)? {
             Answer::Words(Reply::Connected(identity)) => identity,
             other => return Err(foreign("its opening", &other)),
@@ -102,6 +109,7 @@ impl Host {
         };
         match self.step(&request, (during, patience.warm_up), refused)? {
             Answer::Scan(came, _) => {
+                self.shared.felt(came.taken.exposed_ns, came.taken.lens_c);
                 self.last_number = came.taken.number;
                 Ok(identity)
             }
@@ -147,7 +155,7 @@ fn foreign(during: &'static str, answer: &Answer) -> Opening {
 /// not as it should be, since each attempt may expose and heat it.
 fn next_pause(fault: &ZividFault, last: Duration, shortest: Duration) -> Duration {
     match fault {
-        ZividFault::NotFound(_) => shortest,
+        ZividFault::NotFound(_) | ZividFault::InUse(_) | ZividFault::OutOfReach(_) => shortest,
         _ => (2 * last).clamp(shortest, LONGEST_SEARCH.max(shortest)),
     }
 }

@@ -3,8 +3,9 @@
 use crate::devices::zivid::budget::Restarts;
 use crate::devices::zivid::fault::ZividFault;
 use crate::devices::zivid::link::Came;
-use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Size, Source, Temperatures};
+use crate::devices::zivid::message::{ClipEnd, Identity, Lens, Light, Size, Source, Temperatures};
 use crate::devices::zivid::sensor::Planes;
+use crate::devices::zivid::warmth::{self, Reading};
 use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
@@ -77,6 +78,8 @@ impl Patience {
             // At a clip's end the picture that is being taken is waited for.
             Ask::Picture | Ask::BeginClip(_) | Ask::NextPicture | Ask::EndClip => self.picture,
             Ask::Intrinsics | Ask::Check => self.words,
+            // It exposes for a while.
+            Ask::Light => self.scan,
         }
     }
 }
@@ -105,7 +108,12 @@ pub struct Status {
     pub faults: VecDeque<ZividFault>,
     /// The worker's process.
     pub worker: Option<u32>,
+    /// The lens's temperatures, in order: as long back as its warmth is judged by.
+    pub temperatures: VecDeque<Reading>,
 }
+
+/// From one look at the temperature of a camera that nobody asks to the next.
+const TEMPERATURE_EVERY: Duration = Duration::from_secs(30);
 
 /// Faults that are kept.
 const MOST_FAULTS: usize = 1_000;
@@ -123,7 +131,8 @@ impl Default for Shared {
     /// Before the first start.
     fn default() -> Self {
         let stage = Stage::Starting(Instant::now());
-        let status = Status { stage, lost: 0, faults: VecDeque::new(), worker: None };
+        let (faults, temperatures) = (VecDeque::new(), VecDeque::new());
+        let status = Status { stage, lost: 0, faults, worker: None, temperatures };
         Shared { status: Mutex::new(status), news: Condvar::new(), is_ending: Arc::default() }
     }
 }
@@ -144,6 +153,22 @@ impl Shared {
     pub(super) fn becomes(&self, stage: Stage) {
         self.status().stage = stage;
         self.news.notify_all();
+    }
+
+    /// The lens has this temperature at this time, ns of the monotonic clock.
+    pub(super) fn felt(&self, at_ns: u64, lens_c: Option<f64>) {
+        let Some(lens_c) = lens_c else { return };
+        let (mut status, at_s) = (self.status(), at_ns as f64 * 1e-9);
+        status.temperatures.push_back(Reading { at_s, lens_c });
+        while status.temperatures.front().is_some_and(|oldest| at_s - oldest.at_s > warmth::KEPT_S) {
+            status.temperatures.pop_front();
+        }
+    }
+
+    /// Whether the last temperature is long ago.
+    pub(super) fn is_temperature_due(&self, now_ns: u64) -> bool {
+        let last_s = self.status().temperatures.back().map_or(f64::NEG_INFINITY, |last| last.at_s);
+        now_ns as f64 * 1e-9 - last_s > TEMPERATURE_EVERY.as_secs_f64()
     }
 
     pub(super) fn note(&self, fault: &ZividFault) {
@@ -173,6 +198,8 @@ pub enum Ask {
     Intrinsics,
     /// Its temperatures; a worker that stays down is started again where its budget allows.
     Check,
+    /// How the light around it flickers.
+    Light,
 }
 
 impl Ask {
@@ -186,6 +213,7 @@ impl Ask {
             Ask::EndClip => "the end of a clip",
             Ask::Intrinsics => "a look at its lens",
             Ask::Check => "a look at its temperatures",
+            Ask::Light => "a look at the light around it",
         }
     }
 }
@@ -205,6 +233,8 @@ pub enum Found {
     Lens(Lens),
     /// The temperatures.
     State(Temperatures),
+    /// The light.
+    Light(Light),
 }
 
 /// A question, and where its answer goes.

@@ -4,11 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-/// Settings as Zivid Studio heads them.
-pub const SCAN: &str =
-    "__version__:\n  serializer: 1\n  data: 22\nSettings:\n  Acquisitions: []\n  Color:\n    Settings2D: {}\n";
+/// Settings of 3D shots: the sample that ships.
+pub const SCAN: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/scan.yml"));
 /// Those of pictures.
-pub const PICTURE: &str = "__version__:\n  serializer: 1\n  data: 3\nSettings2D:\n  Acquisitions: []\n";
+pub const PICTURE: &str = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/config/zivid/film.yml"));
 
 /// The library, built.
 pub fn library() -> &'static Path {

@@ -158,7 +158,7 @@ fn a_worker_of_another_version_stays_down() {
     });
     let mut scanner = ZividScanner::start(setup(), launch).expect("a thread");
     let fault = scanner.ready(PATIENCE).expect_err("refused").to_string();
-    let words = "C5 the worker's version is protocol 9, this program's is 1; restart the service after an upgrade";
+    let words = "C5 the worker's version is protocol 9, this program's is 2; restart the service after an upgrade";
     assert_eq!(fault, words);
     assert_eq!(scanner.shot().expect_err("down").to_string(), words);
     assert_eq!(scanner.history().1, 0, "no restart was used");

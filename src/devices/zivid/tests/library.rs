@@ -90,12 +90,14 @@ fn settings_that_the_sdk_refuses_are_told_in_its_words() {
     };
     let swapped = told(&|setup| setup.scan_yaml = PICTURE.to_owned());
     assert_eq!(swapped, "C5 the settings for 3D shots are refused: this is no Settings file");
-    let colorless = told(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: []\n".to_owned());
+    let empty = told(&|setup| setup.picture_yaml = "__version__: {}\nSettings2D:\n  Acquisitions: []\n".to_owned());
+    assert!(empty.starts_with("C5 the settings for pictures are refused"), "{empty}");
+    let colorless = told(&|setup| setup.scan_yaml = "__version__: {}\nSettings:\n  Acquisitions: [x]\n".to_owned());
     assert!(
         colorless.ends_with("these settings have no Color part: a 3D shot is taken with its colours"),
         "{colorless}"
     );
-    let halved = told(&|setup| setup.picture_yaml = PICTURE.replace("[]", "[] # Subsample2x2"));
+    let halved = told(&|setup| setup.picture_yaml = format!("{PICTURE}  Sampling:\n    Pixel: blueSubsample2x2\n"));
     assert!(
         halved.starts_with("C5 the settings for pictures: 81×50 px, the camera's calibration says 162×100"),
         "{halved}"

@@ -2,6 +2,7 @@
 //! each byte under way can be held, changed or left out.
 
 mod built;
+mod calls;
 mod hostile;
 mod library;
 mod played;

@@ -1,7 +1,7 @@
 //! A worker in a thread, with a sensor that does what a plan says.
 
 use super::super::clock::now_ns;
-use super::super::message::{Identity, Lens, Refusal, Temperatures, Trouble, Use};
+use super::super::message::{Flicker, Identity, Lens, Light, Refusal, Temperatures, Trouble, Use};
 use super::super::process::Peer;
 use super::super::sensor::{Exposed, Planes, Sensor, Slot};
 use super::super::worker;
@@ -204,5 +204,9 @@ impl Sensor for Played {
     fn state(&mut self) -> Result<Temperatures, Refusal> {
         let (dmd_c, general_c, led_c, pcb_c) = (None, None, None, None);
         Ok(Temperatures { dmd_c, general_c, led_c, lens_c: Some(36.0), pcb_c })
+    }
+
+    fn light(&mut self) -> Result<Light, Refusal> {
+        Ok(Light { flicker: Flicker::Grid50Hz, frequency: "100".to_owned() })
     }
 }

@@ -7,7 +7,10 @@
 //     model Zivid Two M70
 //     width 1944
 //     height 1200
-//     lens 35.5                  °C
+//     lens 35.5                  °C at the first shot of this process
+//     warms 0.25                 °C more at each shot after it
+//     light grid50hz 100         how the light flickers, and how often a second; noFlicker without this line
+//     status busy                the camera found on the network cannot be opened: busy, inaccessible, firmwareUpdateRequired
 //     fault 3 hang               at the third shot or picture of this process, of: hang, crash, throw, gone, missing,
 //                                infinite, frozen, half, throttled
 //
@@ -28,21 +31,64 @@
 #include <stdexcept>
 #include <thread>
 
-namespace Zivid {
+using Zivid::CameraState;
+
+namespace played {
 
 struct Scene {
     std::string serial = "STUB0001", model = "Zivid Two M70";
-    size_t width = 1944, height = 1200;
-    double lens_c = 35.5;
+    Size full = {1944, 1200};
+    double lens_c = 35.5, warms_c = 0;
+    std::string flicker = "noFlicker", flicker_hz;
     std::map<unsigned, std::string> faults;
     bool is_file = false, is_connected = true;
+    CameraState::Status::ValueType unconnected = CameraState::Status::ValueType::available;
 };
 
-struct Played {
-    size_t width, height;
+struct Exposure {
+    Size size;
     unsigned noise;
-    double throttled_ms = 0;
+    double lens_c, throttled_ms = 0;
     std::string fault;
+};
+
+// Makes and looks into what is private in the declarations.
+struct Inside {
+    static Zivid::Image<Zivid::ColorRGBA_SRGB> image(Size size, std::vector<Zivid::ColorRGBA_SRGB> pixels) {
+        return {size, std::move(pixels)};
+    }
+    static Zivid::Resolution resolution(const Zivid::CameraInfo &info, bool is_subsampled) {
+        const size_t step = is_subsampled ? 2 : 1;
+        return Zivid::Resolution({info.full_.width / step, info.full_.height / step});
+    }
+    template <typename Settings> static bool is_subsampled(const Settings &settings) {
+        return settings.subsampled_;
+    }
+    static Zivid::CameraInfo info(const Scene &scene) {
+        return {scene.serial, scene.model, scene.full};
+    }
+    static CameraState state(CameraState::Status::ValueType status, double lens_c) {
+        return {CameraState::Status(status), CameraState::Temperature(lens_c)};
+    }
+    static Zivid::FrameInfo frame_info(const Exposure &exposure) {
+        const auto throttled = std::chrono::microseconds(static_cast<long>(1000 * exposure.throttled_ms));
+        return Zivid::FrameInfo(Zivid::FrameInfo::Metrics(throttled));
+    }
+    static Zivid::SceneConditions conditions(const Scene &scene) {
+        return Zivid::SceneConditions(Zivid::SceneConditions::AmbientLight(scene.flicker, scene.flicker_hz));
+    }
+    static Zivid::Camera camera(std::shared_ptr<Scene> scene) {
+        return Zivid::Camera(std::move(scene));
+    }
+    static const Scene &scene(const Zivid::Camera &camera) {
+        return *camera.scene_;
+    }
+    static Zivid::CameraIntrinsics lens(const Zivid::Resolution &size) {
+        const double width = static_cast<double>(size.width()), height = static_cast<double>(size.height());
+        const double f = 1785 * width / 1944;
+        using Matrix = Zivid::CameraIntrinsics::CameraMatrix;
+        return Zivid::CameraIntrinsics(Matrix({f, f, width / 2 - 0.5, height / 2 - 0.5}));
+    }
 };
 
 namespace {
@@ -66,11 +112,22 @@ std::shared_ptr<Scene> read(const std::string &name, bool is_file) {
         } else if (key == "model") {
             std::getline(words >> std::ws, scene->model);
         } else if (key == "width") {
-            words >> scene->width;
+            words >> scene->full.width;
         } else if (key == "height") {
-            words >> scene->height;
+            words >> scene->full.height;
         } else if (key == "lens") {
             words >> scene->lens_c;
+        } else if (key == "warms") {
+            words >> scene->warms_c;
+        } else if (key == "light") {
+            words >> scene->flicker >> scene->flicker_hz;
+        } else if (key == "status") {
+            words >> key;
+            using Status = CameraState::Status::ValueType;
+            const std::map<std::string, Status> known = {{"busy", Status::busy},
+                                                         {"inaccessible", Status::inaccessible},
+                                                         {"firmwareUpdateRequired", Status::firmwareUpdateRequired}};
+            scene->unconnected = known.at(key);
         } else if (key == "fault") {
             unsigned at;
             words >> at;
@@ -98,17 +155,22 @@ std::shared_ptr<Scene> on_the_network() {
     return scene;
 }
 
-std::shared_ptr<const Played> expose(Scene &scene, bool subsampled) {
+double lens_c_now(const Scene &scene) {
+    return scene.lens_c + scene.warms_c * (shots > 1 ? shots - 1 : 0);
+}
+
+std::shared_ptr<const Exposure> expose(Scene &scene, bool subsampled) {
     if (!scene.is_connected) {
         throw std::runtime_error("the camera is not connected");
     }
     static unsigned last_noise = 0;
     const unsigned number = ++shots;
     const auto planted = scene.faults.find(number);
-    auto played = std::make_shared<Played>();
+    auto played = std::make_shared<Exposure>();
     const size_t step = subsampled ? 2 : 1;
-    played->width = scene.width / step, played->height = scene.height / step;
+    played->size = {scene.full.width / step, scene.full.height / step};
     played->noise = scene.is_file ? 1 : number;
+    played->lens_c = lens_c_now(scene);
     played->fault = planted == scene.faults.end() ? "" : planted->second;
     if (played->fault == "hang") {
         std::this_thread::sleep_for(std::chrono::hours(1));
@@ -120,7 +182,7 @@ std::shared_ptr<const Played> expose(Scene &scene, bool subsampled) {
         scene.is_connected = false;
         throw std::runtime_error("the camera does not answer");
     } else if (played->fault == "half") {
-        played->width /= 2, played->height /= 2;
+        played->size = {played->size.width / 2, played->size.height / 2};
     } else if (played->fault == "throttled") {
         played->throttled_ms = 2500;
     } else if (played->fault == "frozen") {
@@ -136,17 +198,15 @@ unsigned mixed(unsigned number) {
     return number ^ (number >> 16);
 }
 
-Array2D<ColorRGBA_SRGB> colors(const Played &played) {
-    Array2D<ColorRGBA_SRGB> picture(played.width, played.height);
-    auto *pixel = picture.begin();
-    for (size_t v = 0; v < played.height; ++v) {
-        for (size_t u = 0; u < played.width; ++u) {
-            const auto noise = mixed(static_cast<unsigned>(v * played.width + u) + 77777u * played.noise) % 4;
-            *pixel++ = {static_cast<uint8_t>(40 + 120 * u / played.width + noise),
-                        static_cast<uint8_t>(50 + 100 * v / played.height + noise), static_cast<uint8_t>(60 + noise), 255};
+void paint(const Exposure &exposure, Zivid::ColorRGBA_SRGB *pixel) {
+    const auto [width, height] = exposure.size;
+    for (size_t v = 0; v < height; ++v) {
+        for (size_t u = 0; u < width; ++u) {
+            const auto noise = mixed(static_cast<unsigned>(v * width + u) + 77777u * exposure.noise) % 4;
+            *pixel++ = {static_cast<uint8_t>(40 + 120 * u / width + noise),
+                        static_cast<uint8_t>(50 + 100 * v / height + noise), static_cast<uint8_t>(60 + noise), 255};
         }
     }
-    return picture;
 }
 
 bool has_version_and(const std::string &file_name, const std::string &key, std::string &text) {
@@ -154,7 +214,9 @@ bool has_version_and(const std::string &file_name, const std::string &key, std::
     std::ostringstream whole;
     whole << file.rdbuf();
     text = whole.str();
-    return file && text.find("__version__:") != std::string::npos && text.find(key) != std::string::npos;
+    // The SDK takes no shot without an acquisition.
+    const bool is_empty = text.find("Acquisitions: []") != std::string::npos;
+    return file && !is_empty && text.find("__version__:") != std::string::npos && text.find(key) != std::string::npos;
 }
 
 bool subsampled(const std::string &text) {
@@ -162,128 +224,146 @@ bool subsampled(const std::string &text) {
 }
 
 } // namespace
+} // namespace played
+
+namespace Zivid {
+
+using played::Inside;
 
 Settings2D::Settings2D(const std::string &fileName) {
     std::string text;
-    if (!has_version_and(fileName, "Settings2D:", text)) {
+    if (!played::has_version_and(fileName, "Settings2D:", text)) {
         throw std::runtime_error("this is no Settings2D file");
     }
-    subsampled_ = subsampled(text);
+    subsampled_ = played::subsampled(text);
 }
 
 Settings::Settings(const std::string &fileName) {
     std::string text;
-    if (!has_version_and(fileName, "\nSettings:", text)) {
+    if (!played::has_version_and(fileName, "\nSettings:", text)) {
         throw std::runtime_error("this is no Settings file");
     }
     has_color_ = text.find("Color:") != std::string::npos && text.find("Settings2D:") != std::string::npos;
-    subsampled_ = subsampled(text);
+    subsampled_ = played::subsampled(text);
 }
 
 size_t PointCloud::width() const {
-    return played_->width;
+    return exposure_->size.width;
 }
 
 size_t PointCloud::height() const {
-    return played_->height;
+    return exposure_->size.height;
 }
 
-Array2D<PointXYZ> PointCloud::copyPointsXYZ() const {
-    const size_t width = played_->width, height = played_->height;
-    Array2D<PointXYZ> cloud(width, height);
+void PointCloud::copyData(PointXYZ *destination) const {
+    const auto [width, height] = exposure_->size;
     const float nan = std::numeric_limits<float>::quiet_NaN();
     const double w = static_cast<double>(width), h = static_cast<double>(height), f = 1785 * w / 1944;
     std::vector<double> wave(width);
     for (size_t u = 0; u < width; ++u) {
         wave[u] = 700 + 25 * std::sin(6 * static_cast<double>(u) / w);
     }
-    auto *point = cloud.begin();
+    auto *point = destination;
     for (size_t v = 0; v < height; ++v) {
         for (size_t u = 0; u < width; ++u) {
-            const auto noise = mixed(static_cast<unsigned>(v * width + u) + 99991u * played_->noise);
+            const auto noise = played::mixed(static_cast<unsigned>(v * width + u) + 99991u * exposure_->noise);
             const double z = wave[u] + 15 * static_cast<double>(v) / w + 0.05 * (noise / 4294967295.0);
             const double x = (static_cast<double>(u) + 0.5 - w / 2) * z / f;
             const double y = (static_cast<double>(v) + 0.5 - h / 2) * z / f;
-            const bool is_missing = u < width / 20 || played_->fault == "missing";
+            const bool is_missing = u < width / 20 || exposure_->fault == "missing";
             *point++ = is_missing ? PointXYZ{nan, nan, nan}
                                   : PointXYZ{static_cast<float>(x), static_cast<float>(y), static_cast<float>(z)};
         }
     }
-    if (played_->fault == "infinite") {
-        cloud.begin()[width * height / 2] = {0, 0, std::numeric_limits<float>::infinity()};
+    if (exposure_->fault == "infinite") {
+        destination[width * height / 2] = {0, 0, std::numeric_limits<float>::infinity()};
     }
-    return cloud;
 }
 
-Array2D<ColorRGBA_SRGB> PointCloud::copyColorsRGBA_SRGB() const {
-    return colors(*played_);
+void PointCloud::copyData(ColorRGBA_SRGB *destination) const {
+    played::paint(*exposure_, destination);
 }
 
-Array2D<SNR> PointCloud::copySNRs() const {
-    Array2D<SNR> ratios(played_->width, played_->height);
-    for (size_t at = 0; at < ratios.size(); ++at) {
-        ratios.begin()[at] = {static_cast<float>(10 + at % 7)};
+void PointCloud::copyData(SNR *destination) const {
+    for (size_t at = 0; at < size(); ++at) {
+        destination[at] = {static_cast<float>(10 + at % 7)};
     }
-    return ratios;
 }
 
 Image<ColorRGBA_SRGB> Frame2D::imageRGBA_SRGB() const {
-    return colors(*played_);
-}
-
-static FrameInfo info_of(const Played &played) {
-    const auto throttled = std::chrono::microseconds(static_cast<long>(1000 * played.throttled_ms));
-    return FrameInfo(FrameInfo::Metrics(throttled));
+    std::vector<ColorRGBA_SRGB> pixels(exposure_->size.width * exposure_->size.height);
+    played::paint(*exposure_, pixels.data());
+    return Inside::image(exposure_->size, std::move(pixels));
 }
 
 FrameInfo Frame2D::info() const {
-    return info_of(*played_);
+    return Inside::frame_info(*exposure_);
 }
 
 FrameInfo Frame::info() const {
-    return info_of(*played_);
+    return Inside::frame_info(*exposure_);
+}
+
+CameraState Frame2D::state() const {
+    return Inside::state(CameraState::Status::ValueType::connected, exposure_->lens_c);
+}
+
+CameraState Frame::state() const {
+    return Inside::state(CameraState::Status::ValueType::connected, exposure_->lens_c);
 }
 
 CameraInfo Camera::info() const {
-    return CameraInfo(scene_->serial, scene_->model, Resolution(scene_->width, scene_->height));
+    return Inside::info(*scene_);
 }
 
 CameraState Camera::state() const {
-    const auto status = scene_->is_connected ? CameraState::Status::connected : CameraState::Status::disconnected;
-    return CameraState(CameraState::Status(status), CameraState::Temperature(scene_->lens_c));
+    const auto unconnected = scene_->is_file ? CameraState::Status::ValueType::disappeared : scene_->unconnected;
+    const auto status = scene_->is_connected ? CameraState::Status::ValueType::connected : unconnected;
+    return Inside::state(status, played::lens_c_now(*scene_));
 }
 
 Frame Camera::capture2D3D(const Settings &settings) {
-    return Frame(expose(*scene_, settings.isSubsampled()));
+    return Frame(played::expose(*scene_, Inside::is_subsampled(settings)));
 }
 
 Frame2D Camera::capture2D(const Settings2D &settings) {
-    return Frame2D(expose(*scene_, settings.isSubsampled()));
+    return Frame2D(played::expose(*scene_, Inside::is_subsampled(settings)));
+}
+
+SceneConditions Camera::measureSceneConditions() {
+    if (!scene_->is_connected) {
+        throw std::runtime_error("the camera is not connected");
+    }
+    return Inside::conditions(*scene_);
 }
 
 void Camera::disconnect() {
     scene_->is_connected = false;
 }
 
+bool Firmware::isUpToDate(const Camera &camera) {
+    return Inside::scene(camera).unconnected != CameraState::Status::ValueType::firmwareUpdateRequired;
+}
+
 std::vector<Camera> Application::cameras() {
-    const auto scene = on_the_network();
-    return scene ? std::vector<Camera>{Camera(scene)} : std::vector<Camera>{};
+    const auto scene = played::on_the_network();
+    return scene ? std::vector<Camera>{Inside::camera(scene)} : std::vector<Camera>{};
 }
 
 Camera Application::connectCamera() {
-    const auto scene = on_the_network();
+    const auto scene = played::on_the_network();
     if (!scene) {
         throw std::runtime_error("no camera was found");
     }
-    if (scene->is_connected) {
-        throw std::runtime_error("the camera is in use");
+    if (scene->is_connected || scene->unconnected != CameraState::Status::ValueType::available) {
+        throw std::runtime_error("the camera cannot be connected");
     }
     scene->is_connected = true;
-    return Camera(scene);
+    return Inside::camera(scene);
 }
 
 Camera Application::connectCamera(const CameraInfo::SerialNumber &serialNumber) {
-    const auto scene = on_the_network();
+    const auto scene = played::on_the_network();
     if (!scene || scene->serial != serialNumber.toString()) {
         throw std::runtime_error("no camera with serial number " + serialNumber.toString() + " was found");
     }
@@ -291,7 +371,7 @@ Camera Application::connectCamera(const CameraInfo::SerialNumber &serialNumber) 
 }
 
 Camera Application::createFileCamera(const std::string &fileName) {
-    return Camera(read(fileName, true));
+    return Inside::camera(played::read(fileName, true));
 }
 
 std::string Version::coreLibraryVersion() {
@@ -302,43 +382,26 @@ std::string toString(const std::exception &exception) {
     return exception.what();
 }
 
-namespace Experimental {
-namespace {
-
-Resolution halved(const Resolution &full, bool is_subsampled) {
-    const size_t step = is_subsampled ? 2 : 1;
-    return Resolution(full.width() / step, full.height() / step);
-}
-
-CameraIntrinsics lens(const Resolution &size) {
-    const double width = static_cast<double>(size.width()), height = static_cast<double>(size.height());
-    const double f = 1785 * width / 1944;
-    return CameraIntrinsics(CameraIntrinsics::CameraMatrix({f, f, width / 2 - 0.5, height / 2 - 0.5}));
-}
-
-} // namespace
-
-namespace SettingsInfo {
+namespace Experimental::SettingsInfo {
 
 Resolution resolution(const CameraInfo &info, const Settings &settings) {
-    return halved(info.full(), settings.isSubsampled());
+    return Inside::resolution(info, Inside::is_subsampled(settings));
 }
 
 Resolution resolution(const CameraInfo &info, const Settings2D &settings) {
-    return halved(info.full(), settings.isSubsampled());
+    return Inside::resolution(info, Inside::is_subsampled(settings));
 }
 
-} // namespace SettingsInfo
-namespace Calibration {
+} // namespace Experimental::SettingsInfo
+namespace Experimental::Calibration {
 
 CameraIntrinsics intrinsics(const Camera &camera, const Settings &settings) {
-    return lens(SettingsInfo::resolution(camera.info(), settings));
+    return Inside::lens(SettingsInfo::resolution(camera.info(), settings));
 }
 
 CameraIntrinsics intrinsics(const Camera &camera, const Settings2D &settings) {
-    return lens(SettingsInfo::resolution(camera.info(), settings));
+    return Inside::lens(SettingsInfo::resolution(camera.info(), settings));
 }
 
-} // namespace Calibration
-} // namespace Experimental
+} // namespace Experimental::Calibration
 } // namespace Zivid

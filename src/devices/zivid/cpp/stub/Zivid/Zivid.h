@@ -1,6 +1,8 @@
 // Declarations of the calls of the Zivid SDK that panelprep_zivid.cpp makes, and of no others, so that it can be built and
-// tested where there is no SDK. Names and meaning are those of the vendor's public samples (SDK 2.17); nothing here is
-// the vendor's text. What they do is played by ../play.cpp. Never installed beside the real headers.
+// tested where there is no SDK. Names and meaning are those of the vendor's public samples (SDK 2.17, see ../../CALLS.md);
+// nothing here is the vendor's text. All that is public in the namespace Zivid is in the SDK, too; what this stub needs
+// for itself is in the namespace played and private. What the calls do is played by ../play.cpp. Never installed beside
+// the real headers.
 #pragma once
 
 #include <chrono>
@@ -9,6 +11,35 @@
 #include <memory>
 #include <string>
 #include <vector>
+
+namespace played {
+
+struct Scene;    // the camera
+struct Exposure; // one exposure of it
+struct Inside;   // sees what is private
+struct Size {
+    size_t width, height;
+};
+
+// A leaf of one of the SDK's trees of values.
+template <typename Kind> class Leaf {
+  public:
+    explicit Leaf(Kind value) : value_(std::move(value)) {}
+    const Kind &value() const { return value_; }
+
+  private:
+    Kind value_;
+};
+class TextLeaf {
+  public:
+    explicit TextLeaf(std::string text) : text_(std::move(text)) {}
+    const std::string &toString() const { return text_; }
+
+  private:
+    std::string text_;
+};
+
+} // namespace played
 
 namespace Zivid {
 
@@ -22,47 +53,36 @@ struct SNR {
     float value;
 };
 
-template <typename Element> class Array2D {
+template <typename Pixel> class Image {
   public:
-    Array2D(size_t width, size_t height) : width_(width), height_(height), elements_(width * height) {}
-    size_t width() const { return width_; }
-    size_t height() const { return height_; }
-    size_t size() const { return elements_.size(); }
-    const Element *data() const { return elements_.data(); }
-    Element *begin() { return elements_.data(); }
+    size_t width() const { return size_.width; }
+    size_t height() const { return size_.height; }
+    const Pixel *data() const { return pixels_.data(); }
 
   private:
-    size_t width_, height_;
-    std::vector<Element> elements_;
-};
-template <typename Pixel> using Image = Array2D<Pixel>;
-
-// A node of one of the SDK's trees of values.
-template <typename Kind> class Value {
-  public:
-    explicit Value(Kind value) : value_(std::move(value)) {}
-    const Kind &value() const { return value_; }
-
-  private:
-    Kind value_;
+    friend struct played::Inside;
+    Image(played::Size size, std::vector<Pixel> pixels) : size_(size), pixels_(std::move(pixels)) {}
+    played::Size size_;
+    std::vector<Pixel> pixels_;
 };
 
 class Resolution {
   public:
-    Resolution(size_t width, size_t height) : width_(width), height_(height) {}
-    size_t width() const { return width_; }
-    size_t height() const { return height_; }
+    size_t width() const { return size_.width; }
+    size_t height() const { return size_.height; }
 
   private:
-    size_t width_, height_;
+    friend struct played::Inside;
+    explicit Resolution(played::Size size) : size_(size) {}
+    played::Size size_;
 };
 
 class Settings2D {
   public:
     explicit Settings2D(const std::string &fileName);
-    bool isSubsampled() const { return subsampled_; } // the stub's own
 
   private:
+    friend struct played::Inside;
     bool subsampled_;
 };
 
@@ -70,81 +90,85 @@ class Settings {
   public:
     class Color {
       public:
-        explicit Color(bool has) : has_(has) {}
         bool hasValue() const { return has_; }
 
       private:
+        friend class Settings;
+        explicit Color(bool has) : has_(has) {}
         bool has_;
     };
     explicit Settings(const std::string &fileName);
     Color color() const { return Color(has_color_); }
-    bool isSubsampled() const { return subsampled_; } // the stub's own
 
   private:
+    friend struct played::Inside;
     bool has_color_, subsampled_;
 };
 
 class CameraInfo {
   public:
-    class SerialNumber {
+    class SerialNumber : public played::TextLeaf {
       public:
-        explicit SerialNumber(std::string text) : text_(std::move(text)) {}
-        const std::string &toString() const { return text_; }
-
-      private:
-        std::string text_;
+        using TextLeaf::TextLeaf;
     };
-    class ModelName {
+    class ModelName : public played::TextLeaf {
       public:
-        explicit ModelName(std::string text) : text_(std::move(text)) {}
-        const std::string &toString() const { return text_; }
-
-      private:
-        std::string text_;
+        using TextLeaf::TextLeaf;
     };
-    CameraInfo(std::string serial, std::string model, Resolution full)
-        : serial_(std::move(serial)), model_(std::move(model)), full_(full) {}
-    Resolution full() const { return full_; } // the stub's own
+    class FirmwareVersion : public played::TextLeaf {
+      public:
+        using TextLeaf::TextLeaf;
+    };
     SerialNumber serialNumber() const { return SerialNumber(serial_); }
     ModelName modelName() const { return ModelName(model_); }
+    FirmwareVersion firmwareVersion() const { return FirmwareVersion("2.17.0+played"); }
 
   private:
+    friend struct played::Inside;
+    CameraInfo(std::string serial, std::string model, played::Size full)
+        : serial_(std::move(serial)), model_(std::move(model)), full_(full) {}
     std::string serial_, model_;
-    Resolution full_;
+    played::Size full_;
 };
 
 class CameraState {
   public:
     class Status {
       public:
-        enum class ValueType { available, connected, disconnected };
-        static constexpr ValueType available = ValueType::available;
+        enum class ValueType {
+            available, connecting, connected, disconnecting, busy, inaccessible, disappeared, firmwareUpdateRequired,
+            updatingFirmware, applyingNetworkConfiguration
+        };
         static constexpr ValueType connected = ValueType::connected;
-        static constexpr ValueType disconnected = ValueType::disconnected;
-        explicit Status(ValueType value) : value_(value) {}
+        static constexpr ValueType busy = ValueType::busy;
+        static constexpr ValueType inaccessible = ValueType::inaccessible;
+        static constexpr ValueType firmwareUpdateRequired = ValueType::firmwareUpdateRequired;
         bool operator==(ValueType other) const { return value_ == other; }
-        bool operator!=(ValueType other) const { return value_ != other; }
 
       private:
+        friend struct played::Inside;
+        explicit Status(ValueType value) : value_(value) {}
         ValueType value_;
     };
     class Temperature {
       public:
-        explicit Temperature(double lens) : lens_(lens) {}
-        Value<double> dmd() const { return Value<double>(lens_ + 8); }
-        Value<double> general() const { return Value<double>(lens_ + 2); }
-        Value<double> led() const { return Value<double>(lens_ + 12); }
-        Value<double> lens() const { return Value<double>(lens_); }
-        Value<double> pcb() const { return Value<double>(lens_ + 15); }
+        played::Leaf<double> dmd() const { return played::Leaf<double>(lens_ + 8); }
+        played::Leaf<double> general() const { return played::Leaf<double>(lens_ + 2); }
+        played::Leaf<double> led() const { return played::Leaf<double>(lens_ + 12); }
+        played::Leaf<double> lens() const { return played::Leaf<double>(lens_); }
+        played::Leaf<double> pcb() const { return played::Leaf<double>(lens_ + 15); }
 
       private:
+        friend struct played::Inside;
+        explicit Temperature(double lens) : lens_(lens) {}
         double lens_;
     };
-    CameraState(Status status, Temperature temperature) : status_(status), temperature_(temperature) {}
     Status status() const { return status_; }
     Temperature temperature() const { return temperature_; }
 
   private:
+    friend struct played::Inside;
+    CameraState(Status status, Temperature temperature) : status_(status), temperature_(temperature) {}
     Status status_;
     Temperature temperature_;
 };
@@ -153,72 +177,101 @@ class FrameInfo {
   public:
     class Metrics {
       public:
-        explicit Metrics(std::chrono::microseconds throttling) : throttling_(throttling) {}
-        Value<std::chrono::microseconds> throttlingTime() const {
-            return Value<std::chrono::microseconds>(throttling_);
+        played::Leaf<std::chrono::microseconds> throttlingTime() const {
+            return played::Leaf<std::chrono::microseconds>(throttling_);
         }
 
       private:
+        friend struct played::Inside;
+        explicit Metrics(std::chrono::microseconds throttling) : throttling_(throttling) {}
         std::chrono::microseconds throttling_;
     };
-    explicit FrameInfo(Metrics metrics) : metrics_(metrics) {}
     Metrics metrics() const { return metrics_; }
 
   private:
+    friend struct played::Inside;
+    explicit FrameInfo(Metrics metrics) : metrics_(metrics) {}
     Metrics metrics_;
 };
 
-// What one exposure of the stub's camera is.
-struct Played;
-
 class PointCloud {
   public:
-    explicit PointCloud(std::shared_ptr<const Played> played) : played_(std::move(played)) {}
     size_t width() const;
     size_t height() const;
     size_t size() const { return width() * height(); }
-    Array2D<PointXYZ> copyPointsXYZ() const;
-    Array2D<ColorRGBA_SRGB> copyColorsRGBA_SRGB() const;
-    Array2D<SNR> copySNRs() const;
+    void copyData(PointXYZ *destination) const;
+    void copyData(ColorRGBA_SRGB *destination) const;
+    void copyData(SNR *destination) const;
 
   private:
-    std::shared_ptr<const Played> played_;
+    friend class Frame;
+    explicit PointCloud(std::shared_ptr<const played::Exposure> exposure) : exposure_(std::move(exposure)) {}
+    std::shared_ptr<const played::Exposure> exposure_;
 };
 
 class Frame2D {
   public:
-    explicit Frame2D(std::shared_ptr<const Played> played) : played_(std::move(played)) {}
     Image<ColorRGBA_SRGB> imageRGBA_SRGB() const;
     FrameInfo info() const;
+    CameraState state() const;
 
   private:
-    std::shared_ptr<const Played> played_;
+    friend class Camera;
+    explicit Frame2D(std::shared_ptr<const played::Exposure> exposure) : exposure_(std::move(exposure)) {}
+    std::shared_ptr<const played::Exposure> exposure_;
 };
 
 class Frame {
   public:
-    explicit Frame(std::shared_ptr<const Played> played) : played_(std::move(played)) {}
-    PointCloud pointCloud() const { return PointCloud(played_); }
+    PointCloud pointCloud() const { return PointCloud(exposure_); }
     FrameInfo info() const;
+    CameraState state() const;
 
   private:
-    std::shared_ptr<const Played> played_;
+    friend class Camera;
+    explicit Frame(std::shared_ptr<const played::Exposure> exposure) : exposure_(std::move(exposure)) {}
+    std::shared_ptr<const played::Exposure> exposure_;
 };
 
-struct Scene;
+class SceneConditions {
+  public:
+    class AmbientLight {
+      public:
+        played::TextLeaf flickerClassification() const { return classification_; }
+        played::TextLeaf flickerFrequency() const { return frequency_; }
+
+      private:
+        friend struct played::Inside;
+        AmbientLight(std::string classification, std::string frequency)
+            : classification_(std::move(classification)), frequency_(std::move(frequency)) {}
+        played::TextLeaf classification_, frequency_;
+    };
+    AmbientLight ambientLight() const { return light_; }
+
+  private:
+    friend struct played::Inside;
+    explicit SceneConditions(AmbientLight light) : light_(std::move(light)) {}
+    AmbientLight light_;
+};
 
 class Camera {
   public:
-    explicit Camera(std::shared_ptr<Scene> scene) : scene_(std::move(scene)) {}
     CameraInfo info() const;
     CameraState state() const;
     Frame capture2D3D(const Settings &settings);
     Frame2D capture2D(const Settings2D &settings);
+    SceneConditions measureSceneConditions();
     void disconnect();
 
   private:
-    std::shared_ptr<Scene> scene_;
+    friend struct played::Inside;
+    explicit Camera(std::shared_ptr<played::Scene> scene) : scene_(std::move(scene)) {}
+    std::shared_ptr<played::Scene> scene_;
 };
+
+namespace Firmware {
+bool isUpToDate(const Camera &camera);
+} // namespace Firmware
 
 class Application {
   public:
@@ -228,10 +281,9 @@ class Application {
     Camera createFileCamera(const std::string &fileName);
 };
 
-class Version {
-  public:
-    static std::string coreLibraryVersion();
-};
+namespace Version {
+std::string coreLibraryVersion();
+} // namespace Version
 
 std::string toString(const std::exception &exception);
 
@@ -239,29 +291,31 @@ class CameraIntrinsics {
   public:
     class CameraMatrix {
       public:
-        explicit CameraMatrix(const double (&values)[4])
-            : fx_(values[0]), fy_(values[1]), cx_(values[2]), cy_(values[3]) {}
-        Value<double> fx() const { return Value<double>(fx_); }
-        Value<double> fy() const { return Value<double>(fy_); }
-        Value<double> cx() const { return Value<double>(cx_); }
-        Value<double> cy() const { return Value<double>(cy_); }
+        played::Leaf<double> fx() const { return played::Leaf<double>(fx_); }
+        played::Leaf<double> fy() const { return played::Leaf<double>(fy_); }
+        played::Leaf<double> cx() const { return played::Leaf<double>(cx_); }
+        played::Leaf<double> cy() const { return played::Leaf<double>(cy_); }
 
       private:
+        friend struct played::Inside;
+        explicit CameraMatrix(const double (&values)[4])
+            : fx_(values[0]), fy_(values[1]), cx_(values[2]), cy_(values[3]) {}
         double fx_, fy_, cx_, cy_;
     };
     class Distortion {
       public:
-        Value<double> k1() const { return Value<double>(-0.08); }
-        Value<double> k2() const { return Value<double>(0.1); }
-        Value<double> k3() const { return Value<double>(-0.02); }
-        Value<double> p1() const { return Value<double>(0.0002); }
-        Value<double> p2() const { return Value<double>(-0.0001); }
+        played::Leaf<double> k1() const { return played::Leaf<double>(-0.08); }
+        played::Leaf<double> k2() const { return played::Leaf<double>(0.1); }
+        played::Leaf<double> k3() const { return played::Leaf<double>(-0.02); }
+        played::Leaf<double> p1() const { return played::Leaf<double>(0.0002); }
+        played::Leaf<double> p2() const { return played::Leaf<double>(-0.0001); }
     };
-    explicit CameraIntrinsics(CameraMatrix matrix) : matrix_(matrix) {}
     CameraMatrix cameraMatrix() const { return matrix_; }
     Distortion distortion() const { return Distortion(); }
 
   private:
+    friend struct played::Inside;
+    explicit CameraIntrinsics(CameraMatrix matrix) : matrix_(matrix) {}
     CameraMatrix matrix_;
 };
 

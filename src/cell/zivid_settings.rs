@@ -1,0 +1,339 @@
+//! A Zivid camera's settings, YAML files as Zivid Studio saves them: what of them this program must know before the SDK
+//! reads them.
+//!
+//! 3D shots are taken by a file with `Settings`, pictures of the film by one with `Settings2D`. A film is lit by the cell's
+//! own lamp: the camera's projector would show on the water as a moving glare, and it heats the camera. So Brightness must be
+//! 0 in every acquisition of a film's settings, and must be stated: the SDK's own default lights the projector. A
+//! lamp on alternating current flickers with half of the mains' period; an exposure of a multiple of that gets the same light
+//! each time. All else is the SDK's to judge. Text in, values out.
+
+use crate::config::{Problem, Problems};
+use saphyr::{LoadableYamlNode, MarkedYaml, Scalar, YamlData};
+
+/// Frequency of the mains.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mains {
+    /// Europe, most of Asia and Africa.
+    Hz50,
+    /// North America, part of Japan.
+    Hz60,
+}
+
+impl Mains {
+    /// Both.
+    pub const ALL: [Mains; 2] = [Mains::Hz50, Mains::Hz60];
+
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Mains::Hz50 => "50 Hz",
+            Mains::Hz60 => "60 Hz",
+        }
+    }
+
+    /// From one brightest instant of a lamp to the next, µs: half of the mains' period.
+    pub fn flicker_us(self) -> f64 {
+        match self {
+            Mains::Hz50 => 1e6 / 100.0,
+            Mains::Hz60 => 1e6 / 120.0,
+        }
+    }
+
+    /// Whether an exposure lasts a multiple of that, up to a hundredth of it.
+    pub fn fits(self, exposure_us: f64) -> bool {
+        let periods = exposure_us / self.flicker_us();
+        periods.round() >= 1.0 && (periods - periods.round()).abs() <= 0.01
+    }
+}
+
+/// What settings are for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ZividUse {
+    /// 3D shots with colour.
+    Scan,
+    /// Pictures of the film.
+    Film,
+}
+
+/// What is known of a settings file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ZividSettings {
+    usage: ZividUse,
+    exposures_us: Vec<f64>,
+}
+
+const SCAN: &str = "Settings";
+const FILM: &str = "Settings2D";
+
+impl ZividSettings {
+    /// Settings of either kind; `file` is the file's name in messages.
+    ///
+    /// # Errors
+    /// Where the text is no YAML, is of neither kind, or of a kind and wrong: each problem with line and key.
+    pub fn read(file: &str, text: &str) -> Result<Self, Problems> {
+        let mut list = Vec::new();
+        let found = read(text, None, &mut list);
+        found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
+    }
+
+    /// Settings for this use alone.
+    ///
+    /// # Errors
+    /// As [`ZividSettings::read`], and where they are for the other use.
+    pub fn check(file: &str, text: &str, usage: ZividUse) -> Result<Self, Problems> {
+        let mut list = Vec::new();
+        let found = read(text, Some(usage), &mut list);
+        found.filter(|_| list.is_empty()).ok_or(Problems { file: file.to_owned(), list })
+    }
+
+    /// What they are for.
+    pub fn usage(&self) -> ZividUse {
+        self.usage
+    }
+
+    /// Exposure of each acquisition that states it, µs.
+    pub fn exposures_us(&self) -> &[f64] {
+        &self.exposures_us
+    }
+
+    /// All exposures of a shot together, µs; none where one is not stated.
+    pub fn exposure_us(&self) -> Option<f64> {
+        (!self.exposures_us.is_empty()).then(|| self.exposures_us.iter().sum())
+    }
+
+    /// The mains whose lamps light each exposure alike.
+    pub fn fitting(&self) -> Vec<Mains> {
+        let fits = |mains: &Mains| self.exposures_us.iter().all(|exposure_us| mains.fits(*exposure_us));
+        Mains::ALL.into_iter().filter(|mains| !self.exposures_us.is_empty() && fits(mains)).collect()
+    }
+
+    /// What they are, a sentence each.
+    pub fn says(&self) -> Vec<String> {
+        let usage = match self.usage {
+            ZividUse::Scan => "Zivid settings for 3D shots with colour",
+            ZividUse::Film => "Zivid settings for pictures of the film, by the cell's own light",
+        };
+        let exposures: Vec<String> = self.exposures_us.iter().map(|us| format!("{us:.0} µs")).collect();
+        let exposures = match exposures.len() {
+            0 => "exposures by the SDK's default".to_owned(),
+            _ => format!("exposures {}", exposures.join(", ")),
+        };
+        let mains: Vec<String> = self.fitting().into_iter().map(|mains| mains.name().to_owned()).collect();
+        let light = match mains.len() {
+            0 => "a lamp on the mains makes pictures of different brightness; a lamp on direct current does not"
+                .to_owned(),
+            _ => format!("a lamp on mains of {} lights each picture alike", mains.join(" or ")),
+        };
+        vec![usage.to_owned(), exposures, light]
+    }
+}
+
+/// A node, and its place in words.
+struct Node<'y> {
+    yaml: &'y MarkedYaml<'y>,
+    key: String,
+}
+
+impl<'y> Node<'y> {
+    fn problem(&self, message: impl Into<String>) -> Problem {
+        Problem { line: self.yaml.span.start.line(), key: self.key.clone(), message: message.into() }
+    }
+
+    fn get(&self, name: &str) -> Option<Node<'y>> {
+        let YamlData::Mapping(mapping) = &self.yaml.data else { return None };
+        let named = |key: &MarkedYaml| matches!(&key.data, YamlData::Value(Scalar::String(text)) if text == name);
+        let (_, yaml) = mapping.iter().find(|(key, _)| named(key))?;
+        let key = if self.key.is_empty() { name.to_owned() } else { format!("{}.{name}", self.key) };
+        Some(Node { yaml, key })
+    }
+
+    fn missing(&self, name: &str, message: &str) -> Problem {
+        let key = if self.key.is_empty() { name.to_owned() } else { format!("{}.{name}", self.key) };
+        Problem { line: self.yaml.span.start.line(), key, message: format!("is missing; {message}") }
+    }
+
+    fn number(&self) -> Option<f64> {
+        match &self.yaml.data {
+            YamlData::Value(Scalar::Integer(number)) => Some(*number as f64),
+            YamlData::Value(Scalar::FloatingPoint(number)) => Some(number.into_inner()),
+            _ => None,
+        }
+    }
+}
+
+fn read(text: &str, usage: Option<ZividUse>, problems: &mut Vec<Problem>) -> Option<ZividSettings> {
+    let documents = match MarkedYaml::load_from_str(text) {
+        Ok(documents) => documents,
+        Err(error) => {
+            let message = format!("this is no YAML: {}", error.info());
+            problems.push(Problem { line: error.marker().line(), key: String::new(), message });
+            return None;
+        }
+    };
+    let whole = |message: String| Problem { line: 1, key: String::new(), message };
+    let [document] = documents.as_slice() else {
+        problems.push(whole(format!("found {} YAML documents, allowed is one", documents.len())));
+        return None;
+    };
+    let top = Node { yaml: document, key: String::new() };
+    if top.get("__version__").is_none() {
+        problems.push(top.missing("__version__", "Zivid Studio heads its settings by it, and the SDK asks for it"));
+    }
+    let (scan, film) = (top.get(SCAN), top.get(FILM));
+    let (settings, found) = match (scan, film) {
+        (Some(scan), None) => (scan, ZividUse::Scan),
+        (None, Some(film)) => (film, ZividUse::Film),
+        _ => {
+            let message =
+                "allowed is one of both: Settings for 3D shots with colour, Settings2D for pictures of the film";
+            problems.push(whole(message.to_owned()));
+            return None;
+        }
+    };
+    if let Some(usage) = usage.filter(|usage| *usage != found) {
+        let (found, wanted) = match usage {
+            ZividUse::Scan => (FILM, "settings for 3D shots, with Settings at the top"),
+            ZividUse::Film => (SCAN, "settings for pictures, with Settings2D at the top"),
+        };
+        problems.push(settings.problem(format!("found {found}, needed are {wanted}")));
+        return None;
+    }
+    if found == ZividUse::Scan && settings.get("Color").and_then(|color| color.get(FILM)).is_none() {
+        problems.push(settings.missing("Color.Settings2D", "a 3D shot is taken with its colours"));
+    }
+    let exposures_us = acquisitions(&settings, found, problems);
+    Some(ZividSettings { usage: found, exposures_us })
+}
+
+/// The exposures; none at all where one is not stated.
+fn acquisitions(settings: &Node<'_>, usage: ZividUse, problems: &mut Vec<Problem>) -> Vec<f64> {
+    let needed = "a shot is one acquisition or several";
+    let Some(all) = settings.get("Acquisitions") else {
+        problems.push(settings.missing("Acquisitions", needed));
+        return Vec::new();
+    };
+    let each: &[MarkedYaml] = match &all.yaml.data {
+        YamlData::Sequence(each) => each,
+        _ => &[],
+    };
+    if each.is_empty() {
+        problems.push(all.problem(format!("found none, allowed is at least one: {needed}")));
+    }
+    let mut exposures_us = Some(Vec::new());
+    for (index, yaml) in each.iter().enumerate() {
+        let entry = Node { yaml, key: format!("{}[{index}]", all.key) };
+        let Some(acquisition) = entry.get("Acquisition") else {
+            problems.push(entry.missing("Acquisition", "each entry of Acquisitions is one"));
+            continue;
+        };
+        if usage == ZividUse::Film {
+            problems.extend(lit(&acquisition));
+        }
+        match acquisition.get("ExposureTime") {
+            Some(time) => match time.number().filter(|us| *us > 0.0 && us.is_finite()) {
+                Some(us) => exposures_us.as_mut().into_iter().for_each(|all| all.push(us)),
+                None => problems.push(time.problem("allowed is a number of µs above 0")),
+            },
+            None if usage == ZividUse::Film => problems.push(acquisition.missing("ExposureTime", "state it in µs")),
+            None => exposures_us = None,
+        }
+    }
+    exposures_us.unwrap_or_default()
+}
+
+/// What is wrong with the projector's light in an acquisition of a film.
+fn lit(acquisition: &Node<'_>) -> Option<Problem> {
+    const WHY: &str =
+        "the film is lit by the cell's own lamp: the projector's light glares on the water and heats the camera";
+    let Some(brightness) = acquisition.get("Brightness") else {
+        return Some(
+            acquisition.missing("Brightness", &format!("allowed is 0, and the SDK's default is not; {WHY}")),
+        );
+    };
+    match brightness.number() {
+        Some(0.0) => None,
+        Some(found) => Some(brightness.problem(format!("found {found}, allowed is 0; {WHY}"))),
+        None => Some(brightness.problem(format!("allowed is the number 0; {WHY}"))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCAN_FILE: &str = include_str!("../../config/zivid/scan.yml");
+    const FILM_FILE: &str = include_str!("../../config/zivid/film.yml");
+
+    fn says(text: &str, usage: ZividUse) -> String {
+        ZividSettings::check("film.yml", text, usage).expect_err("refused").to_string()
+    }
+
+    #[test]
+    fn the_samples_are_right_and_fit_mains_of_50_hz() {
+        let scan = ZividSettings::check("scan.yml", SCAN_FILE, ZividUse::Scan).unwrap_or_else(|p| panic!("{p}"));
+        let film = ZividSettings::check("film.yml", FILM_FILE, ZividUse::Film).unwrap_or_else(|p| panic!("{p}"));
+        assert_eq!((scan.exposure_us(), film.exposure_us()), (Some(10_000.0), Some(20_000.0)));
+        for settings in [&scan, &film] {
+            assert_eq!(settings.fitting(), [Mains::Hz50]);
+        }
+        assert!(film.says()[2].contains("mains of 50 Hz"), "{:?}", film.says());
+        // What the sample's comment says for the other mains.
+        let film_60 = FILM_FILE.replace("20000", "16667");
+        let film_60 = ZividSettings::read("film.yml", &film_60).unwrap_or_else(|p| panic!("{p}"));
+        assert_eq!(film_60.fitting(), [Mains::Hz60]);
+    }
+
+    /// By hand: 8 ms are 0.8 periods of 10 ms and 0.96 of 8.33 ms; 50 ms are 5 and 6.
+    #[test]
+    fn an_exposure_fits_mains_whose_flicker_it_is_a_multiple_of() {
+        let fits = |us: f64| Mains::ALL.map(|mains| mains.fits(us));
+        assert_eq!(fits(8_000.0), [false, false]);
+        assert_eq!(fits(10_000.0), [true, false]);
+        assert_eq!(fits(8_333.0), [false, true]);
+        assert_eq!(fits(50_000.0), [true, true]);
+        assert_eq!((fits(10_099.0), fits(10_101.0), fits(50.0)), ([true, false], [false; 2], [false; 2]));
+    }
+
+    #[test]
+    fn a_film_by_the_projectors_light_is_refused_at_its_line() {
+        let line = FILM_FILE.lines().position(|line| line.contains("Brightness: 0")).expect("it has one") + 1;
+        let lit = says(&FILM_FILE.replace("Brightness: 0", "Brightness: 1.8"), ZividUse::Film);
+        let words =
+            format!("film.yml:{line}: Settings2D.Acquisitions[0].Acquisition.Brightness: found 1.8, allowed is 0");
+        assert!(lit.starts_with(&words), "{lit}");
+        let unsaid = says(&FILM_FILE.replace("Brightness: 0", "# Brightness: 0"), ZividUse::Film);
+        assert!(unsaid.contains("Acquisition.Brightness: is missing; allowed is 0"), "{unsaid}");
+        let word = says(&FILM_FILE.replace("Brightness: 0", "Brightness: off"), ZividUse::Film);
+        assert!(word.contains("Brightness: allowed is the number 0"), "{word}");
+        // A 3D shot needs the projector.
+        assert!(SCAN_FILE.contains("Brightness: 1.8"));
+    }
+
+    #[test]
+    fn what_is_no_such_file_is_told() {
+        let cases = [
+            (SCAN_FILE, ZividUse::Film, "found Settings, needed are settings for pictures, with Settings2D"),
+            (FILM_FILE, ZividUse::Scan, "found Settings2D, needed are settings for 3D shots"),
+            ("a: [", ZividUse::Film, "this is no YAML"),
+            ("[scanner]\nkind = 'zivid'", ZividUse::Film, "this is no YAML"),
+            ("scanner: zivid", ZividUse::Film, "allowed is one of both"),
+            (
+                "Settings2D:\n  Acquisitions: []\n",
+                ZividUse::Film,
+                "film.yml:2: Settings2D.Acquisitions: found none",
+            ),
+            ("Settings2D: {}\n", ZividUse::Film, "Settings2D.Acquisitions: is missing"),
+            (
+                "Settings:\n  Acquisitions:\n    - Acquisition: {}\n",
+                ZividUse::Scan,
+                "Settings.Color.Settings2D: is missing",
+            ),
+        ];
+        for (text, usage, words) in cases {
+            let told = says(text, usage);
+            assert!(told.contains(words), "{words}: {told}");
+        }
+        let unversioned = says(&FILM_FILE.replace("__version__", "version"), ZividUse::Film);
+        assert!(unversioned.contains("__version__: is missing"), "{unversioned}");
+    }
+}

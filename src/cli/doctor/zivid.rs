@@ -1,0 +1,78 @@
+//! A Zivid: does it deliver, does the light go with its exposures, is it warm, and what does its SDK compute on?
+
+use super::devices::borrowed;
+use super::{Check, judge, machine};
+use crate::cell::ZividCamera;
+use crate::cli::ctl;
+use crate::cli::load::CellFiles;
+use crate::cli::shoot::opening;
+use crate::daemon::BorrowedScanner;
+use crate::devices::cameras::Scanner as _;
+use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
+use crate::geometry::PinholeCamera;
+use std::time::{Duration, Instant};
+
+/// Starts the camera's worker, opens the camera and takes a shot to warm it up; follows its temperature for ten minutes of
+/// shots where that is asked for.
+pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> Vec<Check> {
+    let graphics = machine::graphics_processor();
+    if let Some(state) = ctl::state_of(&files.socket()) {
+        let taken = BorrowedScanner::new(files.socket()).capture_3d();
+        return vec![graphics, borrowed("scanner", &state, taken.map(|taken| taken.cloud.picture()))];
+    }
+    let lens = opening::lens(files.scanner());
+    let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
+    let opened = lens.and_then(|lens| {
+        let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
+        opening::sized(lens, open, |scanner| Ok(scanner.ready(Patience::default().start())?))
+    });
+    let mut scanner = match opened {
+        Ok((scanner, _)) => scanner,
+        Err(fault) => {
+            let wrong = Check::wrong("scanner", fault.to_string(), "mend [scanner] in the cell's file");
+            return vec![graphics, wrong];
+        }
+    };
+    let ready = scanner.ready(Patience::default().start());
+    let (found, own) = match ready.and_then(|()| Ok((scanner.temperatures()?, scanner.intrinsics()?))) {
+        Ok(both) => both,
+        Err(fault) => {
+            let wrong = Check::wrong("scanner", fault.to_string(), "src/devices/README.md says what it needs");
+            return vec![graphics, wrong];
+        }
+    };
+    let light = match (scanner.light(), crate::cli::zivid::checked_settings(camera)) {
+        (Ok(light), Ok(settings)) => judge::light(&light, &settings),
+        (Err(fault), _) => judge::light_not_known(&fault.to_string()),
+        (_, Err(fault)) => judge::light_not_known(&fault.to_string()),
+    };
+    let warm = found.lens_c.map_or("unknown".to_owned(), |celsius| format!("{celsius:.0} °C"));
+    let calibrated =
+        calibrated_px.map_or("it is not calibrated yet".to_owned(), |px| format!("by its calibration {px:.1} px"));
+    let told = format!(
+        "a Zivid, ready; temperature of its lens {warm}; focal length by itself {:.1} px, {calibrated}",
+        own.matrix_px[0]
+    );
+    let followed = if warm_up { warmed_up(&mut scanner, WARM_UP) } else { Ok(()) };
+    let warmth = match followed {
+        Ok(()) => judge::warmth(scanner.warmth()),
+        Err(fault) => Check::wrong("scanner's warmth", fault.to_string(), "mend the scanner, then ask again"),
+    };
+    vec![graphics, Check::right("scanner", told), light, warmth]
+}
+
+/// For how long a camera is warmed up, and from one shot to the next: the maker's ten minutes.
+const WARM_UP: [Duration; 2] = [Duration::from_secs(605), Duration::from_secs(10)];
+
+/// Takes 3D shots, which warm the camera, and by which its temperature is followed.
+fn warmed_up(scanner: &mut ZividScanner, [long, every]: [Duration; 2]) -> Result<(), ZividFault> {
+    let begun = Instant::now();
+    while begun.elapsed() < long {
+        let lens =
+            scanner.shot()?.taken.lens_c.map_or(String::new(), |celsius| format!(", its lens has {celsius:.1} °C"));
+        let left_s = long.saturating_sub(begun.elapsed()).as_secs();
+        tracing::info!("the 3D camera warms up for {left_s} s more{lens}");
+        std::thread::sleep(every.min(long.saturating_sub(begun.elapsed())));
+    }
+    Ok(())
+}

@@ -1,0 +1,103 @@
+//! Which addresses this computer reaches without a router, and what to say of one that it does not.
+//!
+//! A GigE Vision camera and the port that it is plugged into must be in one IPv4 subnet. One that is not may answer a search and
+//! never open, or not answer at all. The kernel's table of routes names the subnets: its lines without a gateway. Text in,
+//! words out.
+
+use std::net::Ipv4Addr;
+
+/// A subnet that a port of this computer is in.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Subnet {
+    /// The port, `eth0`.
+    pub port: String,
+    network: u32,
+    mask: u32,
+}
+
+impl Subnet {
+    fn holds(&self, address: Ipv4Addr) -> bool {
+        u32::from(address) & self.mask == self.network
+    }
+}
+
+impl std::fmt::Display for Subnet {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} {}/{}", self.port, Ipv4Addr::from(self.network), self.mask.count_ones())
+    }
+}
+
+/// The subnets of a table of routes, as `/proc/net/route` has it: hexadecimal, in the machine's order of bytes.
+pub fn subnets(routes: &str) -> Vec<Subnet> {
+    let of_line = |line: &str| {
+        let fields: Vec<&str> = line.split_whitespace().collect();
+        let [port, network, gateway, _, _, _, _, mask, ..] = fields.as_slice() else { return None };
+        let number = |hex: &str| u32::from_str_radix(hex, 16).ok().map(u32::from_be);
+        let (network, gateway, mask) = (number(network)?, number(gateway)?, number(mask)?);
+        (gateway == 0 && mask != 0).then(|| Subnet { port: (*port).to_owned(), network, mask })
+    };
+    routes.lines().skip(1).filter_map(of_line).collect()
+}
+
+/// What keeps a camera at this address from being reached; `None` where nothing in the address does.
+pub fn out_of_reach(address: &str, subnets: &[Subnet]) -> Option<String> {
+    let address: Ipv4Addr = address.parse().ok()?;
+    if address.is_loopback() || subnets.iter().any(|subnet| subnet.holds(address)) {
+        return None;
+    }
+    let by_itself = if address.is_link_local() {
+        " (an address that a camera gives itself where no DHCP server answers)"
+    } else {
+        ""
+    };
+    Some(format!(
+        "{address}{by_itself} is in none of this computer's subnets, {}; give the port that the camera is plugged into a fixed \
+         address in the camera's subnet, or the camera one in the port's",
+        told(subnets)
+    ))
+}
+
+/// The subnets in words.
+pub fn told(subnets: &[Subnet]) -> String {
+    match subnets {
+        [] => "of which there are none".to_owned(),
+        some => some.iter().map(Subnet::to_string).collect::<Vec<_>>().join(", "),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As Linux writes it on a little endian machine: 172.31.1.0/24 is 00011FAC with mask 00FFFFFF. The first line is the way
+    /// out through a router and makes nothing a neighbour.
+    #[cfg(target_endian = "little")]
+    const ROUTES: &str = "Iface\tDestination\tGateway\tFlags\tRefCnt\tUse\tMetric\tMask\tMTU\tWindow\tIRTT\n\
+        eth0\t00000000\t01011FAC\t0003\t0\t0\t0\t00000000\t0\t0\t0\n\
+        eth0\t00011FAC\t00000000\t0001\t0\t0\t0\t00FFFFFF\t0\t0\t0\n\
+        eth1\t0040A8C0\t00000000\t0001\t0\t0\t0\t00F0FFFF\t0\t0\t0\n";
+
+    #[cfg(target_endian = "little")]
+    #[test]
+    fn a_neighbour_is_reached_and_another_subnet_is_named() {
+        let subnets = subnets(ROUTES);
+        assert_eq!(told(&subnets), "eth0 172.31.1.0/24, eth1 192.168.64.0/20");
+        for near in ["172.31.1.20", "192.168.70.9", "192.168.79.9", "127.0.0.1", "camera.local"] {
+            assert_eq!(out_of_reach(near, &subnets), None, "{near}");
+        }
+        let far = out_of_reach("10.0.0.2", &subnets).expect("another subnet");
+        assert!(
+            far.starts_with("10.0.0.2 is in none of this computer's subnets, eth0 172.31.1.0/24, eth1"),
+            "{far}"
+        );
+        let own = out_of_reach("169.254.3.4", &subnets).expect("none of ours");
+        assert!(own.contains("gives itself where no DHCP server answers"), "{own}");
+        assert!(out_of_reach("10.0.0.2", &[]).is_some_and(|told| told.contains("of which there are none")));
+    }
+
+    #[test]
+    fn a_table_that_is_none_names_nothing() {
+        assert_eq!(subnets(""), []);
+        assert_eq!(subnets("Iface\neth0 zz\n"), []);
+    }
+}

@@ -1,0 +1,198 @@
+//! Is the camera as warm as it stays? By the temperature of its lens over time, in any clock.
+//!
+//! The camera measures by angles between its projector and its sensor, and while it warms up or cools down these angles
+//! move. The maker asks for ten minutes of shots, and gives figures: while it warms up the temperature rises by 0.5 to
+//! 1.5 °C a minute, the air of a hall changes it by 0.03 °C a minute at most. So the camera is warm where a straight line
+//! through the temperatures of the last minutes,
+//!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
+//! rises or falls by less than a limit between the two, with its own error 2 σₛ. What was followed for less than the ten
+//! minutes, or lies across the limit, is told as a doubt. Nothing here waits, and nothing here stops a cycle.
+//! Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
+
+use crate::words::apart;
+
+/// How long a camera must have been followed, s: the maker's ten minutes.
+const FOLLOWED_S: f64 = 600.0;
+/// The line goes through the last temperatures of so long, s.
+const LINE_S: f64 = 300.0;
+/// Temperatures further apart are not one series, s: who knows whether the camera was off between them.
+const GAP_S: f64 = 120.0;
+/// Three times what the air of a hall does, a fifth of a slow warm-up, °C a minute.
+const LIMIT_C_PER_MIN: f64 = 0.1;
+/// Temperatures are told in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
+const LEAST_ERROR_C: f64 = 0.05 / 1.732;
+/// Older temperatures have no say, s.
+pub const KEPT_S: f64 = FOLLOWED_S + GAP_S;
+
+/// A temperature.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// When, s.
+    pub at_s: f64,
+    /// Of the lens, °C.
+    pub lens_c: f64,
+}
+
+/// What the temperatures say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Warmth {
+    /// It stays as warm as it is.
+    Warm {
+        /// Rise, °C a minute.
+        rise_c_per_min: f64,
+    },
+    /// It warms up, or cools down.
+    Changing {
+        /// Rise, °C a minute.
+        rise_c_per_min: f64,
+    },
+    /// Its temperatures scatter too much to tell.
+    Unclear {
+        /// Rise, °C a minute.
+        rise_c_per_min: f64,
+        /// Its error, 95 %.
+        error_c_per_min: f64,
+    },
+    /// It was followed for too short a time, or tells no temperature.
+    NotFollowed {
+        /// For so long without a gap, s.
+        followed_s: f64,
+    },
+}
+
+impl std::fmt::Display for Warmth {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Warmth::Warm { rise_c_per_min } => {
+                write!(f, "it is warm: its temperature changes by {:.2} °C a minute", rise_c_per_min.abs())
+            }
+            Warmth::Changing { rise_c_per_min } => {
+                let verb = if *rise_c_per_min > 0.0 { "warms up" } else { "cools down" };
+                let [found, limit] = apart(rise_c_per_min.abs(), LIMIT_C_PER_MIN, 2);
+                write!(
+                    f,
+                    "it still {verb}, by {found} °C a minute; a warm one changes by {limit} at most. Let it take shots for \
+                     ten minutes before you trust a millimetre's tenth"
+                )
+            }
+            Warmth::Unclear { rise_c_per_min, error_c_per_min } => write!(
+                f,
+                "whether it is warm is not clear: its temperature changes by {rise_c_per_min:.2} ± {error_c_per_min:.2} °C a \
+                 minute, and {LIMIT_C_PER_MIN} at most is warm"
+            ),
+            Warmth::NotFollowed { followed_s } => write!(
+                f,
+                "whether it is warm is not known: its temperature was followed for {:.0} of {:.0} min",
+                (followed_s / 60.0).floor(),
+                FOLLOWED_S / 60.0
+            ),
+        }
+    }
+}
+
+/// Judges temperatures in the order of their times, at `now_s` of the same clock.
+pub fn warmth(readings: &[Reading], now_s: f64) -> Warmth {
+    let series = unbroken(readings, now_s);
+    let followed_s = series.first().map_or(0.0, |first| now_s - first.at_s);
+    if followed_s < FOLLOWED_S {
+        return Warmth::NotFollowed { followed_s };
+    }
+    let line: Vec<Reading> = series.iter().filter(|reading| now_s - reading.at_s <= LINE_S).copied().collect();
+    let Some((rise_c_per_min, error_c_per_min)) = rise(&line) else {
+        return Warmth::NotFollowed { followed_s: 0.0 };
+    };
+    match rise_c_per_min.abs() {
+        most if most + error_c_per_min <= LIMIT_C_PER_MIN => Warmth::Warm { rise_c_per_min },
+        least if least - error_c_per_min > LIMIT_C_PER_MIN => Warmth::Changing { rise_c_per_min },
+        _ => Warmth::Unclear { rise_c_per_min, error_c_per_min },
+    }
+}
+
+/// The last readings without a gap between them, up to now.
+fn unbroken(readings: &[Reading], now_s: f64) -> &[Reading] {
+    let mut next_s = now_s;
+    let of_series = readings.iter().rev().take_while(|reading| {
+        let is_near = next_s - reading.at_s <= GAP_S;
+        next_s = reading.at_s;
+        is_near
+    });
+    let count = of_series.count();
+    readings.split_at(readings.len() - count).1
+}
+
+/// (1): slope and its error (95 %), °C a minute; none of fewer than three.
+fn rise(line: &[Reading]) -> Option<(f64, f64)> {
+    let count = line.len() as f64;
+    if line.len() < 3 {
+        return None;
+    }
+    let mean = |of: &dyn Fn(&Reading) -> f64| line.iter().map(of).sum::<f64>() / count;
+    let (middle_s, middle_c) = (mean(&|reading| reading.at_s), mean(&|reading| reading.lens_c));
+    let spread: f64 = line.iter().map(|reading| (reading.at_s - middle_s).powi(2)).sum();
+    if spread <= 0.0 {
+        return None;
+    }
+    let together: f64 = line.iter().map(|reading| (reading.at_s - middle_s) * (reading.lens_c - middle_c)).sum();
+    let slope = together / spread;
+    let left = |reading: &Reading| reading.lens_c - middle_c - slope * (reading.at_s - middle_s);
+    let squares: f64 = line.iter().map(|reading| left(reading).powi(2)).sum();
+    let error_c = (squares / (count - 2.0)).sqrt().max(LEAST_ERROR_C);
+    Some((60.0 * slope, 60.0 * 2.0 * error_c / spread.sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Each half minute from `from_s` to 900 s.
+    fn told(from_s: f64, lens_c: impl Fn(f64) -> f64) -> Vec<Reading> {
+        let times = (0..=30).map(|half| f64::from(half) * 30.0).filter(|at_s| *at_s >= from_s);
+        times.map(|at_s| Reading { at_s, lens_c: lens_c(at_s) }).collect()
+    }
+
+    /// By hand: 0.06 °C a minute is 0.001 °C a second. Eleven readings, 30 s apart: Σ (t − t̄)² = 2 · 30² · 55 = 99,000 s², its
+    /// root 314.64 s; the least error gives 60 · 2 · 0.02887 / 314.64 = 0.0110 °C a minute.
+    #[test]
+    fn a_straight_rise_is_found_with_its_error() {
+        let line = told(600.0, |at_s| 30.0 + 0.001 * at_s);
+        let (rise_c, error_c) = rise(&line).expect("eleven");
+        assert!((rise_c - 0.06).abs() < 1e-9 && (error_c - 0.01101).abs() < 1e-5, "{rise_c} {error_c}");
+        assert_eq!(rise(&line[..2]), None);
+    }
+
+    /// A camera that nears its end temperature as 40 − 15 e^(−t/τ), τ = 2.5 min: at 15 min it rises by
+    /// 15/2.5 · e^(−6) = 0.015 °C a minute, at 5 min by 0.81.
+    #[test]
+    fn a_camera_is_warm_when_it_changes_no_more() {
+        let warming = |at_s: f64| 40.0 - 15.0 * (-at_s / 150.0_f64).exp();
+        assert!(
+            matches!(warmth(&told(0.0, warming), 900.0), Warmth::Warm { rise_c_per_min } if rise_c_per_min > 0.03)
+        );
+        // The same, seen ten minutes earlier on its way.
+        let early = warmth(&told(0.0, |at_s| warming(at_s - 600.0)), 900.0);
+        assert!(matches!(early, Warmth::Changing { rise_c_per_min } if rise_c_per_min > 0.8), "{early:?}");
+        assert!(early.to_string().starts_with("it still warms up, by "), "{early}");
+        let film = warmth(&told(0.0, |at_s| 40.0 - 0.005 * at_s), 900.0);
+        assert!(
+            film.to_string().starts_with("it still cools down, by 0.30 °C a minute; a warm one changes by 0.1 at")
+        );
+    }
+
+    #[test]
+    fn what_is_not_known_is_told() {
+        let steady = |_: f64| 36.0;
+        let short = warmth(&told(330.0, steady), 900.0);
+        assert_eq!(short, Warmth::NotFollowed { followed_s: 570.0 });
+        assert!(short.to_string().ends_with("followed for 9 of 10 min"), "{short}");
+        assert_eq!(warmth(&[], 900.0), Warmth::NotFollowed { followed_s: 0.0 });
+        // The last one is three minutes old; or there is a gap of three minutes before the last five.
+        assert_eq!(warmth(&told(0.0, steady), 1_080.0), Warmth::NotFollowed { followed_s: 0.0 });
+        let mut gap = told(0.0, steady);
+        gap.retain(|reading| !(430.0..=580.0).contains(&reading.at_s));
+        assert_eq!(warmth(&gap, 900.0), Warmth::NotFollowed { followed_s: 300.0 });
+        // 0.1 °C a minute lies on the limit.
+        let edge = warmth(&told(0.0, |at_s| 30.0 + at_s / 600.0), 900.0);
+        assert!(matches!(edge, Warmth::Unclear { .. }), "{edge:?}");
+        assert!(edge.to_string().contains("changes by 0.10 ± 0.01 °C a minute"), "{edge}");
+    }
+}
