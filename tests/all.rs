@@ -18,6 +18,7 @@ mod kuka_files;
 mod layers;
 mod link;
 mod locate;
+mod new;
 mod patterns;
 mod poor_pictures;
 mod quiet;
