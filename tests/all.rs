@@ -1,6 +1,7 @@
 //! All integration tests: one binary, because each one links OpenCV.
 
 mod arm;
+mod backup;
 mod board_pictures;
 mod boards;
 mod calib;
@@ -15,9 +16,11 @@ mod hostile;
 mod inputs;
 mod kuka_files;
 mod layers;
+mod licences;
 mod link;
 mod live;
 mod locate;
+mod new;
 mod patterns;
 mod poor_pictures;
 mod quiet;

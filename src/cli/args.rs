@@ -1,5 +1,13 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
+mod backup;
+mod new;
+mod package_files;
+
+pub use backup::{Backup, BackupPart, Restore};
+pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
+pub use package_files::PackageFiles;
+
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -93,6 +101,9 @@ pub enum Command {
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
+    /// Manual pages and shell completions, for `make package`.
+    #[command(hide = true)]
+    PackageFiles(PackageFiles),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
     #[command(
         after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"
@@ -157,6 +168,26 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
+    /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
+    /// service runs.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep backup target/cell.tar.zst --cell target/cell/cell.toml\n\
+        The archive is a tar file compressed by zstd. It holds no recordings and no pages: pages are made again from the store. A \
+        recipe is in it where it lies in the folder of the cell's file or up to two folders below.")]
+    Backup(Backup),
+    /// Bring a backup back. Everything is unpacked and verified beside its place first; where anything is wrong, all stays as it
+    /// was. Nothing that is there is replaced unless it is named, and what is replaced is kept.
+    #[command(
+        after_help = "Example, after the one of `panelprep backup --help`, beside the cell that it was made of:\n  \
+        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\n\
+        In place of the one that is there, with the service stopped:\n  \
+        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml --only store --replace store\n\
+        Exit codes: 0 restored, 1 the backup is damaged and nothing was changed, 2 something is there already or in use."
+    )]
+    Restore(Restore),
+    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: asks what matters, and looks what is
+    /// connected.
+    New(New),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \

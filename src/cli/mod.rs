@@ -5,6 +5,7 @@
 
 pub mod args;
 mod assignment;
+mod backup;
 mod calibrate;
 mod check;
 mod clear;
@@ -26,8 +27,10 @@ mod locate;
 mod log;
 mod look;
 mod mock_robot;
+mod new;
 mod outcome;
 mod output;
+mod package_files;
 mod page;
 mod part;
 mod person;
@@ -90,6 +93,10 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::Backup(args) => backup::run(args, common),
+        Command::Restore(args) => backup::restore(args, common),
+        Command::New(args) => new::run(args, common),
+        Command::PackageFiles(args) => package_files::run(args),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {
