@@ -19,8 +19,8 @@ pub enum What {
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
         panelprep calibrate intrinsics --board 9x6 --square-mm 25 --out target/cell/found/flange_camera.toml \
         --pictures target/cell/pictures target/cell/boards/lens/*.png\n\
-        Example, by pictures that are taken now, one at each Enter:\n  \
-        panelprep calibrate intrinsics --live target/shots --camera flange-camera --board 9x6 --square-mm 25 \
+        Example, by twelve pictures that are taken now; without --count one at each Enter, which leaves the time to move the board:\n  \
+        panelprep calibrate intrinsics --live target/shots --count 12 --every-s 0 --camera flange-camera --board 9x6 --square-mm 25 \
         --cell target/cell/cell.toml --out target/cell/found/flange_camera.toml")]
     Intrinsics(Intrinsics),
     /// Where a camera is mounted: from three touched points (thesis 3.7), or from many poses.
@@ -35,7 +35,7 @@ pub enum What {
         --intrinsics target/cell/flange_camera.toml --poses target/cell/boards/flange/poses.toml \
         --images target/cell/boards/flange --out target/cell/found/flange_from_camera.toml\n\
         Example, by an arm that moves by itself from where it sees the board:\n  \
-        panelprep calibrate hand-eye --live target/poses --move --mount eye-in-hand --board 9x6 --square-mm 25 \
+        panelprep calibrate hand-eye --live target/poses --move --count 14 --mount eye-in-hand --board 9x6 --square-mm 25 \
         --cell target/cell/cell.toml --intrinsics target/cell/flange_camera.toml --out target/cell/found/flange_from_camera.toml"
     )]
     HandEye(HandEye),
@@ -187,6 +187,12 @@ pub struct LiveArgs {
     /// With --live: the camera; without it, the one that --mount names.
     #[arg(long, value_enum, requires = "live")]
     pub camera: Option<CameraName>,
+    /// With --live: take so many pictures, and ask nobody; without it, one at each Enter.
+    #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
+    pub count: Option<u32>,
+    /// With --count: the time between two pictures, s, in which a person brings the board to its next place.
+    #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
+    pub every_s: u32,
     /// With --live and poses: the arm moves to them by itself, each through the gate of `panelprep robot move-j`.
     #[arg(long, requires = "live")]
     pub r#move: bool,
@@ -199,7 +205,7 @@ impl LiveArgs {
     /// Nothing is taken now.
     pub fn none() -> Self {
         let simulation = Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 };
-        LiveArgs { live: None, camera: None, r#move: false, simulation }
+        LiveArgs { live: None, camera: None, count: None, every_s: 0, r#move: false, simulation }
     }
 }
 

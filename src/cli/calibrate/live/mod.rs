@@ -2,7 +2,7 @@
 //! and which one to take next. At the end it calibrates by them as the same command does on files.
 //!
 //! Pictures stay in the folder of `--live`, poses in its `poses.toml`; a session that was broken off goes on where it ended. A
-//! person moves the board or the arm and presses Enter; with `--move` the arm moves by itself, through the gates of
+//! person moves the board or the arm and presses Enter, or with `--count` has some seconds for it; with `--move` the arm moves by itself, through the gates of
 //! `panelprep robot move-j`.
 
 mod moving;
@@ -47,7 +47,7 @@ pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)
         CameraName::FlangeCamera => opening::lens(cell.flange_camera())?,
     };
     let mut view = View::open(&cell, (view, &board), (&args.live, known), progress)?;
-    let mut session = Session::new(folder, &board, super::window(&args.board))?;
+    let mut session = Session::new((folder, &args.live), &board, super::window(&args.board))?;
     let on_files = |images: Vec<PathBuf>, out: PathBuf| Intrinsics { images, out, pictures: None, ..args.clone() };
     while session.taken() < MOST && session.ask()? == Asked::Take {
         let (picture, _) = view.take()?;
@@ -96,7 +96,7 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         MountName::EyeToHand => BoardView::Fixed,
         MountName::EyeInHand => BoardView::Flange,
     };
-    let mut session = Session::new(folder, &board, super::window(&args.board))?;
+    let mut session = Session::new((folder, &args.live), &board, super::window(&args.board))?;
     let so_far = || {
         let on_files = HandEye {
             poses: Some(folder.join(session::POSES)),

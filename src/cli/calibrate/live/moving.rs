@@ -73,8 +73,9 @@ pub fn run(
     };
     let mut single = Single::connect(&mut robot, cell.cell.arm()).map_err(Fault::stage)?;
     tell(&format!(
-        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {MOST} poses about where it stands. Look that \
-         the way is free, and keep a hand on the enabling switch or the emergency stop."
+        "The arm will move by itself, at {AXIS_PERCENT} % of its axes' speed, to up to {} poses about where it stands. Look that \
+         the way is free, and keep a hand on the enabling switch or the emergency stop.",
+        session.most(MOST)
     ));
     if session.ask()? == Asked::Done {
         return Ok(());
@@ -84,7 +85,7 @@ pub fn run(
     look(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
     let mut variations = ABOUT.iter().map(|change| varied(&first.base_from_flange, about_mm, change));
-    while session.taken() < MOST {
+    while session.taken() < session.most(MOST) {
         let known = if session.found() >= FIRST { Some(so_far()?) } else { None };
         if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
             return Ok(());

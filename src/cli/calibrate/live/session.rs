@@ -3,6 +3,7 @@
 use super::super::super::disk;
 use super::super::super::fault::Fault;
 use super::super::super::output;
+use super::super::args::LiveArgs;
 use crate::calib::Board;
 use crate::calib::detect;
 use crate::devices::cameras::PictureQuality;
@@ -10,6 +11,7 @@ use crate::files;
 use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Pixel, Rigid};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 /// The poses, in the session's folder.
 pub const POSES: &str = "poses.toml";
@@ -40,6 +42,8 @@ pub struct Pose {
 /// A session.
 pub struct Session<'a> {
     folder: &'a Path,
+    /// So many pictures are taken without asking, in all, with this time between them.
+    unasked: Option<(usize, Duration)>,
     board: &'a Board,
     window: Option<usize>,
     pictures: Vec<PathBuf>,
@@ -68,10 +72,12 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// Where a file in it cannot be read.
-    pub fn new(folder: &'a Path, board: &'a Board, window: Option<usize>) -> Result<Self, Fault> {
+    pub fn new((folder, args): (&'a Path, &LiveArgs), board: &'a Board, window: Option<usize>) -> Result<Self, Fault> {
         let file = folder.join(POSES);
         let poses = if file.is_file() { disk::read_text(&file)? } else { String::new() };
-        let mut session = Session { folder, board, window, pictures: Vec::new(), found: 0, poses };
+        let every = Duration::from_secs(u64::from(args.every_s));
+        let unasked = args.count.map(|count| (count as usize, every));
+        let mut session = Session { folder, unasked, board, window, pictures: Vec::new(), found: 0, poses };
         let earlier = (1..).map(|number| session.named(number)).take_while(|picture| picture.is_file());
         session.pictures = earlier.collect();
         for picture in &session.pictures {
@@ -90,6 +96,11 @@ impl<'a> Session<'a> {
 
     fn named(&self, number: usize) -> PathBuf {
         self.folder.join(format!("board_{number:04}.png"))
+    }
+
+    /// So many pictures are taken at most.
+    pub fn most(&self, usual: usize) -> usize {
+        self.unasked.map_or(usual, |(count, _)| count)
     }
 
     /// How many pictures there are.
@@ -112,6 +123,13 @@ impl<'a> Session<'a> {
     /// # Errors
     /// Where nobody can be asked.
     pub fn ask(&self) -> Result<Asked, Fault> {
+        if let Some((count, every)) = self.unasked {
+            if self.taken() >= count {
+                return Ok(Asked::Done);
+            }
+            std::thread::sleep(every);
+            return Ok(Asked::Take);
+        }
         tell(&format!(
             "Press Enter to take picture {}; write done and press Enter when these are enough.",
             self.taken() + 1
