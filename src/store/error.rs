@@ -130,6 +130,20 @@ pub enum StoreError {
         /// The newest schema that this program knows.
         known: i64,
     },
+    /// Written by an earlier version of this program, and not brought up to date yet.
+    #[error(
+        "the store {} has schema {found}, this program works with {known}: start the service once (`panelprep run`), which keeps a \
+         copy of its database and brings it up to date; then try again",
+        path.display()
+    )]
+    Older {
+        /// The folder.
+        path: PathBuf,
+        /// Its schema.
+        found: i64,
+        /// The schema of this program.
+        known: i64,
+    },
     /// Written by another program.
     #[error("{} is a database of another program; name another folder", path.display())]
     Foreign {

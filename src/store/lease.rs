@@ -14,11 +14,13 @@ const FILE: &str = "panelprep.lock";
 
 /// The right to write, held until dropped.
 #[derive(Debug)]
-pub(super) struct Lease {
+pub struct Lease {
     locked: File,
 }
 
 impl Lease {
+    /// Takes it; every other writer is refused until it is dropped.
+    ///
     /// # Errors
     /// Where another process, or another store of this one, holds it.
     pub fn take(store: &Path) -> Result<Self, StoreError> {

@@ -18,6 +18,7 @@ mod chain;
 mod checkpoints;
 mod commit;
 mod contacts;
+mod copy;
 mod cycles;
 mod discs;
 mod error;
@@ -36,9 +37,11 @@ mod verifications;
 mod verify;
 
 pub use blobs::{BlobWriter, free_mb};
+pub use copy::{BLOBS, Copied, ROW_FILES};
 pub use cycles::CycleStart;
 pub use error::StoreError;
 pub use incidents::Incident;
+pub use lease::Lease;
 pub use prune::Pruned;
 pub use teaching::{Taught, TaughtCorner, Teaching};
 pub use verifications::calibration_hash;
@@ -47,7 +50,6 @@ pub use verify::Verified;
 use blobs::Blobs;
 use commit::Steps;
 use head::HeadFile;
-use lease::Lease;
 use motions::Settled;
 use reserve::{Fullness, Reserve};
 use rusqlite::Connection;
@@ -169,4 +171,4 @@ fn unix_ms(time: SystemTime) -> i64 {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -7,7 +7,7 @@ use super::error::StoreError;
 use super::head::{self, Head, HeadFile};
 use super::lease::Lease;
 use super::reserve::{self, Fullness, Reserve};
-use super::{DATABASE, Store, schema};
+use super::{DATABASE, Store, copy, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use sha2::{Digest, Sha256};
 use std::fs::File;
@@ -36,7 +36,7 @@ impl Store {
     }
 
     /// Opens the store in this folder for writing, as the only writer; an empty or absent folder becomes a new one, and
-    /// an earlier program's store is brought up to date. What was changed behind the program's back is kept as an incident,
+    /// an earlier program's store is brought up to date, after a copy of its database was made beside it. What was changed behind the program's back is kept as an incident,
     /// see [`Store::changed`].
     ///
     /// # Errors
@@ -59,6 +59,13 @@ impl Store {
         let connection = Connection::open(&path).map_err(failed)?;
         let version = schema::version(&connection, &path)?;
         schema::check(&connection, &path)?;
+        if (1..schema::SCHEMA).contains(&version) {
+            let kept = copy::keep_earlier(&connection, folder, version)?;
+            tracing::info!(
+                "the store's tables are brought up to date; as they were they are kept in {}",
+                kept.display()
+            );
+        }
         schema::prepare(&connection).map_err(failed)?;
         let head = HeadFile::open(folder).map_err(|error| at_head(folder, error))?;
         let mut store = Store::of((connection, blobs), folder);

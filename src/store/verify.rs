@@ -54,7 +54,7 @@ impl Store {
     /// Verifies the store in this folder, also while a service writes to it.
     ///
     /// # Errors
-    /// Where there is no store, or its database cannot be opened at all. What cannot be read in it is found, not an error.
+    /// Where there is no store, it is an earlier program's, or its database cannot be opened at all. What cannot be read in it is found, not an error.
     pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
         let path = folder.join(DATABASE);
         // Before a connection is open: closing a file takes the locks of one along.
@@ -68,6 +68,10 @@ impl Store {
             }
             Err(error) => return Err(error),
         };
+        let found = schema::version(&store.connection, &path)?;
+        if found < schema::SCHEMA {
+            return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
+        }
         let begin = || -> Result<Place, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last(&store.connection)

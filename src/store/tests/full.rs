@@ -24,6 +24,11 @@ impl SmallDisk {
         }
     }
 
+    /// Where it is.
+    pub fn folder(&self) -> &std::path::Path {
+        self.0.path()
+    }
+
     /// Takes all that is left.
     fn fill(&self) {
         let mut ballast =

@@ -1,8 +1,9 @@
 mod contacts;
+mod copies;
 mod cycles;
 mod discs;
 mod evidence;
-mod full;
+pub(crate) mod full;
 mod journal;
 mod killed;
 mod opening;

@@ -17,12 +17,9 @@ const SCHEMA_1: &str = "
     PRAGMA user_version = 1;
 ";
 
-#[test]
-fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
-    let (folder, mut store) = new_store();
-    let version = store.teach(&teaching("wing")).expect("taught");
-    drop(store);
-    let (path, old) = (folder.path().join("store"), folder.path().join("store/old.sqlite"));
+/// Makes the store in this folder what the first program would have left.
+pub fn become_the_first_schema(path: &std::path::Path) {
+    let old = path.join("old.sqlite");
     let connection = Connection::open(&old).expect("made");
     connection.execute_batch(SCHEMA_1).expect("the first schema");
     connection.execute("ATTACH ?1 AS new", [path.join(DATABASE).to_str()]).expect("attached");
@@ -31,6 +28,15 @@ fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
     }
     drop(connection);
     fs::rename(&old, path.join(DATABASE)).expect("in its place");
+}
+
+#[test]
+fn a_store_of_the_first_schema_keeps_its_panels_and_gets_the_new_tables() {
+    let (folder, mut store) = new_store();
+    let version = store.teach(&teaching("wing")).expect("taught");
+    drop(store);
+    let path = folder.path().join("store");
+    become_the_first_schema(&path);
 
     // Reading changes nothing, writing brings the tables up to date.
     let reader = Store::open(&path).expect("the earlier store");

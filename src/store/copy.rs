@@ -1,0 +1,163 @@
+//! A copy of the database by SQLite's online backup, while a service writes to it: for a backup, and before the tables of
+//! an earlier program are changed.
+
+use super::chain::{self, Place};
+use super::error::StoreError;
+use super::head::{self, HeadFile};
+use super::{DATABASE, Store, opening, prune, schema};
+use rusqlite::Connection;
+use rusqlite::backup::{Backup, StepResult};
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// How long the copy waits for a lock of the database.
+const PATIENCE: Duration = Duration::from_secs(30);
+const AGAIN: Duration = Duration::from_millis(10);
+
+/// A copy of a store's rows.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Copied {
+    /// What is not what was written, in words; where something is, there is no copy.
+    pub found: Vec<String>,
+    /// Links of its chain.
+    pub links: u64,
+    /// The files that its rows name, by their hashes; without those that were removed as `[store] keep` says.
+    pub files: Vec<String>,
+}
+
+/// The files of a store beside `blobs/` that make it up.
+pub const ROW_FILES: [&str; 2] = [DATABASE, head::FILE];
+/// The folder of the files that rows name.
+pub const BLOBS: &str = "blobs";
+
+impl Store {
+    /// Copies the rows of the store in `folder` and the head of their chain into the folder `to`, also while a service writes
+    /// to it, and verifies the copy. The copy is of one moment; what is written meanwhile is not in it.
+    ///
+    /// # Errors
+    /// Where there is no store, it is an earlier program's, or the copy cannot be written.
+    pub fn copy_rows(folder: &Path, to: &Path) -> Result<Copied, StoreError> {
+        let store = Store::open(folder)?;
+        let found = schema::version(&store.connection, store.path())?;
+        if found < schema::SCHEMA {
+            return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
+        }
+        // A transaction for reading: from here on the rows stand still for this connection, beside the head of that moment.
+        let begin = || -> Result<Place, rusqlite::Error> {
+            store.connection.execute_batch("BEGIN")?;
+            chain::last(&store.connection)
+        };
+        let (told, last) = match head::read_beside(folder, begin) {
+            Ok((told, last)) => (Ok(told), last),
+            // A writer that lets nobody in is no change of the store.
+            Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
+                return Err(at("read the head in", folder)(error));
+            }
+            Err(error) => (Err(error), begin()),
+        };
+        let last = last.map_err(|error| store.failed("read the chain of", &error))?;
+        // The copy gets a head of its own, which must not make good what the store's head contradicts.
+        let found = store.contradictions(told, last)?;
+        if !found.is_empty() {
+            return Ok(Copied { found, ..Copied::default() });
+        }
+        let copy = to.join(DATABASE);
+        fs::create_dir_all(to).map_err(at("create", to))?;
+        copy_database(&store.connection, &copy).map_err(|error| StoreError::database("write", &copy, &error))?;
+        let write_head = || {
+            let hash = opening::file_hash(&copy)?;
+            HeadFile::open(to)?.close(last, Some(hash))
+        };
+        write_head().map_err(at("write the head in", to))?;
+        let removed = prune::removed(&store)?;
+        let named = prune::named(&store, &|_| false)?;
+        let files = named.into_iter().filter(|hash| !is_removed(&store, &removed, hash)).collect();
+        let verified = Store::verify(to, false)?;
+        Ok(Copied { found: verified.found, links: verified.links, files })
+    }
+}
+
+fn is_removed(store: &Store, removed: &std::collections::BTreeSet<String>, hash: &str) -> bool {
+    removed.contains(hash) && !store.folder().join(BLOBS).join(hash).exists()
+}
+
+/// Copies what this connection sees into a new file, which has no log beside it.
+fn copy_database(connection: &Connection, to: &Path) -> Result<(), rusqlite::Error> {
+    let mut copy = Connection::open(to)?;
+    {
+        let backup = Backup::new(connection, &mut copy)?;
+        let since = Instant::now();
+        loop {
+            match backup.step(-1)? {
+                StepResult::Done => break,
+                StepResult::Busy | StepResult::Locked if since.elapsed() > PATIENCE => {
+                    let busy = rusqlite::ffi::Error::new(rusqlite::ffi::SQLITE_BUSY);
+                    return Err(rusqlite::Error::SqliteFailure(busy, None));
+                }
+                StepResult::Busy | StepResult::Locked => std::thread::sleep(AGAIN),
+                _ => {}
+            }
+        }
+    }
+    copy.pragma_update(None, "journal_mode", "DELETE")?;
+    copy.close().map_err(|(_, error)| error)
+}
+
+/// Keeps the database and the head of its chain as an earlier program left them, before the tables are changed:
+/// `panelprep.schema-6.sqlite`, `panelprep.schema-6.head`. One that is there is never written over. Gives the copy's file.
+pub(super) fn keep_earlier(connection: &Connection, folder: &Path, version: i64) -> Result<PathBuf, StoreError> {
+    let part = folder.join(format!("panelprep.schema-{version}.part"));
+    let remove = || {
+        for file in [part.clone(), folder.join(format!("panelprep.schema-{version}.part-journal"))] {
+            let _ = fs::remove_file(file); // what cannot be removed is told by what comes next
+        }
+    };
+    // What a process that ended left behind.
+    remove();
+    let kept = kept_at_a_free_name(connection, (folder, &part), version);
+    if kept.is_err() {
+        remove();
+    }
+    kept
+}
+
+fn kept_at_a_free_name(
+    connection: &Connection,
+    (folder, part): (&Path, &Path),
+    version: i64,
+) -> Result<PathBuf, StoreError> {
+    copy_database(connection, part).map_err(|error| StoreError::database("copy", part, &error))?;
+    File::open(part).and_then(|file| file.sync_all()).map_err(at("flush", part))?;
+    let hash = |file: &Path| opening::file_hash(file).map_err(at("read", file));
+    let copied = hash(part)?;
+    let mut number = 1;
+    let [database, head] = loop {
+        let suffix = if number == 1 { String::new() } else { format!("-{number}") };
+        let name = |ending: &str| folder.join(format!("panelprep.schema-{version}{suffix}.{ending}"));
+        let database = name("sqlite");
+        if !database.exists() {
+            break [database, name("head")];
+        }
+        // A migration that was cut short has kept the same.
+        if hash(&database)? == copied {
+            fs::remove_file(part).map_err(at("remove", part))?;
+            return Ok(database);
+        }
+        number += 1;
+    };
+    let own_head = folder.join(head::FILE);
+    if own_head.exists() {
+        fs::copy(&own_head, &head).map_err(at("write", &head))?;
+        File::open(&head).and_then(|file| file.sync_all()).map_err(at("flush", &head))?;
+    }
+    let renamed = renameat_with(CWD, part, CWD, &database, RenameFlags::NOREPLACE);
+    renamed.map_err(|error| at("rename", part)(error.into()))?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(at("flush", folder))?;
+    Ok(database)
+}
+
+fn at<'p>(doing: &'static str, path: &'p Path) -> impl Fn(std::io::Error) -> StoreError + 'p {
+    move |source| StoreError::File { doing, path: path.to_owned(), source }
+}
