@@ -47,6 +47,8 @@ pub mod disk;
 pub mod store;
 pub mod supervision;
 
+pub mod backup;
+
 pub mod devices;
 
 pub mod daemon;

@@ -1,6 +1,7 @@
 //! All integration tests: one binary, because each one links OpenCV.
 
 mod arm;
+mod backup;
 mod board_pictures;
 mod boards;
 mod calib;

@@ -1,5 +1,9 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
+mod backup;
+
+pub use backup::{Backup, BackupPart, Restore};
+
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -157,6 +161,23 @@ pub enum Command {
     #[command(after_help = "Example, after the one of `panelprep teach --help`, also while the service runs:\n  \
         panelprep store verify --cell target/cell/cell.toml")]
     Store(StoreCommand),
+    /// Copy the store, the configuration and the calibrations into one archive that is read back and verified; also while the
+    /// service runs.
+    #[command(after_help = "Example, after the one of `panelprep teach --help`:\n  \
+        panelprep backup target/cell.tar.zst --cell target/cell/cell.toml\n\
+        The archive is a tar file compressed by zstd. It holds no recordings and no pages: pages are made again from the store. A \
+        recipe is in it where it lies in the folder of the cell's file or up to two folders below.")]
+    Backup(Backup),
+    /// Bring a backup back. Everything is unpacked and verified beside its place first; where anything is wrong, all stays as it
+    /// was. Nothing that is there is replaced unless it is named, and what is replaced is kept.
+    #[command(
+        after_help = "Example, after the one of `panelprep backup --help`, beside the cell that it was made of:\n  \
+        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml\n\
+        In place of the one that is there, with the service stopped:\n  \
+        panelprep restore target/cell.tar.zst --cell target/restored/cell.toml --only store --replace store\n\
+        Exit codes: 0 restored, 1 the backup is damaged and nothing was changed, 2 something is there already or in use."
+    )]
+    Restore(Restore),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \

@@ -5,6 +5,7 @@
 
 pub mod args;
 mod assignment;
+mod backup;
 mod calibrate;
 mod check;
 mod clear;
@@ -90,6 +91,8 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Plan(args) => plan::run(args, common),
         Command::Page(args) => page::run(args, common),
         Command::Store(args) => store::run(args, common),
+        Command::Backup(args) => backup::run(args, common),
+        Command::Restore(args) => backup::restore(args, common),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {

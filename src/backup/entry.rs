@@ -1,0 +1,144 @@
+//! What may be in an archive: a closed list of names. A name that is none of them (an absolute one, one with `..`) is refused
+//! before anything is read of its entry.
+
+use crate::store::{BLOBS, ROW_FILES};
+use std::path::{Component, Path};
+
+/// One entry of an archive.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Entry {
+    /// A file of the store's rows: the database, the head of its chain.
+    Rows(&'static str),
+    /// A file that the rows name, by its SHA-256.
+    Blob(String),
+    /// The cell's file.
+    Cell,
+    /// A file that the cell's file names, by the key that names it, such as `calibration.scanner`.
+    Named(String),
+    /// A recipe in the folder of the cell's file, relative to it.
+    Recipe(String),
+}
+
+/// The keys of a cell's file that name files of its configuration.
+pub const NAMED_KEYS: [&str; 8] = [
+    "calibration.scanner",
+    "calibration.flange_camera",
+    "calibration.base_from_camera",
+    "calibration.flange_from_camera",
+    "calibration.flange_from_tool",
+    "calibration.robot_correction",
+    "scanner.settings",
+    "scanner.settings_2d",
+];
+
+const STORE: &str = "store";
+const CELL: &str = "configuration/cell.toml";
+const NAMED: &str = "configuration/named";
+const RECIPES: &str = "configuration/recipes";
+/// Folders between the cell's file and a recipe, at most, and the longest name of one.
+const MOST_PARTS: usize = 4;
+const LONGEST: usize = 255;
+
+impl Entry {
+    /// Its name in the archive.
+    pub fn name(&self) -> String {
+        match self {
+            Entry::Rows(file) => format!("{STORE}/{file}"),
+            Entry::Blob(hash) => format!("{STORE}/{BLOBS}/{hash}"),
+            Entry::Cell => CELL.to_owned(),
+            Entry::Named(key) => format!("{NAMED}/{key}"),
+            Entry::Recipe(path) => format!("{RECIPES}/{path}"),
+        }
+    }
+
+    /// The entry with this name; `None` where the name is of no known form.
+    pub fn parse(name: &str) -> Option<Self> {
+        if name == CELL {
+            return Some(Entry::Cell);
+        }
+        if let Some(key) = name.strip_prefix(NAMED).and_then(|rest| rest.strip_prefix('/')) {
+            return NAMED_KEYS.contains(&key).then(|| Entry::Named(key.to_owned()));
+        }
+        if let Some(path) = name.strip_prefix(RECIPES).and_then(|rest| rest.strip_prefix('/')) {
+            return is_plain(path).then(|| Entry::Recipe(path.to_owned()));
+        }
+        let rest = name.strip_prefix(STORE)?.strip_prefix('/')?;
+        if let Some(file) = ROW_FILES.into_iter().find(|file| *file == rest) {
+            return Some(Entry::Rows(file));
+        }
+        let hash = rest.strip_prefix(BLOBS)?.strip_prefix('/')?;
+        let is_hash = hash.len() == 64 && hash.bytes().all(|c| matches!(c, b'0'..=b'9' | b'a'..=b'f'));
+        is_hash.then(|| Entry::Blob(hash.to_owned()))
+    }
+
+    /// Is it part of the store?
+    pub fn is_of_store(&self) -> bool {
+        matches!(self, Entry::Rows(_) | Entry::Blob(_))
+    }
+}
+
+/// A relative name of a TOML file that goes down only, as it is written.
+fn is_plain(path: &str) -> bool {
+    let parts: Vec<Component<'_>> = Path::new(path).components().collect();
+    let text = |part: &Component<'_>| match part {
+        Component::Normal(name) => name.to_str().map(str::to_owned),
+        _ => None,
+    };
+    let names: Option<Vec<String>> = parts.iter().map(text).collect();
+    names.is_some_and(|names| {
+        names.join("/") == path
+            && names.len() <= MOST_PARTS
+            && names
+                .iter()
+                .all(|name| name.len() <= LONGEST && !name.contains(['\0', '\\']) && !name.starts_with('.'))
+            && path.ends_with(".toml")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_is_of_a_known_form_or_refused() {
+        let hash = "0123456789abcdef".repeat(4);
+        let blob = format!("store/blobs/{hash}");
+        for name in [
+            "store/panelprep.sqlite",
+            "store/panelprep.head",
+            &blob,
+            "configuration/cell.toml",
+            "configuration/named/calibration.scanner",
+            "configuration/named/scanner.settings_2d",
+            "configuration/recipes/panels/door-skin.toml",
+        ] {
+            assert_eq!(Entry::parse(name).map(|entry| entry.name()).as_deref(), Some(name));
+        }
+        let capital = format!("store/blobs/{}", hash.to_uppercase());
+        let longer = format!("{blob}0");
+        for name in [
+            "",
+            "store",
+            "store/",
+            "/store/panelprep.sqlite",
+            "store/panelprep.lock",
+            "store/../panelprep.sqlite",
+            "store/blobs/../../x",
+            &capital,
+            &longer,
+            "configuration/named/robot.host",
+            "configuration/named/../cell.toml",
+            "configuration/recipes//etc/panel.toml",
+            "configuration/recipes/../panel.toml",
+            "configuration/recipes/a/../panel.toml",
+            "configuration/recipes/a//panel.toml",
+            "configuration/recipes/./panel.toml",
+            "configuration/recipes/.hidden.toml",
+            "configuration/recipes/panel.sh",
+            "configuration/recipes/a/b/c/d/panel.toml",
+            "configuration/cell.toml/",
+        ] {
+            assert_eq!(Entry::parse(name), None, "{name}");
+        }
+    }
+}

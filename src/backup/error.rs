@@ -1,0 +1,138 @@
+//! Why a backup could not be made, or not restored.
+
+use crate::store::StoreError;
+use std::path::{Path, PathBuf};
+
+/// What stops a backup or a restore. Nothing of the cell is changed then.
+#[derive(Debug, thiserror::Error)]
+pub enum BackupError {
+    /// A file or folder refused.
+    #[error("cannot {doing} {}: {source}", path.display())]
+    File {
+        /// What was tried.
+        doing: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: std::io::Error,
+    },
+    /// The store refused.
+    #[error(transparent)]
+    Store(#[from] StoreError),
+    /// The archive is not what was written.
+    #[error("{}: {problem}", path.display())]
+    Damaged {
+        /// The archive.
+        path: PathBuf,
+        /// What does not fit.
+        problem: String,
+    },
+    /// Written by a later version of this program.
+    #[error("{}: its format is {found}, this program knows up to {known}: restore it with the newer program", path.display())]
+    Newer {
+        /// The archive.
+        path: PathBuf,
+        /// Its format.
+        found: u32,
+        /// The newest that this program knows.
+        known: u32,
+    },
+    /// Made by an earlier version of this program, with other tables.
+    #[error(
+        "{}: its store has schema {found}, this program works with {known}: restore it with version {program}, which made it, then \
+         install this one, which brings the store up to date", path.display()
+    )]
+    Earlier {
+        /// The archive.
+        path: PathBuf,
+        /// The version that made it.
+        program: String,
+        /// Its schema.
+        found: i64,
+        /// The schema of this program.
+        known: i64,
+    },
+    /// Something is where the archive would go.
+    #[error("{} is there already and is not written over; name another file, or move it away", path.display())]
+    IsThere {
+        /// The file.
+        path: PathBuf,
+    },
+    /// Something is where a part of the backup would go.
+    #[error(
+        "{} {} there already and nothing was said about replacing: add --replace {option} to put the backup in place; what is \
+         replaced is kept beside it", list(paths), if paths.len() == 1 { "is" } else { "are" }
+    )]
+    NotReplaced {
+        /// What is there.
+        paths: Vec<PathBuf>,
+        /// The word that allows it.
+        option: &'static str,
+    },
+    /// The cell's file in the archive names places elsewhere.
+    #[error(
+        "the cell's file in the backup names {}, outside of the folder {}: add --outside to write there too", list(paths),
+        folder.display()
+    )]
+    Outside {
+        /// The places.
+        paths: Vec<PathBuf>,
+        /// The folder of the cell's file.
+        folder: PathBuf,
+    },
+    /// The archive has not what is wanted.
+    #[error("{}: the backup holds no {wanted}; it was made with --only", path.display())]
+    NotInIt {
+        /// The archive.
+        path: PathBuf,
+        /// "store" or "configuration".
+        wanted: &'static str,
+    },
+    /// Files of the configuration that are far larger than such files are.
+    #[error("{} has {found} bytes; a file of the configuration may have {most} at most", path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        found: u64,
+        /// The limit.
+        most: u64,
+    },
+    /// The disk has no room.
+    #[error(
+        "the disk of {} has {free_mb} MB left and the backup needs {needed_mb} MB there beside what is in use: make room, or name \
+         another folder", path.display()
+    )]
+    NoRoom {
+        /// Where it would go.
+        path: PathBuf,
+        /// Free.
+        free_mb: u64,
+        /// Needed.
+        needed_mb: u64,
+    },
+    /// A service, or another program, uses what would be replaced.
+    #[error("{user}; stop it first (`systemctl stop panelprep`), then restore again")]
+    InUse {
+        /// Who, in words.
+        user: String,
+    },
+    /// A step of the last part failed, and what was done before could not all be undone.
+    #[error("{cause}; and taking back what was done before failed as well: {}", undone.join("; "))]
+    NotUndone {
+        /// The first error.
+        cause: Box<BackupError>,
+        /// What is left, in words.
+        undone: Vec<String>,
+    },
+}
+
+impl BackupError {
+    pub(super) fn file(doing: &'static str, path: &Path) -> impl Fn(std::io::Error) -> BackupError {
+        move |source| BackupError::File { doing, path: path.to_owned(), source }
+    }
+}
+
+fn list(paths: &[PathBuf]) -> String {
+    paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+}

@@ -1,0 +1,79 @@
+//! The first entry of an archive: what else is in it.
+
+use super::entry::Entry;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// The entry's name.
+pub const NAME: &str = "manifest.json";
+/// The newest format that this program knows.
+pub const FORMAT: u32 = 1;
+/// The largest that is read.
+pub const MOST_BYTES: u64 = 256 << 20;
+
+/// What an archive holds.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Manifest {
+    /// The archive's format.
+    pub format: u32,
+    /// The version of the program that wrote it.
+    pub program: String,
+    /// When, s since 1970; a label.
+    pub made_unix_s: i64,
+    /// Links of the store's chain; `None` without a store.
+    pub links: Option<u64>,
+    /// The entries that follow, in their order.
+    pub entries: Vec<Listed>,
+}
+
+/// One of them.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Listed {
+    /// Its name.
+    pub name: String,
+    /// Its size.
+    pub bytes: u64,
+    /// SHA-256 of its content, hexadecimal.
+    pub sha256: String,
+}
+
+impl Manifest {
+    /// The entries by what they are, where all names are of known forms and none stands twice.
+    ///
+    /// # Errors
+    /// What is wrong, in words.
+    pub fn parsed(&self) -> Result<Vec<Entry>, String> {
+        let mut seen = BTreeSet::new();
+        let parse = |listed: &Listed| {
+            let name = &listed.name;
+            let entry = Entry::parse(name)
+                .ok_or_else(|| format!("it holds \"{}\", which is no file of a backup", name.escape_debug()))?;
+            if !seen.insert(entry.clone()) {
+                return Err(format!("it holds {name} twice"));
+            }
+            match &entry {
+                Entry::Blob(hash) if *hash != listed.sha256 => {
+                    Err(format!("its manifest says another SHA-256 of {name} than its name"))
+                }
+                _ => Ok(entry),
+            }
+        };
+        self.entries.iter().map(parse).collect()
+    }
+
+    /// Is there a store in it?
+    pub fn has_store(&self) -> bool {
+        self.links.is_some()
+    }
+
+    /// Is there a configuration in it?
+    pub fn has_configuration(&self) -> bool {
+        self.entries.iter().any(|listed| listed.name == Entry::Cell.name())
+    }
+
+    /// Bytes of the store's files.
+    pub fn store_bytes(&self) -> u64 {
+        let of_store = |listed: &&Listed| Entry::parse(&listed.name).is_some_and(|entry| entry.is_of_store());
+        self.entries.iter().filter(of_store).fold(0, |sum, listed| sum.saturating_add(listed.bytes))
+    }
+}

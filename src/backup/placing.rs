@@ -1,0 +1,193 @@
+//! Puts what stands ready beside its place into its place, step by step; where a step fails, the steps before are undone.
+//!
+//! Each step is one renaming, which a file system does whole or not at all. What is replaced changes places with its
+//! successor and is then kept under another name, so that at every moment one of the two is in its place.
+
+use super::error::BackupError;
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+
+/// What was done and can be undone.
+#[derive(Debug)]
+enum Step {
+    /// A folder was made.
+    Folder(PathBuf),
+    /// A file or folder was made beside its place.
+    Staged(PathBuf),
+    /// It came to a place where nothing was.
+    Placed { staged: PathBuf, at: PathBuf },
+    /// It changed places with what was there.
+    Swapped { staged: PathBuf, at: PathBuf },
+    /// What was there got its name.
+    Kept { staged: PathBuf, kept: PathBuf },
+}
+
+/// The steps done so far.
+#[derive(Debug, Default)]
+pub(super) struct Placing {
+    steps: Vec<Step>,
+}
+
+impl Placing {
+    /// Makes a folder and those above it, where they are not there.
+    pub fn make_folder(&mut self, folder: &Path) -> Result<(), BackupError> {
+        let is_there = |folder: &&Path| folder.as_os_str().is_empty() || folder.is_dir();
+        let missing: Vec<&Path> = folder.ancestors().take_while(|folder| !is_there(folder)).collect();
+        for folder in missing.into_iter().rev() {
+            fs::create_dir(folder).map_err(BackupError::file("create", folder))?;
+            self.steps.push(Step::Folder(folder.to_owned()));
+        }
+        Ok(())
+    }
+
+    /// Something was made beside its place; it is removed where it does not get there.
+    pub fn staged(&mut self, path: &Path) {
+        self.steps.push(Step::Staged(path.to_owned()));
+    }
+
+    /// Brings it to its place. What is there is kept beside it as `NAME.before-restore-N`, where `may_replace`; an empty folder
+    /// is not kept.
+    pub fn put(&mut self, staged: &Path, at: &Path, may_replace: bool) -> Result<(), BackupError> {
+        let rename = |from: &Path, to: &Path, flags: RenameFlags| {
+            let renamed = renameat_with(CWD, from, CWD, to, flags);
+            renamed.map_err(|error| BackupError::file("rename", from)(error.into()))
+        };
+        let [own_staged, own_at] = [staged, at].map(Path::to_owned);
+        let is_empty = is_empty_folder(at);
+        let is_replaced = may_replace && at.symlink_metadata().is_ok();
+        if !is_empty && !is_replaced {
+            rename(staged, at, RenameFlags::NOREPLACE)?;
+            self.steps.push(Step::Placed { staged: own_staged, at: own_at });
+            return Ok(());
+        }
+        rename(staged, at, RenameFlags::EXCHANGE)?;
+        self.steps.push(Step::Swapped { staged: own_staged, at: own_at });
+        if !is_empty {
+            let kept = free_name(at);
+            rename(staged, &kept, RenameFlags::NOREPLACE)?;
+            self.steps.push(Step::Kept { staged: staged.to_owned(), kept });
+        }
+        Ok(())
+    }
+
+    /// All is in its place: nothing is undone any more. What was replaced and is kept comes back.
+    pub fn done(self) -> Result<Vec<PathBuf>, BackupError> {
+        let mut kept_all = Vec::new();
+        for step in &self.steps {
+            match step {
+                Step::Kept { kept, .. } => kept_all.push(kept.clone()),
+                // The empty folder that was in the place.
+                Step::Swapped { staged, .. } => drop(fs::remove_dir(staged)),
+                Step::Placed { at, .. } => flush_folder_of(at)?,
+                Step::Folder(_) | Step::Staged(_) => {}
+            }
+            if let Step::Swapped { at, .. } = step {
+                flush_folder_of(at)?;
+            }
+        }
+        Ok(kept_all)
+    }
+
+    /// Undoes everything, the last step first, and gives the error back; what could not be undone is told with it.
+    pub fn undo(self, cause: BackupError) -> BackupError {
+        for (index, step) in self.steps.iter().enumerate().rev() {
+            if let Err(words) = step.undo() {
+                // Earlier steps rely on this one.
+                let more = (index > 0).then(|| format!("{index} more steps were left as they are"));
+                return BackupError::NotUndone {
+                    cause: Box::new(cause),
+                    undone: std::iter::once(words).chain(more).collect(),
+                };
+            }
+        }
+        cause
+    }
+}
+
+impl Step {
+    fn undo(&self) -> Result<(), String> {
+        let rename = |from: &Path, to: &Path, flags: RenameFlags| {
+            renameat_with(CWD, from, CWD, to, flags)
+                .map_err(|error| format!("{} could not be renamed to {}: {error}", from.display(), to.display()))
+        };
+        let removed =
+            |path: &Path, error: std::io::Error| format!("{} could not be removed: {error}", path.display());
+        match self {
+            Step::Folder(folder) => fs::remove_dir(folder).map_err(|error| removed(folder, error)),
+            Step::Staged(path) if path.is_dir() => fs::remove_dir_all(path).map_err(|error| removed(path, error)),
+            Step::Staged(path) if path.symlink_metadata().is_err() => Ok(()),
+            Step::Staged(path) => fs::remove_file(path).map_err(|error| removed(path, error)),
+            Step::Placed { staged, at } => rename(at, staged, RenameFlags::NOREPLACE),
+            Step::Swapped { staged, at } => rename(staged, at, RenameFlags::EXCHANGE),
+            Step::Kept { staged, kept } => rename(kept, staged, RenameFlags::NOREPLACE),
+        }
+    }
+}
+
+fn is_empty_folder(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|found| found.is_dir())
+        && fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none())
+}
+
+/// A name beside it that is free.
+fn free_name(at: &Path) -> PathBuf {
+    let mut number = 1_u32;
+    loop {
+        let mut name = at.as_os_str().to_owned();
+        name.push(format!(".before-restore-{number}"));
+        let path = PathBuf::from(name);
+        if path.symlink_metadata().is_err() {
+            return path;
+        }
+        number += 1;
+    }
+}
+
+fn flush_folder_of(path: &Path) -> Result<(), BackupError> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file("flush", folder))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A file that is there keeps its place, and the three steps before it are taken back.
+    #[test]
+    fn a_step_that_fails_undoes_those_before() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let write = |name: &str| fs::write(at(name), name).expect("written");
+        let listed = || {
+            let names =
+                fs::read_dir(folder.path()).expect("listed").map(|entry| entry.expect("an entry").file_name());
+            let mut names: Vec<String> = names.filter_map(|name| name.into_string().ok()).collect();
+            names.sort();
+            names
+        };
+        write("cell.toml");
+        write("lens.toml");
+        fs::create_dir(at("store")).expect("an empty folder");
+        let before = listed();
+        let mut placing = Placing::default();
+        placing.make_folder(&at("a/b")).expect("made");
+        for name in ["new-cell", "new-lens"] {
+            write(name);
+            placing.staged(&at(name));
+        }
+        fs::create_dir(at("new-store")).expect("made");
+        fs::write(at("new-store/rows"), "rows").expect("written");
+        placing.staged(&at("new-store"));
+        placing.put(&at("new-store"), &at("store"), false).expect("nothing was there");
+        placing.put(&at("new-cell"), &at("cell.toml"), true).expect("replaced");
+        assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "new-cell");
+        assert_eq!(fs::read_to_string(at("cell.toml.before-restore-1")).expect("kept"), "cell.toml");
+        let error = placing.put(&at("new-lens"), &at("lens.toml"), false).expect_err("it is there");
+        let error = placing.undo(error).to_string();
+        assert!(error.contains("cannot rename") && !error.contains("failed as well"), "{error}");
+        assert_eq!(listed(), before);
+        assert_eq!(fs::read_to_string(at("cell.toml")).expect("read"), "cell.toml");
+        assert!(is_empty_folder(&at("store")));
+    }
+}

@@ -1,0 +1,153 @@
+//! Reads an archive: first its seal, then its manifest, then entry by entry in the manifest's order.
+
+use super::entry::Entry;
+use super::error::BackupError;
+use super::manifest::{FORMAT, Listed, MOST_BYTES, Manifest, NAME};
+use super::seal::{self, Sealed};
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom, Take};
+use std::path::{Path, PathBuf};
+
+/// An archive whose seal holds and whose manifest names only files of a backup.
+#[derive(Debug)]
+pub struct Archive {
+    path: PathBuf,
+    file: File,
+    /// Bytes before the seal.
+    bytes: u64,
+    /// What is in it.
+    pub manifest: Manifest,
+}
+
+type Unpacking<'f> = tar::Archive<zstd::Decoder<'static, std::io::BufReader<Take<&'f File>>>>;
+
+/// A manifest of any format.
+#[derive(Deserialize)]
+struct AnyFormat {
+    format: u32,
+}
+
+impl Archive {
+    /// Opens an archive and holds it against its seal, which reads all of it.
+    ///
+    /// # Errors
+    /// Where it is no backup, is damaged, was cut short, or is that of a newer program.
+    pub fn open(path: &Path) -> Result<Self, BackupError> {
+        let mut file = crate::disk::open(path).map_err(BackupError::file("read", path))?;
+        let damaged = |problem: String| BackupError::Damaged { path: path.to_owned(), problem };
+        let bytes = match seal::check(&mut file).map_err(BackupError::file("read", path))? {
+            Sealed::Whole(bytes) => bytes,
+            Sealed::Missing => {
+                return Err(damaged(
+                    "is no backup of this program, or was cut short: its seal is missing".to_owned(),
+                ));
+            }
+            Sealed::Broken => {
+                return Err(damaged("is damaged: its SHA-256 is not the one that it was sealed with".to_owned()));
+            }
+        };
+        let manifest = Manifest { format: 0, program: String::new(), made_unix_s: 0, links: None, entries: vec![] };
+        let mut archive = Archive { path: path.to_owned(), file, bytes, manifest };
+        archive.manifest = archive.read_manifest()?;
+        archive.manifest.parsed().map_err(|words| archive.damaged(&words))?;
+        Ok(archive)
+    }
+
+    /// Hands over each entry with its content, which is held against the manifest afterwards.
+    ///
+    /// # Errors
+    /// Where the archive is not what its manifest says, or `take` refuses.
+    pub fn each<E: From<BackupError>>(
+        &self,
+        mut take: impl FnMut(&Entry, &mut dyn Read) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let expected = self.manifest.parsed().map_err(|words| self.damaged(&words))?;
+        let mut archive = self.unpacking()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable(&error))?;
+        // The manifest itself.
+        let _ = entries.next();
+        for (entry, listed) in expected.iter().zip(&self.manifest.entries) {
+            let missing = || self.damaged(&format!("{} is missing in it", listed.name));
+            let found = entries.next().ok_or_else(missing)?.map_err(|error| self.unreadable(&error))?;
+            self.is_listed(&found, listed)?;
+            let mut hashing = Hashing { inner: found, hasher: Sha256::new() };
+            take(entry, &mut hashing)?;
+            // What was not wanted is read all the same.
+            std::io::copy(&mut hashing, &mut std::io::sink()).map_err(|error| self.unreadable(&error))?;
+            let hash: String = hashing.hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+            if hash != listed.sha256 {
+                return Err(self.damaged(&format!("the SHA-256 of {} in it is {hash}", listed.name)).into());
+            }
+        }
+        match entries.next() {
+            None => Ok(()),
+            Some(_) => Err(self.damaged("it holds more than its manifest says").into()),
+        }
+    }
+
+    fn read_manifest(&self) -> Result<Manifest, BackupError> {
+        let mut archive = self.unpacking()?;
+        let mut entries = archive.entries().map_err(|error| self.unreadable(&error))?;
+        let first = entries.next().ok_or_else(|| self.damaged("it is empty"))?;
+        let first = first.map_err(|error| self.unreadable(&error))?;
+        if *first.path_bytes() != *NAME.as_bytes() || first.size() > MOST_BYTES {
+            return Err(self.damaged("it does not begin with a manifest"));
+        }
+        let mut text = Vec::new();
+        first.take(MOST_BYTES).read_to_end(&mut text).map_err(|error| self.unreadable(&error))?;
+        let no_manifest = |error: serde_json::Error| self.damaged(&format!("its manifest cannot be read: {error}"));
+        let AnyFormat { format } = serde_json::from_slice(&text).map_err(no_manifest)?;
+        if format > FORMAT {
+            return Err(BackupError::Newer { path: self.path.clone(), found: format, known: FORMAT });
+        }
+        serde_json::from_slice(&text).map_err(no_manifest)
+    }
+
+    fn unpacking(&self) -> Result<Unpacking<'_>, BackupError> {
+        let mut file = &self.file;
+        file.seek(SeekFrom::Start(0)).map_err(BackupError::file("read", &self.path))?;
+        let decoder = zstd::Decoder::new(file.take(self.bytes)).map_err(|error| self.unreadable(&error))?;
+        Ok(tar::Archive::new(decoder))
+    }
+
+    fn is_listed<R: Read>(&self, found: &tar::Entry<'_, R>, listed: &Listed) -> Result<(), BackupError> {
+        let path = found.path_bytes();
+        let name = String::from_utf8_lossy(&path);
+        if !found.header().entry_type().is_file() || name != listed.name.as_str() || found.size() != listed.bytes {
+            let name = name.escape_debug();
+            return Err(self.damaged(&format!("it holds \"{name}\" where its manifest says {}", listed.name)));
+        }
+        Ok(())
+    }
+
+    /// It is not what was written.
+    pub(super) fn damaged(&self, problem: &str) -> BackupError {
+        BackupError::Damaged { path: self.path.clone(), problem: format!("the backup is damaged: {problem}") }
+    }
+
+    /// Its store has the tables of an earlier program.
+    pub(super) fn earlier(&self, found: i64, known: i64) -> BackupError {
+        BackupError::Earlier { path: self.path.clone(), program: self.manifest.program.clone(), found, known }
+    }
+
+    /// Its bytes are no archive.
+    pub(super) fn unreadable(&self, error: &std::io::Error) -> BackupError {
+        self.damaged(&format!("it cannot be unpacked: {error}"))
+    }
+}
+
+/// Hashes what is read through it.
+struct Hashing<R> {
+    inner: R,
+    hasher: Sha256,
+}
+
+impl<R: Read> Read for Hashing<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.inner.read(buffer)?;
+        self.hasher.update(&buffer[..count]);
+        Ok(count)
+    }
+}

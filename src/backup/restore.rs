@@ -1,0 +1,346 @@
+//! Restores an archive: everything is unpacked and verified beside its place, then put there.
+
+use super::entry::Entry;
+use super::error::BackupError;
+use super::placing::Placing;
+use super::read::Archive;
+use super::write::{Poured, poured};
+use crate::cell::{Camera, Cell};
+use crate::store::{BLOBS, Lease, Store, StoreError, free_mb};
+use std::collections::BTreeMap;
+use std::fs::{self, File, Metadata};
+use std::io::{Read, Write};
+use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
+use std::os::unix::net::UnixStream;
+use std::path::{Component, Path, PathBuf};
+
+/// What is wanted of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// The store.
+    pub store: bool,
+    /// The configuration.
+    pub configuration: bool,
+}
+
+/// What a person has allowed by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Permission {
+    /// A store that is there may be replaced.
+    pub replace_store: bool,
+    /// Files of a configuration that are there may be replaced.
+    pub replace_configuration: bool,
+    /// Files may be written where the cell's file names places outside of its folder.
+    pub outside: bool,
+}
+
+/// What is to be done.
+#[derive(Debug, Clone, Copy)]
+pub struct Plan<'p> {
+    /// The archive.
+    pub archive: &'p Path,
+    /// Where the cell's file is, or goes.
+    pub cell: &'p Path,
+    /// Where the store goes; without it, where the cell's file says.
+    pub store: Option<&'p Path>,
+    /// The parts.
+    pub wanted: Wanted,
+    /// What may be replaced.
+    pub permission: Permission,
+}
+
+/// What was done.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Restored {
+    /// What in the archive's store is not what was written there, in words; where something is, nothing was restored.
+    pub found: Vec<String>,
+    /// The store's folder.
+    pub store: Option<PathBuf>,
+    /// The files of the configuration.
+    pub configuration: Vec<PathBuf>,
+    /// What was replaced, under its new name.
+    pub kept: Vec<PathBuf>,
+    /// Links of the store's chain that were verified.
+    pub links: u64,
+    /// Its files that were verified.
+    pub files: u64,
+}
+
+/// Restores what is wanted. Nothing that is there is replaced without permission, and where anything is wrong all stays as
+/// it was.
+///
+/// # Errors
+/// Where the archive is damaged, something is there already, a service or another program uses the store, the disk has no room or
+/// refuses.
+pub fn restore(plan: &Plan<'_>) -> Result<Restored, BackupError> {
+    let archive = Archive::open(plan.archive)?;
+    let not_in_it = |wanted| BackupError::NotInIt { path: plan.archive.to_owned(), wanted };
+    if plan.wanted.store && !archive.manifest.has_store() {
+        return Err(not_in_it("store"));
+    }
+    if plan.wanted.configuration && !archive.manifest.has_configuration() {
+        return Err(not_in_it("configuration"));
+    }
+    let in_place = cell_in_place(plan.cell);
+    let files = if plan.wanted.configuration { configuration(&archive, plan.cell)? } else { BTreeMap::new() };
+    let restored_cell = match files.get(plan.cell) {
+        Some(bytes) => Some(checked_cell(&archive, plan.cell, bytes)?),
+        None => None,
+    };
+    let cell = restored_cell.as_ref().or(in_place.as_ref());
+    let store = match (plan.wanted.store, plan.store, cell) {
+        (false, _, _) => None,
+        (true, Some(folder), _) => Some(folder.to_owned()),
+        (true, None, Some(cell)) => Some(cell.store().to_owned()),
+        (true, None, None) => return Err(not_in_it("configuration")),
+    };
+    let files = allowed(files, plan)?;
+    let store_in_place = plan.store.or(in_place.as_ref().map(Cell::store));
+    nobody_serves([in_place.as_ref().zip(store_in_place), cell.zip(store.as_deref())].into_iter().flatten())?;
+    let mut lease = None;
+    if let Some(folder) = store.as_deref().filter(|folder| has_something(folder)) {
+        if !plan.permission.replace_store {
+            return Err(BackupError::NotReplaced { paths: vec![folder.to_owned()], option: "store" });
+        }
+        // Kept until the end: no program writes to what is replaced.
+        lease = Some(Lease::take(folder)?);
+    }
+    let mut placing = Placing::default();
+    let restored = placed(&archive, store.as_deref(), &files, &mut placing);
+    let restored = match restored {
+        Ok(restored) if restored.found.is_empty() => restored,
+        Ok(restored) => return undone(placing, restored),
+        Err(error) => return Err(placing.undo(error)),
+    };
+    drop(lease);
+    let kept = placing.done()?;
+    Ok(Restored { kept, ..restored })
+}
+
+/// The store in the archive is not what was written: nothing stays of it.
+fn undone(placing: Placing, restored: Restored) -> Result<Restored, BackupError> {
+    let told = restored.found.join("; ");
+    let cause = BackupError::Damaged { path: PathBuf::new(), problem: told };
+    match placing.undo(cause) {
+        error @ BackupError::NotUndone { .. } => Err(error),
+        _ => Ok(Restored { found: restored.found, ..Restored::default() }),
+    }
+}
+
+/// Unpacks, verifies and puts all in place.
+fn placed(
+    archive: &Archive,
+    store: Option<&Path>,
+    files: &BTreeMap<PathBuf, Vec<u8>>,
+    placing: &mut Placing,
+) -> Result<Restored, BackupError> {
+    let mut restored = Restored::default();
+    let mut puts: Vec<(PathBuf, PathBuf)> = Vec::new();
+    if let Some(folder) = store {
+        let staged = staged_store(archive, folder, placing)?;
+        let verified = Store::verify(&staged, true).map_err(|error| earlier(archive, error))?;
+        if !verified.found.is_empty() {
+            return Ok(Restored { found: verified.found, ..restored });
+        }
+        (restored.links, restored.files) = (verified.links, verified.files);
+        like(&staged, folder.metadata().ok().as_ref()).map_err(BackupError::file("write", &staged))?;
+        puts.push((staged, folder.to_owned()));
+        restored.store = Some(folder.to_owned());
+    }
+    for (at, bytes) in files {
+        let staged = staged_file(at, bytes, placing)?;
+        puts.push((staged, at.clone()));
+        restored.configuration.push(at.clone());
+    }
+    // What may be replaced was decided before; whatever came meanwhile stays, and all is undone.
+    for (staged, at) in &puts {
+        placing.put(staged, at, at.symlink_metadata().is_ok())?;
+    }
+    Ok(restored)
+}
+
+/// A store of an earlier program is verified by that program alone.
+fn earlier(archive: &Archive, error: StoreError) -> BackupError {
+    match error {
+        StoreError::Older { found, known, .. } => archive.earlier(found, known),
+        error => BackupError::Store(error),
+    }
+}
+
+/// The cell's file that is in its place and can be read.
+fn cell_in_place(file: &Path) -> Option<Cell> {
+    let text = String::from_utf8(crate::disk::read(file).ok()?).ok()?;
+    Cell::check(&file.display().to_string(), &text).ok()
+}
+
+fn checked_cell(archive: &Archive, file: &Path, bytes: &[u8]) -> Result<Cell, BackupError> {
+    let text = std::str::from_utf8(bytes).map_err(|error| archive.damaged(&error.to_string()))?;
+    let checked = Cell::check(&file.display().to_string(), text);
+    checked.map_err(|problems| archive.damaged(&format!("this program does not take its cell's file:\n{problems}")))
+}
+
+/// The files of the configuration by where they go, the cell's file among them.
+fn configuration(archive: &Archive, cell_file: &Path) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
+    let mut texts: BTreeMap<Entry, Vec<u8>> = BTreeMap::new();
+    archive.each(|entry, reader| -> Result<(), BackupError> {
+        if !entry.is_of_store() {
+            let mut bytes = Vec::new();
+            reader.read_to_end(&mut bytes).map_err(|error| archive.unreadable(&error))?;
+            texts.insert(entry.clone(), bytes);
+        }
+        Ok(())
+    })?;
+    let missing = || archive.damaged("it has no cell's file");
+    let cell = checked_cell(archive, cell_file, texts.get(&Entry::Cell).ok_or_else(missing)?)?;
+    let named: BTreeMap<String, PathBuf> = named_files(&cell).into_iter().collect();
+    let folder = cell_file.parent().unwrap_or(Path::new(""));
+    let mut files = BTreeMap::new();
+    for (entry, bytes) in texts {
+        let at = match &entry {
+            Entry::Cell => cell_file.to_owned(),
+            Entry::Recipe(name) => folder.join(name),
+            Entry::Named(key) => match named.get(key) {
+                Some(file) => file.clone(),
+                None => return Err(archive.damaged(&format!("its cell's file names no {key}"))),
+            },
+            Entry::Rows(_) | Entry::Blob(_) => continue,
+        };
+        if files.insert(at.clone(), bytes.clone()).is_some_and(|other| other != bytes) {
+            return Err(archive.damaged(&format!("two of its files go to {}", at.display())));
+        }
+    }
+    Ok(files)
+}
+
+/// The files of the configuration that a cell's file names, each with its key.
+pub fn named_files(cell: &Cell) -> Vec<(String, PathBuf)> {
+    let calibration = cell.calibration().named().into_iter();
+    let mut files: Vec<(String, PathBuf)> =
+        calibration.map(|(key, file)| (format!("calibration.{key}"), file.to_owned())).collect();
+    if let Camera::Device(zivid) = cell.scanner() {
+        let settings = [("settings", &zivid.settings), ("settings_2d", &zivid.settings_2d)];
+        files
+            .extend(settings.into_iter().filter_map(|(key, file)| Some((format!("scanner.{key}"), file.clone()?))));
+    }
+    files
+}
+
+/// What is left to write: without files that are there with the same content. Others must be allowed.
+fn allowed(files: BTreeMap<PathBuf, Vec<u8>>, plan: &Plan<'_>) -> Result<BTreeMap<PathBuf, Vec<u8>>, BackupError> {
+    let folder = plan.cell.parent().unwrap_or(Path::new(""));
+    let outside: Vec<PathBuf> = files.keys().filter(|file| !is_below(file, folder)).cloned().collect();
+    if !outside.is_empty() && !plan.permission.outside {
+        return Err(BackupError::Outside { paths: outside, folder: folder.to_owned() });
+    }
+    let is_new = |file: &Path, bytes: &[u8]| fs::read(file).map_or(true, |found| found != bytes);
+    let files: BTreeMap<PathBuf, Vec<u8>> = files.into_iter().filter(|(file, bytes)| is_new(file, bytes)).collect();
+    let there: Vec<PathBuf> = files.keys().filter(|file| file.symlink_metadata().is_ok()).cloned().collect();
+    if !there.is_empty() && !plan.permission.replace_configuration {
+        return Err(BackupError::NotReplaced { paths: there, option: "configuration" });
+    }
+    Ok(files)
+}
+
+/// Is this file in the folder or below it, by its name alone?
+fn is_below(file: &Path, folder: &Path) -> bool {
+    let rest = match (std::path::absolute(file), std::path::absolute(folder)) {
+        (Ok(file), Ok(folder)) => file.strip_prefix(folder).map(Path::to_owned),
+        _ => return false,
+    };
+    rest.is_ok_and(|rest| rest.components().all(|part| matches!(part, Component::Normal(_))))
+}
+
+/// No service answers on the sockets of these cells.
+fn nobody_serves<'c>(cells: impl Iterator<Item = (&'c Cell, &'c Path)>) -> Result<(), BackupError> {
+    for (cell, store) in cells {
+        for socket in [cell.socket().map(Path::to_owned), Some(store.join("panelprep.sock"))].into_iter().flatten()
+        {
+            if UnixStream::connect(&socket).is_ok() {
+                return Err(BackupError::InUse { user: format!("a service answers on {}", socket.display()) });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn has_something(folder: &Path) -> bool {
+    match fs::read_dir(folder) {
+        Ok(mut entries) => entries.next().is_some(),
+        Err(_) => folder.symlink_metadata().is_ok(),
+    }
+}
+
+/// Unpacks the store beside its place, flushed.
+fn staged_store(archive: &Archive, folder: &Path, placing: &mut Placing) -> Result<PathBuf, BackupError> {
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    placing.make_folder(parent)?;
+    let needed_mb = archive.manifest.store_bytes() / 1_000_000 + 1;
+    let free_mb = free_mb(parent).map_err(BackupError::file("look at the disk of", parent))?;
+    if free_mb < needed_mb {
+        return Err(BackupError::NoRoom { path: parent.to_owned(), free_mb, needed_mb });
+    }
+    let made = tempfile::Builder::new().prefix(".panelprep-restore-").tempdir_in(parent);
+    // Removed by the steps' undoing: once it is in place it must not be.
+    let staged = made.map_err(BackupError::file("write in", parent))?.keep();
+    placing.staged(&staged);
+    let blobs = staged.join(BLOBS);
+    fs::create_dir(&blobs).map_err(BackupError::file("create", &blobs))?;
+    archive.each(|entry, reader| match entry {
+        Entry::Rows(file) => unpacked(archive, &staged.join(file), reader),
+        Entry::Blob(hash) => unpacked(archive, &blobs.join(hash), reader),
+        _ => Ok(()),
+    })?;
+    for folder in [&blobs, &staged] {
+        File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file("flush", folder))?;
+    }
+    Ok(staged)
+}
+
+fn unpacked(archive: &Archive, to: &Path, reader: &mut dyn Read) -> Result<(), BackupError> {
+    let failed = BackupError::file("write", to);
+    let mut file = File::create_new(to).map_err(&failed)?;
+    match poured(reader, &mut file) {
+        Ok(_) => file.sync_all().map_err(&failed),
+        Err(Poured::Read(error)) => Err(archive.unreadable(&error)),
+        Err(Poured::Written(error)) => Err(failed(error)),
+    }
+}
+
+fn staged_file(at: &Path, bytes: &[u8], placing: &mut Placing) -> Result<PathBuf, BackupError> {
+    let folder = at.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    placing.make_folder(folder)?;
+    let failed = BackupError::file("write", at);
+    let made = tempfile::Builder::new().prefix(".panelprep-restore-").tempfile_in(folder).map_err(&failed)?;
+    let (mut file, staged) = made.keep().map_err(|error| failed(error.error))?;
+    placing.staged(&staged);
+    let written = file.write_all(bytes).and_then(|()| file.sync_all());
+    written.map_err(&failed)?;
+    like_file(&staged, at.metadata().ok().as_ref()).map_err(&failed)?;
+    Ok(staged)
+}
+
+const USUAL_FILE: u32 = 0o644;
+const USUAL_FOLDER: u32 = 0o750;
+
+/// Owner and rights as what it replaces has them; others as such a file usually has them.
+fn like_file(file: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
+    if let Some(before) = before {
+        chown(file, Some(before.uid()), Some(before.gid()))?;
+    }
+    let mode = before.map_or(USUAL_FILE, |before| before.mode() & 0o777);
+    fs::set_permissions(file, fs::Permissions::from_mode(mode))
+}
+
+/// The same for a store: the service that owned the one before can write to this one.
+fn like(store: &Path, before: Option<&Metadata>) -> std::io::Result<()> {
+    if let Some(before) = before {
+        let blobs = store.join(BLOBS);
+        let files = fs::read_dir(store)?.chain(fs::read_dir(&blobs)?);
+        let files: Vec<PathBuf> = files.map(|file| file.map(|file| file.path())).collect::<Result<_, _>>()?;
+        for path in files.iter().map(PathBuf::as_path).chain([blobs.as_path(), store]) {
+            chown(path, Some(before.uid()), Some(before.gid()))?;
+        }
+    }
+    let mode = before.map_or(USUAL_FOLDER, |before| before.mode() & 0o777);
+    fs::set_permissions(store, fs::Permissions::from_mode(mode))
+}

@@ -1,0 +1,87 @@
+//! The archive's last bytes: the SHA-256 of all bytes before them, in a frame that zstd skips.
+//!
+//! The check of a compressed frame does not cover each of its bits, and a file that was cut at the end of a frame would be a shorter
+//! archive. With the seal every bit counts.
+
+use sha2::{Digest, Sha256};
+use std::fs::File;
+use std::io::{Error, Read, Seek, SeekFrom, Write};
+
+/// A frame that zstd skips: the format's first number for one, and the length of what follows.
+const MAGIC: [u8; 4] = 0x184D_2A50_u32.to_le_bytes();
+const MARK: &[u8; 16] = b"panelprep seal 1";
+const PAYLOAD: u32 = 16 + 32;
+/// Its length.
+pub const BYTES: u64 = 8 + PAYLOAD as u64;
+
+/// Counts and hashes what is written through it.
+pub struct Sealing<W> {
+    inner: W,
+    hasher: Sha256,
+}
+
+impl<W: Write> Sealing<W> {
+    pub fn new(inner: W) -> Self {
+        Sealing { inner, hasher: Sha256::new() }
+    }
+
+    /// Writes the seal.
+    pub fn seal(mut self) -> Result<W, Error> {
+        self.inner.write_all(&frame(self.hasher.finalize().into()))?;
+        self.inner.flush()?;
+        Ok(self.inner)
+    }
+}
+
+impl<W: Write> Write for Sealing<W> {
+    fn write(&mut self, bytes: &[u8]) -> Result<usize, Error> {
+        let count = self.inner.write(bytes)?;
+        self.hasher.update(&bytes[..count]);
+        Ok(count)
+    }
+
+    fn flush(&mut self) -> Result<(), Error> {
+        self.inner.flush()
+    }
+}
+
+fn frame(hash: [u8; 32]) -> Vec<u8> {
+    [&MAGIC[..], &PAYLOAD.to_le_bytes(), MARK, &hash].concat()
+}
+
+/// What the seal says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sealed {
+    /// The file is what was written: so many bytes before the seal.
+    Whole(u64),
+    /// It has no seal: cut short, or no backup.
+    Missing,
+    /// Its bytes are others.
+    Broken,
+}
+
+/// Reads the whole file and holds it against its seal; the file then stands at its beginning.
+pub fn check(file: &mut File) -> Result<Sealed, Error> {
+    let length = file.metadata()?.len();
+    let Some(before) = length.checked_sub(BYTES) else { return Ok(Sealed::Missing) };
+    file.seek(SeekFrom::Start(0))?;
+    let (mut hasher, mut buffer, mut left) = (Sha256::new(), vec![0; 1 << 20], before);
+    while left > 0 {
+        let most = usize::try_from(left).unwrap_or(usize::MAX).min(buffer.len());
+        let count = file.read(&mut buffer[..most])?;
+        if count == 0 {
+            return Ok(Sealed::Missing);
+        }
+        hasher.update(&buffer[..count]);
+        left -= count as u64;
+    }
+    let mut found = Vec::new();
+    file.take(BYTES).read_to_end(&mut found)?;
+    file.seek(SeekFrom::Start(0))?;
+    let begins = found.starts_with(&MAGIC) && found.get(8..24) == Some(&MARK[..]);
+    Ok(match found == frame(hasher.finalize().into()) {
+        true => Sealed::Whole(before),
+        false if begins => Sealed::Broken,
+        false => Sealed::Missing,
+    })
+}

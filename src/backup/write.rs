@@ -1,0 +1,317 @@
+//! Makes an archive: copies the rows of the store at one moment, packs them with what they name, and reads the archive back.
+
+use super::entry::Entry;
+use super::error::BackupError;
+use super::manifest::{FORMAT, Listed, Manifest, NAME};
+use super::read::Archive;
+use super::seal::Sealing;
+use crate::files::content_hash;
+use crate::store::{BLOBS, ROW_FILES, Store};
+use sha2::{Digest, Sha256};
+use std::fs::{self, File};
+use std::io::{BufWriter, ErrorKind, Read, Write};
+use std::path::{Path, PathBuf};
+
+/// A configuration as it is packed.
+#[derive(Debug, Clone, Default)]
+pub struct Configuration {
+    /// The text of the cell's file.
+    pub cell: String,
+    /// The files that it names and that are there, each with its key, such as `calibration.scanner`.
+    pub named: Vec<(String, PathBuf)>,
+    /// Recipes in its folder: the name relative to the folder, and the file.
+    pub recipes: Vec<(String, PathBuf)>,
+}
+
+/// What came of a backup.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Written {
+    /// What in the store is not what was written there, in words; where something is, there is no archive.
+    pub found: Vec<String>,
+    /// What the archive holds.
+    pub manifest: Manifest,
+    /// Its size.
+    pub bytes: u64,
+}
+
+/// A file of the configuration is a page of text; a settings file of a camera has some pages.
+const MOST_CONFIGURATION_BYTES: u64 = 4 << 20;
+/// zstd's default: pictures are packed already, rows and scans are not.
+const LEVEL: i32 = 3;
+/// The service may remove old clips between the copy of the rows and that of a file; then it is begun again.
+const TRIES: usize = 3;
+
+/// Where an entry's bytes are.
+enum Source {
+    Bytes(Vec<u8>),
+    File(PathBuf),
+}
+
+/// What is to be packed.
+#[derive(Default)]
+struct Load {
+    listed: Vec<Listed>,
+    sources: Vec<Source>,
+    links: Option<u64>,
+}
+
+/// Why a packing was not done.
+enum Unpacked {
+    /// A file of the store vanished or is not what it was.
+    Blob(String),
+    Error(BackupError),
+}
+
+impl From<BackupError> for Unpacked {
+    fn from(error: BackupError) -> Self {
+        Unpacked::Error(error)
+    }
+}
+
+/// Writes the archive, which must not be there; `store` and `configuration` are what goes into it. A service may write to the
+/// store meanwhile. The archive is read back before it gets its name.
+///
+/// # Errors
+/// Where the store or a file cannot be read, or the archive cannot be written; nothing is left then.
+pub fn write(
+    archive: &Path,
+    store: Option<&Path>,
+    configuration: Option<&Configuration>,
+    made_unix_s: i64,
+) -> Result<Written, BackupError> {
+    if archive.symlink_metadata().is_ok() {
+        return Err(BackupError::IsThere { path: archive.to_owned() });
+    }
+    let folder = match archive.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    fs::create_dir_all(folder).map_err(BackupError::file("create", folder))?;
+    let beside = || tempfile::Builder::new().prefix(".panelprep-backup-").tempdir_in(folder);
+    let mut last = String::new();
+    for _ in 0..TRIES {
+        let staging = beside().map_err(BackupError::file("write in", folder))?;
+        let mut load = Load::default();
+        if let Some(store) = store
+            && let Some(found) = load.store(store, &staging.path().join("rows"))?
+        {
+            return Ok(Written { found, manifest: load.manifest(made_unix_s), bytes: 0 });
+        }
+        if let Some(configuration) = configuration {
+            load.configuration(configuration)?;
+        }
+        let manifest = load.manifest(made_unix_s);
+        let part = staging.path().join("archive");
+        match pack(&part, &manifest, &load.sources) {
+            Ok(()) => {}
+            Err(Unpacked::Error(error)) => return Err(error),
+            Err(Unpacked::Blob(words)) => {
+                last = words;
+                continue;
+            }
+        }
+        // What was written is read back, byte by byte, before anybody relies on it.
+        let read = Archive::open(&part)?;
+        read.each(|_, reader| {
+            let drained = std::io::copy(reader, &mut std::io::sink());
+            drained.map(drop).map_err(|error| read.unreadable(&error))
+        })?;
+        let bytes = part.metadata().map_err(BackupError::file("read", &part))?.len();
+        place(&part, archive, folder)?;
+        return Ok(Written { found: Vec::new(), manifest, bytes });
+    }
+    let manifest = Load::default().manifest(made_unix_s);
+    Ok(Written { found: vec![last], manifest, bytes: 0 })
+}
+
+/// Gives the archive its name; nothing that came there meanwhile is written over.
+fn place(part: &Path, archive: &Path, folder: &Path) -> Result<(), BackupError> {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    renameat_with(CWD, part, CWD, archive, RenameFlags::NOREPLACE).map_err(|error| match error {
+        rustix::io::Errno::EXIST => BackupError::IsThere { path: archive.to_owned() },
+        error => BackupError::file("write", archive)(error.into()),
+    })?;
+    File::open(folder).and_then(|folder| folder.sync_all()).map_err(BackupError::file("flush", folder))
+}
+
+impl Load {
+    fn manifest(&self, made_unix_s: i64) -> Manifest {
+        let program = env!("CARGO_PKG_VERSION").to_owned();
+        Manifest { format: FORMAT, program, made_unix_s, links: self.links, entries: self.listed.clone() }
+    }
+
+    fn add(&mut self, entry: &Entry, (bytes, sha256): (u64, String), source: Source) {
+        self.listed.push(Listed { name: entry.name(), bytes, sha256 });
+        self.sources.push(source);
+    }
+
+    /// Takes a store in, its rows as a copy in this folder; what was found in it, where something was.
+    fn store(&mut self, store: &Path, rows: &Path) -> Result<Option<Vec<String>>, BackupError> {
+        let copied = Store::copy_rows(store, rows)?;
+        if !copied.found.is_empty() {
+            return Ok(Some(copied.found));
+        }
+        self.links = Some(copied.links);
+        for file in ROW_FILES {
+            let path = rows.join(file);
+            let mut open = File::open(&path).map_err(BackupError::file("read", &path))?;
+            let said = poured(&mut open, &mut std::io::sink()).map_err(|error| {
+                let (Poured::Read(error) | Poured::Written(error)) = error;
+                BackupError::file("read", &path)(error)
+            })?;
+            self.add(&Entry::Rows(file), said, Source::File(path));
+        }
+        let mut found = Vec::new();
+        for hash in copied.files {
+            let path = store.join(BLOBS).join(&hash);
+            match path.metadata() {
+                Ok(file) => self.add(&Entry::Blob(hash.clone()), (file.len(), hash), Source::File(path)),
+                Err(error) if error.kind() == ErrorKind::NotFound => {
+                    found.push(format!("the file {BLOBS}/{hash} is missing, and nobody removed it"));
+                }
+                Err(error) => return Err(BackupError::file("read", &path)(error)),
+            }
+        }
+        Ok((!found.is_empty()).then_some(found))
+    }
+
+    fn configuration(&mut self, configuration: &Configuration) -> Result<(), BackupError> {
+        let mut add = |entry: Entry, bytes: Vec<u8>| {
+            let said = (bytes.len() as u64, content_hash(&bytes));
+            self.add(&entry, said, Source::Bytes(bytes));
+        };
+        add(Entry::Cell, configuration.cell.clone().into_bytes());
+        for (key, file) in &configuration.named {
+            add(Entry::Named(key.clone()), small(file)?);
+        }
+        for (name, file) in &configuration.recipes {
+            add(Entry::Recipe(name.clone()), small(file)?);
+        }
+        Ok(())
+    }
+}
+
+fn small(file: &Path) -> Result<Vec<u8>, BackupError> {
+    let bytes = crate::disk::read(file).map_err(BackupError::file("read", file))?;
+    match bytes.len() as u64 {
+        found if found > MOST_CONFIGURATION_BYTES => {
+            Err(BackupError::TooLarge { path: file.to_owned(), found, most: MOST_CONFIGURATION_BYTES })
+        }
+        _ => Ok(bytes),
+    }
+}
+
+/// Packs all of it into this file, flushed and sealed.
+fn pack(part: &Path, manifest: &Manifest, sources: &[Source]) -> Result<(), Unpacked> {
+    let failed = BackupError::file("write", part);
+    // Only its owner may read it: it holds everything.
+    let mut options = fs::OpenOptions::new();
+    std::os::unix::fs::OpenOptionsExt::mode(options.write(true).create_new(true), 0o600);
+    let file = options.open(part).map_err(&failed)?;
+    let sealing = Sealing::new(BufWriter::with_capacity(1 << 20, file));
+    let mut encoder = zstd::Encoder::new(sealing, LEVEL).map_err(&failed)?;
+    encoder.include_checksum(true).map_err(&failed)?;
+    let mut tar = tar::Builder::new(encoder);
+    let text = serde_json::to_vec_pretty(manifest).map_err(|error| failed(error.into()))?;
+    append(&mut tar, NAME, text.len() as u64, &mut text.as_slice()).map_err(&failed)?;
+    for (listed, source) in manifest.entries.iter().zip(sources) {
+        match source {
+            Source::Bytes(bytes) => {
+                append(&mut tar, &listed.name, listed.bytes, &mut bytes.as_slice()).map_err(&failed)?;
+            }
+            Source::File(path) => file_entry(&mut tar, listed, path, &failed)?,
+        }
+    }
+    let encoder = tar.into_inner().map_err(&failed)?;
+    let sealed = encoder.finish().and_then(Sealing::seal).map_err(&failed)?;
+    let file = sealed.into_inner().map_err(|error| failed(error.into_error()))?;
+    Ok(file.sync_all().map_err(&failed)?)
+}
+
+/// A file of the store; it is held against its hash while it is packed.
+fn file_entry<W: Write>(
+    tar: &mut tar::Builder<W>,
+    listed: &Listed,
+    path: &Path,
+    failed: &dyn Fn(std::io::Error) -> BackupError,
+) -> Result<(), Unpacked> {
+    let damaged = |words: &str| Unpacked::Blob(format!("the file {} {words}", listed.name));
+    let file = File::open(path).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => damaged("is missing, and nobody removed it"),
+        _ => BackupError::file("read", path)(error).into(),
+    })?;
+    let mut hashing = Hashing { inner: file.take(listed.bytes), hasher: Sha256::new(), count: 0, failed: None };
+    let appended = append(tar, &listed.name, listed.bytes, &mut hashing);
+    if let Some(error) = hashing.failed {
+        return Err(BackupError::file("read", path)(error).into());
+    }
+    appended.map_err(failed)?;
+    let found = hex(hashing.hasher);
+    match hashing.count == listed.bytes && found == listed.sha256 {
+        true => Ok(()),
+        false => Err(damaged(&format!("is damaged: its SHA-256 is {found}"))),
+    }
+}
+
+fn append<W: Write>(
+    tar: &mut tar::Builder<W>,
+    name: &str,
+    bytes: u64,
+    content: &mut dyn Read,
+) -> Result<(), std::io::Error> {
+    let mut header = tar::Header::new_gnu();
+    header.set_size(bytes);
+    header.set_mode(0o644);
+    header.set_entry_type(tar::EntryType::Regular);
+    tar.append_data(&mut header, name, content)
+}
+
+/// Hashes what is read through it, and keeps an error of the reading apart from one of the writing.
+struct Hashing<R> {
+    inner: R,
+    hasher: Sha256,
+    count: u64,
+    failed: Option<std::io::Error>,
+}
+
+impl<R: Read> Read for Hashing<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        match self.inner.read(buffer) {
+            Ok(count) => {
+                self.hasher.update(&buffer[..count]);
+                self.count += count as u64;
+                Ok(count)
+            }
+            Err(error) => {
+                let kind = error.kind();
+                self.failed = Some(error);
+                Err(kind.into())
+            }
+        }
+    }
+}
+
+/// Which side of a copy failed.
+pub(super) enum Poured {
+    Read(std::io::Error),
+    Written(std::io::Error),
+}
+
+/// Copies all of it; its size and SHA-256.
+pub(super) fn poured(from: &mut dyn Read, to: &mut dyn Write) -> Result<(u64, String), Poured> {
+    let (mut hasher, mut count, mut buffer) = (Sha256::new(), 0, vec![0; 1 << 16]);
+    loop {
+        match from.read(&mut buffer).map_err(Poured::Read)? {
+            0 => return Ok((count, hex(hasher))),
+            read => {
+                hasher.update(&buffer[..read]);
+                to.write_all(&buffer[..read]).map_err(Poured::Written)?;
+                count += read as u64;
+            }
+        }
+    }
+}
+
+fn hex(hasher: Sha256) -> String {
+    hasher.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
+}

@@ -1,0 +1,40 @@
+//! Arguments of `backup` and `restore`.
+
+use clap::{Args, ValueEnum};
+use std::path::PathBuf;
+
+/// The parts of a backup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum BackupPart {
+    /// What was taught, cycles, the journal, pictures and scans.
+    Store,
+    /// The cell's file, the calibrations and camera settings that it names, and the recipes in its folder.
+    Configuration,
+}
+
+/// Options of `backup`.
+#[derive(Debug, Clone, Args)]
+pub struct Backup {
+    /// The archive to write; it must not be there.
+    pub archive: PathBuf,
+    /// This part alone.
+    #[arg(long, value_enum)]
+    pub only: Option<BackupPart>,
+}
+
+/// Options of `restore`.
+#[derive(Debug, Clone, Args)]
+pub struct Restore {
+    /// What `panelprep backup` wrote.
+    pub archive: PathBuf,
+    /// This part alone.
+    #[arg(long, value_enum)]
+    pub only: Option<BackupPart>,
+    /// Replace this part where it is there already; what is replaced is kept beside it as NAME.before-restore-1. May be given
+    /// for each.
+    #[arg(long, value_enum, value_name = "PART")]
+    pub replace: Vec<BackupPart>,
+    /// Also write files that the cell's file names outside of its folder.
+    #[arg(long)]
+    pub outside: bool,
+}

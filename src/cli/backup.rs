@@ -1,0 +1,165 @@
+//! `panelprep backup` and `panelprep restore`: the cell in one archive, and back.
+
+use super::args::{Backup, BackupPart, Common, Restore};
+use super::disk;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::outcome::Outcome;
+use crate::backup::{self, BackupError, Configuration, Permission, Plan, Wanted, named_files};
+use crate::check::check_file;
+use crate::verdict::{Judgement, Reason, Verdict};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// Makes an archive of the cell.
+///
+/// # Errors
+/// Where something cannot be read, the archive is there already, or it cannot be written.
+pub fn run(args: &Backup, common: &Common) -> Result<Outcome, Fault> {
+    let files = CellFiles::read(common)?;
+    let with = |part| args.only.is_none_or(|only| only == part);
+    let configuration = match with(BackupPart::Configuration) {
+        true => Some(configuration(&files, &common.cell)?),
+        false => None,
+    };
+    let store = with(BackupPart::Store).then(|| files.store_folder());
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    let made_unix_s = i64::try_from(since_1970.as_secs()).unwrap_or_default();
+    let written = backup::write(&args.archive, store, configuration.as_ref(), made_unix_s).map_err(Fault::stage)?;
+    let mut outcome = judged(&written.found, "store_changed");
+    let ok = written.found.is_empty();
+    outcome.put("file", json!(ok.then_some(&args.archive)));
+    outcome.put("entries", json!(written.manifest.entries.len()));
+    outcome.put("bytes", json!(written.bytes));
+    outcome.put("links", json!(written.manifest.links));
+    if !ok {
+        outcome.say(
+            "no backup was made: the store is not what was written; `panelprep store verify` looks at all of it",
+        );
+        return Ok(outcome);
+    }
+    outcome.say(format!(
+        "{}: {} MB, read back and whole",
+        args.archive.display(),
+        written.bytes.div_ceil(1_000_000)
+    ));
+    if let Some(links) = written.manifest.links {
+        outcome.say(format!(
+            "the store: {links} links of its chain verified; pages are made again from it, recordings are not in it"
+        ));
+    }
+    if let Some(configuration) = &configuration {
+        let (named, recipes) = (configuration.named.len(), configuration.recipes.len());
+        outcome.say(format!(
+            "the configuration: the cell's file, {} that it names, {}",
+            counted(named, "file"),
+            counted(recipes, "recipe")
+        ));
+    }
+    for (key, file) in named_files(&files.cell).into_iter().filter(|(_, file)| !file.exists()) {
+        outcome.say(format!("not in it: {key} names {}, which is not there", file.display()));
+    }
+    Ok(outcome)
+}
+
+fn judged(found: &[String], code: &'static str) -> Outcome {
+    let verdict = if found.is_empty() { Verdict::Pass } else { Verdict::Fail };
+    let reasons = found.iter().map(|words| Reason::new(code, words.clone())).collect();
+    let mut outcome = Outcome::of(&Judgement { verdict, reasons });
+    outcome.put("ok", json!(found.is_empty()));
+    outcome.put("found", json!(found));
+    outcome
+}
+
+fn configuration(files: &CellFiles, cell: &Path) -> Result<Configuration, Fault> {
+    let named = named_files(&files.cell).into_iter().filter(|(_, file)| file.exists()).collect();
+    let folder = match cell.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut recipes = Vec::new();
+    find_recipes(folder, Path::new(""), &mut recipes)?;
+    recipes.sort();
+    Ok(Configuration { cell: disk::read_text(cell)?, named, recipes })
+}
+
+/// Folders below that of the cell's file in which recipes are looked for.
+const DEPTH: usize = 2;
+
+/// Recipes in a folder and those below; what each file is, its content says.
+fn find_recipes(folder: &Path, below: &Path, found: &mut Vec<(String, PathBuf)>) -> Result<(), Fault> {
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    for entry in entries.map_err(|error| Fault::file(folder, error))? {
+        let (path, relative) = (entry.path(), below.join(entry.file_name()));
+        let Some(name) = relative.to_str() else { continue };
+        let is_hidden = entry.file_name().as_encoded_bytes().starts_with(b".");
+        let kind = entry.file_type().map_err(|error| Fault::file(&path, error))?;
+        if is_hidden {
+            continue;
+        }
+        if kind.is_dir() && relative.components().count() <= DEPTH {
+            find_recipes(&path, &relative, found)?;
+        } else if kind.is_file() && name.ends_with(".toml") {
+            let is_recipe = |text: String| check_file(name, &text).kind == Some("recipe");
+            if disk::read_text(&path).is_ok_and(is_recipe) {
+                found.push((name.to_owned(), path));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// "1 file", "2 files".
+fn counted(count: usize, word: &str) -> String {
+    if count == 1 { format!("1 {word}") } else { format!("{count} {word}s") }
+}
+
+/// Brings an archive back.
+///
+/// # Errors
+/// Where something is there already, is in use, or the disk refuses. A damaged archive is an outcome.
+pub fn restore(args: &Restore, common: &Common) -> Result<Outcome, Fault> {
+    let with = |part| args.only.is_none_or(|only| only == part);
+    let plan = Plan {
+        archive: &args.archive,
+        cell: &common.cell,
+        store: common.store.as_deref(),
+        wanted: Wanted { store: with(BackupPart::Store), configuration: with(BackupPart::Configuration) },
+        permission: Permission {
+            replace_store: args.replace.contains(&BackupPart::Store),
+            replace_configuration: args.replace.contains(&BackupPart::Configuration),
+            outside: args.outside,
+        },
+    };
+    let restored = match backup::restore(&plan) {
+        Ok(restored) => restored,
+        Err(error @ BackupError::Damaged { .. }) => {
+            let mut outcome = judged(&[error.to_string()], "backup_damaged");
+            outcome.say("nothing was changed; restore another backup");
+            return Ok(outcome);
+        }
+        Err(error) => return Err(Fault::stage(error)),
+    };
+    let mut outcome = judged(&restored.found, "backup_damaged");
+    outcome.put("store", json!(restored.store));
+    outcome.put("configuration", json!(restored.configuration));
+    outcome.put("kept", json!(restored.kept));
+    outcome.put("links", json!(restored.links));
+    if !restored.found.is_empty() {
+        outcome.say("nothing was changed; restore another backup");
+        return Ok(outcome);
+    }
+    if let Some(store) = &restored.store {
+        outcome.say(format!(
+            "the store {}: {} links of its chain and {} verified",
+            store.display(),
+            restored.links,
+            counted(restored.files as usize, "file")
+        ));
+    }
+    restored.configuration.iter().for_each(|file| outcome.say(format!("written: {}", file.display())));
+    restored.kept.iter().for_each(|file| outcome.say(format!("what was there before is kept: {}", file.display())));
+    outcome.say("verify the cameras (`panelprep calibrate verify`) before the next cycle: calibrations are those of the backup");
+    Ok(outcome)
+}
