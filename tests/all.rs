@@ -19,6 +19,7 @@ mod layers;
 mod link;
 mod live;
 mod locate;
+mod new;
 mod patterns;
 mod poor_pictures;
 mod quiet;

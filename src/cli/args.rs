@@ -1,8 +1,10 @@
 //! The command line, as `interfaces` fixes it for scripts.
 
 mod backup;
+mod new;
 
 pub use backup::{Backup, BackupPart, Restore};
+pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
 
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
@@ -178,6 +180,9 @@ pub enum Command {
         Exit codes: 0 restored, 1 the backup is damaged and nothing was changed, 2 something is there already or in use."
     )]
     Restore(Restore),
+    /// Write a commented file for a new cell or a new panel, which `panelprep check` accepts: asks what matters, and looks what is
+    /// connected.
+    New(New),
     /// Run a recorded cycle again on what was recorded, without devices, and tell where it now decides otherwise.
     #[command(
         after_help = "Example:\n  panelprep demo --reduction 4 --out target/demo4 --record target/demo4.mcap\n  \

@@ -41,6 +41,24 @@ pub fn write_through(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> 
     File::open(folder).and_then(|folder| folder.sync_all()).map_err(|error| Fault::file(file, error))
 }
 
+/// Writes a file that is not there yet; one that is there stays as it is.
+///
+/// # Errors
+/// Where it is there, the folder cannot be made, or the disk refuses.
+pub fn write_new(file: &Path, bytes: impl AsRef<[u8]>) -> Result<(), Fault> {
+    if let Some(folder) = file.parent() {
+        fs::create_dir_all(folder).map_err(|error| Fault::file(file, error))?;
+    }
+    let made = File::create_new(file).map_err(|error| match error.kind() {
+        std::io::ErrorKind::AlreadyExists => Fault::IsThere { file: file.to_owned() },
+        _ => Fault::file(file, error),
+    });
+    made?.write_all(bytes.as_ref()).map_err(|error| {
+        let _ = fs::remove_file(file); // Best effort: the error that counts is the first one.
+        Fault::file(file, error)
+    })
+}
+
 fn placed(file: &Path, bytes: &[u8], flush: impl Fn(&File) -> std::io::Result<()>) -> Result<(), Fault> {
     let named = |error: std::io::Error| Fault::file(file, error);
     if let Some(folder) = file.parent() {

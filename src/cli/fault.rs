@@ -302,6 +302,30 @@ pub enum Fault {
         /// What is wrong with it, and what is allowed.
         words: &'static str,
     },
+    /// A new file would be written over another one.
+    #[error("{} is there already and is not written over; name another file with --out, or move it away", file.display())]
+    IsThere {
+        /// The file.
+        file: PathBuf,
+    },
+    /// A question that nobody answered.
+    #[error("{question} has no answer: give {option}, or --yes to take what is proposed")]
+    NoAnswer {
+        /// What was asked.
+        question: String,
+        /// The option that answers it.
+        option: &'static str,
+    },
+    /// An answer that cannot be taken.
+    #[error("{option} \"{found}\": {problem}")]
+    BadAnswer {
+        /// The option.
+        option: &'static str,
+        /// What was given.
+        found: String,
+        /// What is wrong, and what is allowed.
+        problem: String,
+    },
     /// A thread of the program failed. Exit code 3.
     #[error(transparent)]
     Broken(#[from] crate::supervision::ThreadFault),

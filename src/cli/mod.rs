@@ -27,6 +27,7 @@ mod locate;
 mod log;
 mod look;
 mod mock_robot;
+mod new;
 mod outcome;
 mod output;
 mod page;
@@ -93,6 +94,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Store(args) => store::run(args, common),
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),
+        Command::New(args) => new::run(args, common),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {

@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// As the loader searches it.
-const LIBRARY: &str = "libpanelprep_zivid.so";
+pub const LIBRARY: &str = "libpanelprep_zivid.so";
 /// The worker's role on the command line.
 pub const ROLE: &str = "zivid-worker";
 

@@ -25,6 +25,7 @@ mod format;
 mod link;
 #[cfg(feature = "gige")]
 mod loopback;
+mod search;
 mod settings;
 mod sockets;
 mod statistics;
@@ -43,6 +44,7 @@ pub use format::PixelFormat;
 pub use link::{Gauge, GigeCamera, Standing};
 #[cfg(feature = "gige")]
 pub use loopback::{ADDRESS, Fill, LoopbackCamera, NoLoopback, Register};
+pub use search::{FoundCamera, search};
 pub use settings::{Exposing, NoNode, PACKET_BYTES, PlanError, Settings, Step, Which, plan};
 pub use sockets::{burst_bytes, rmem_max, socket_buffer_bytes};
 pub use statistics::Statistics;

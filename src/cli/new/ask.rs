@@ -1,0 +1,161 @@
+//! Questions on the terminal: each can be answered by an option instead, and has a proposal where one can be made.
+
+use super::super::fault::Fault;
+use super::super::output::tell_line;
+use std::io::BufRead;
+
+/// Who asks.
+pub(super) struct Asker<'i> {
+    /// Proposals are taken without asking.
+    takes_proposals: bool,
+    answers: Box<dyn BufRead + 'i>,
+}
+
+/// A question.
+pub(super) struct Question<'q> {
+    words: &'q str,
+    option: &'static str,
+    given: Option<String>,
+    proposal: Option<String>,
+}
+
+impl<'q> Question<'q> {
+    /// A question with the option that answers it and what that option said.
+    pub fn new(words: &'q str, option: &'static str, given: Option<&str>) -> Self {
+        Question { words, option, given: given.map(str::to_owned), proposal: None }
+    }
+
+    /// The answer that is proposed.
+    pub fn proposing(self, proposal: impl Into<String>) -> Self {
+        Question { proposal: Some(proposal.into()), ..self }
+    }
+}
+
+impl Asker<'static> {
+    /// Asks on standard error and reads from standard input.
+    pub fn on_terminal(takes_proposals: bool) -> Self {
+        Asker { takes_proposals, answers: Box::new(std::io::stdin().lock()) }
+    }
+}
+
+impl Asker<'_> {
+    /// The answer as `read` understands it; what it refuses is asked again.
+    fn ask<T>(&mut self, question: &Question<'_>, read: impl Fn(&str) -> Result<T, String>) -> Result<T, Fault> {
+        let option = question.option;
+        let refused = |found: &str, problem| Fault::BadAnswer { option, found: found.to_owned(), problem };
+        if let Some(given) = &question.given {
+            return read(given).map_err(|problem| refused(given, problem));
+        }
+        let no_answer = || Fault::NoAnswer { question: question.words.to_owned(), option };
+        if self.takes_proposals {
+            let proposal = question.proposal.as_deref().ok_or_else(no_answer)?;
+            return read(proposal).map_err(|problem| refused(proposal, problem));
+        }
+        let proposed = question.proposal.as_ref().map_or(String::new(), |proposal| format!(" [{proposal}]"));
+        loop {
+            tell_line(&format!("{}{proposed}", question.words));
+            let mut line = String::new();
+            let count =
+                self.answers.read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
+            if count == 0 {
+                return Err(no_answer());
+            }
+            let answer = match line.trim() {
+                "" => question.proposal.as_deref().unwrap_or_default(),
+                answer => answer,
+            };
+            match read(answer) {
+                Ok(answer) => return Ok(answer),
+                Err(problem) => tell_line(&format!("\"{answer}\": {problem}")),
+            }
+        }
+    }
+}
+
+impl Asker<'_> {
+    /// Any words.
+    pub fn words(&mut self, question: &Question<'_>) -> Result<String, Fault> {
+        self.ask(question, words)
+    }
+
+    /// One of these.
+    pub fn one_of<T: Copy>(&mut self, question: &Question<'_>, allowed: &[(&str, T)]) -> Result<T, Fault> {
+        self.ask(question, |answer| one_of(answer, allowed))
+    }
+
+    /// Numbers, apart by commas or spaces.
+    pub fn numbers<const N: usize>(&mut self, question: &Question<'_>) -> Result<[f64; N], Fault> {
+        self.ask(question, numbers)
+    }
+}
+
+fn words(answer: &str) -> Result<String, String> {
+    match answer.trim() {
+        "" => Err("an answer is needed".to_owned()),
+        answer if answer.chars().any(char::is_control) => {
+            Err("allowed are characters that can be printed".to_owned())
+        }
+        answer => Ok(answer.to_owned()),
+    }
+}
+
+fn one_of<T: Copy>(answer: &str, allowed: &[(&str, T)]) -> Result<T, String> {
+    let found = allowed.iter().find(|(word, _)| *word == answer).map(|(_, value)| *value);
+    let names: Vec<&str> = allowed.iter().map(|(word, _)| *word).collect();
+    found.ok_or_else(|| format!("allowed is {}", names.join(" or ")))
+}
+
+fn numbers<const N: usize>(answer: &str) -> Result<[f64; N], String> {
+    let parts = answer.split([',', ' ']).filter(|part| !part.is_empty());
+    let numbers: Option<Vec<f64>> =
+        parts.map(|part| part.parse().ok().filter(|number: &f64| number.is_finite())).collect();
+    let allowed = || match N {
+        1 => "allowed is a number".to_owned(),
+        _ => format!("allowed are {N} numbers, apart by commas or spaces"),
+    };
+    numbers.and_then(|numbers| numbers.try_into().ok()).ok_or_else(allowed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn asker(answers: &'static str, takes_proposals: bool) -> Asker<'static> {
+        Asker { takes_proposals, answers: Box::new(answers.as_bytes()) }
+    }
+
+    fn question(given: Option<&str>, proposal: Option<&str>) -> Question<'static> {
+        let question = Question::new("how many rows", "--rows", given);
+        match proposal {
+            Some(proposal) => question.proposing(proposal),
+            None => question,
+        }
+    }
+
+    /// The option first, then what is typed, an empty line takes the proposal, and a wrong answer is asked again.
+    #[test]
+    fn an_answer_comes_from_the_option_the_terminal_or_the_proposal() {
+        let of = |mut asker: Asker<'_>, question: &Question<'_>| asker.numbers::<1>(question).map(|[rows]| rows);
+        assert_eq!(of(asker("5\n", false), &question(Some("3"), Some("4"))).expect("given"), 3.0);
+        assert_eq!(of(asker("5\n", false), &question(None, Some("4"))).expect("typed"), 5.0);
+        assert_eq!(of(asker("\n", false), &question(None, Some("4"))).expect("proposed"), 4.0);
+        assert_eq!(of(asker("many\n\n6\n", false), &question(None, None)).expect("the third"), 6.0);
+        assert_eq!(of(asker("5\n", true), &question(None, Some("4"))).expect("taken"), 4.0);
+        for (asker, question, words) in [
+            (asker("", false), question(None, Some("4")), "how many rows has no answer: give --rows"),
+            (asker("", true), question(None, None), "how many rows has no answer: give --rows"),
+            (asker("5\n", false), question(Some("x"), None), "--rows \"x\": allowed is a number"),
+        ] {
+            let told = of(asker, &question).expect_err("refused").to_string();
+            assert!(told.contains(words), "{told}");
+        }
+    }
+
+    #[test]
+    fn numbers_are_as_many_as_asked_for() {
+        assert_eq!(numbers::<3>("1, -2.5 3"), Ok([1.0, -2.5, 3.0]));
+        for wrong in ["1,2", "1,2,3,4", "1,2,NaN", "1,2,x"] {
+            assert_eq!(numbers::<3>(wrong), Err("allowed are 3 numbers, apart by commas or spaces".to_owned()));
+        }
+    }
+}

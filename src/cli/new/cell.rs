@@ -1,0 +1,316 @@
+//! `panelprep new cell`: the samples' tables for what is connected, with what was answered.
+//!
+//! Of a real cell nobody but its people knows the poses, the box, the inputs and outputs. What was not answered is the sample's
+//! and is marked as such in the file and in the result. What a file can do without (the arm's surroundings, where the cameras
+//! are by tape, a stated error of the tool) is left as a comment.
+
+use super::super::args::{Common, FlangeCameraKind, NewCell, RobotKindName, ScannerKind};
+use super::super::disk;
+use super::super::fault::Fault;
+use super::super::outcome::Outcome;
+use super::super::output::tell_line;
+use super::ask::{Asker, Question};
+use super::connected::{self, Found};
+use super::recipe::parsed;
+use super::set;
+use crate::cell::Cell;
+use crate::verdict::{Judgement, Verdict};
+use serde_json::json;
+use toml_edit::Array;
+
+const SIMULATED: &str = include_str!("../../../config/cell.toml");
+const REAL: &str = include_str!("../../../config/cell-example.toml");
+/// Where the service of an installed package keeps its store and its socket.
+const SERVICE_STORE: &str = "/var/lib/panelprep";
+const SERVICE_SOCKET: &str = "/run/panelprep/panelprep.sock";
+/// Tables of a real cell whose numbers are its own.
+const OF_THE_CELL: [&str; 5] = ["poses.park", "io.outputs", "io.off_after_s", "io.feedbacks", "limits"];
+/// Those that it can do without.
+const OPTIONAL: [&str; 4] = ["poses.service", "rough.base_from_camera", "arm", "keep_out"];
+/// A key whose number is a statement that only a person can make.
+const STATED: &str = "tool_error_mm";
+
+/// What was answered.
+struct Answers {
+    scanner: ScannerKind,
+    scanner_serial: Option<String>,
+    flange_camera: FlangeCameraKind,
+    /// The key that names it, and its value.
+    flange_camera_by: Option<(&'static str, String)>,
+    robot: RobotKindName,
+    host: Option<String>,
+    /// Where the arm parks, and the box of the tool's tip, of a real cell.
+    motion: Option<Motion>,
+    store: String,
+}
+
+/// What bounds the motion of a real cell.
+struct Motion {
+    park_deg: [f64; 6],
+    box_min_mm: [f64; 3],
+    box_max_mm: [f64; 3],
+}
+
+/// Asks, and writes the file.
+pub(super) fn run(args: &NewCell, common: &Common) -> Result<Outcome, Fault> {
+    if args.out.symlink_metadata().is_ok() {
+        return Err(Fault::IsThere { file: args.out.clone() });
+    }
+    let answers = Answers::of(args, common, &mut Asker::on_terminal(args.yes))?;
+    let name = args.out.display().to_string();
+    let text = text(&name, &answers)?;
+    Cell::check(&name, &text)?;
+    disk::write_new(&args.out, &text)?;
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words = vec![format!("written: {name}; `panelprep check {name}` accepts it")];
+    let to_check: &[&str] = if answers.robot == RobotKindName::Eki { &OF_THE_CELL } else { &[] };
+    if !to_check.is_empty() {
+        let tables = to_check.join(", ");
+        outcome.say(format!("hold the numbers of these tables against your cell before anything moves: {tables}"));
+    }
+    outcome.put("file", json!(args.out));
+    outcome.put("to_check", json!(to_check));
+    Ok(outcome)
+}
+
+/// Tells what was looked for; nothing where nothing is looked for.
+fn looked(args: &NewCell, look: impl FnOnce() -> Found) -> Vec<String> {
+    if args.no_search {
+        return vec![];
+    }
+    let Found { serials, words } = look();
+    tell_line(&words);
+    serials
+}
+
+impl Answers {
+    fn of(args: &NewCell, common: &Common, asker: &mut Asker<'_>) -> Result<Self, Fault> {
+        let (scanner, scanner_serial) = scanner(args, asker)?;
+        let (flange_camera, flange_camera_by) = flange_camera(args, asker)?;
+        let (robot, host) = robot(args, asker)?;
+        let motion = match robot {
+            RobotKindName::Eki => Some(motion(args, asker)?),
+            RobotKindName::Mock => None,
+        };
+        let proposal = match robot {
+            RobotKindName::Eki => SERVICE_STORE,
+            RobotKindName::Mock => "store",
+        };
+        let given = common.store.as_ref().map(|folder| folder.display().to_string());
+        let question = Question::new("the store's folder", "--store", given.as_deref());
+        let store = asker.words(&question.proposing(proposal))?;
+        Ok(Answers { scanner, scanner_serial, flange_camera, flange_camera_by, robot, host, motion, store })
+    }
+}
+
+fn scanner(args: &NewCell, asker: &mut Asker<'_>) -> Result<(ScannerKind, Option<String>), Fault> {
+    let found = match (args.scanner, &args.scanner_serial) {
+        (None | Some(ScannerKind::Zivid), None) => looked(args, connected::zivid_camera),
+        _ => vec![],
+    };
+    let proposal = if found.is_empty() { "simulated" } else { "zivid" };
+    let kinds = [("simulated", ScannerKind::Simulated), ("zivid", ScannerKind::Zivid)];
+    let kind = match args.scanner {
+        Some(kind) => kind,
+        None => {
+            let question = Question::new("the fixed 3D camera: simulated or zivid", "--scanner", None);
+            asker.one_of(&question.proposing(proposal), &kinds)?
+        }
+    };
+    let serial = match (kind, &args.scanner_serial) {
+        (ScannerKind::Simulated, _) => None,
+        (ScannerKind::Zivid, given @ Some(_)) => given.clone(),
+        // Without one, the only camera that is connected is taken.
+        (ScannerKind::Zivid, None) => found.into_iter().next(),
+    };
+    Ok((kind, serial))
+}
+
+type FlangeCamera = (FlangeCameraKind, Option<(&'static str, String)>);
+
+fn flange_camera(args: &NewCell, asker: &mut Asker<'_>) -> Result<FlangeCamera, Fault> {
+    let is_named = args.flange_camera_serial.is_some() || args.flange_camera_address.is_some();
+    let found = match args.flange_camera {
+        Some(FlangeCameraKind::Simulated) => vec![],
+        _ if is_named => vec![],
+        _ => looked(args, connected::gige_cameras),
+    };
+    let proposal = if found.is_empty() && !is_named { "simulated" } else { "gige" };
+    let kinds = [("simulated", FlangeCameraKind::Simulated), ("gige", FlangeCameraKind::Gige)];
+    let kind = match args.flange_camera {
+        Some(kind) => kind,
+        None => {
+            let question = Question::new("the camera on the flange: simulated or gige", "--flange-camera", None);
+            asker.one_of(&question.proposing(proposal), &kinds)?
+        }
+    };
+    let by = match kind {
+        FlangeCameraKind::Simulated => None,
+        FlangeCameraKind::Gige => match &args.flange_camera_address {
+            Some(address) => Some(("address", address.clone())),
+            None => {
+                let given = args.flange_camera_serial.as_deref();
+                let question =
+                    Question::new("serial number of the camera on the flange", "--flange-camera-serial", given);
+                let question = match found.first() {
+                    Some(serial) => question.proposing(serial.clone()),
+                    None => question,
+                };
+                Some(("serial", asker.words(&question)?))
+            }
+        },
+    };
+    Ok((kind, by))
+}
+
+fn robot(args: &NewCell, asker: &mut Asker<'_>) -> Result<(RobotKindName, Option<String>), Fault> {
+    let kinds = [("mock", RobotKindName::Mock), ("eki", RobotKindName::Eki)];
+    let kind = match args.robot {
+        Some(kind) => kind,
+        None => {
+            let words = "the robot's controller: mock (inside this program) or eki (a KUKA controller)";
+            let proposal = if args.host.is_some() { "eki" } else { "mock" };
+            asker.one_of(&Question::new(words, "--robot", None).proposing(proposal), &kinds)?
+        }
+    };
+    if kind == RobotKindName::Mock {
+        return Ok((kind, None));
+    }
+    let question = Question::new("the controller's address on its KLI network", "--host", args.host.as_deref());
+    let host = asker.words(&question)?;
+    if !args.no_search {
+        tell_line(&connected::controller(&host, STATE_PORT));
+    }
+    Ok((kind, Some(host)))
+}
+
+fn motion(args: &NewCell, asker: &mut Asker<'_>) -> Result<Motion, Fault> {
+    let words =
+        "axis angles where the arm is clear of the panel and of both cameras' view, degrees: a1,a2,a3,a4,a5,a6";
+    let question = Question::new(words, "--park-deg", args.park_deg.as_deref());
+    let park_deg = asker.numbers(&question.proposing("-90,-120,120,0,60,0"))?;
+    let words = "least corner of the box that the tool's tip stays in, mm in the robot's base: x,y,z";
+    let question = Question::new(words, "--box-min-mm", args.box_min_mm.as_deref());
+    let box_min_mm = asker.numbers(&question.proposing("250,-450,50"))?;
+    let question = Question::new("its greatest corner: x,y,z", "--box-max-mm", args.box_max_mm.as_deref());
+    let box_max_mm = asker.numbers(&question.proposing("750,450,900"))?;
+    Ok(Motion { park_deg, box_min_mm, box_max_mm })
+}
+
+/// Of the state channel, as the samples have it.
+const STATE_PORT: u16 = 54_601;
+
+/// One table of a file: its header and all lines up to the next header.
+struct Block<'t> {
+    /// Its name, `poses.park`; empty for what stands before the first table.
+    name: &'t str,
+    text: &'t str,
+}
+
+/// A file as its tables.
+fn blocks(text: &str) -> Vec<Block<'_>> {
+    let starts = text.match_indices('\n').map(|(at, _)| at + 1).filter(|at| text[*at..].starts_with('['));
+    let mut cuts: Vec<usize> = std::iter::once(0).chain(starts).collect();
+    cuts.push(text.len());
+    let block = |cut: &[usize]| {
+        let text = &text[cut[0]..cut[1]];
+        let header = text.lines().next().unwrap_or_default().trim_start_matches('[');
+        let name = if text.starts_with('[') { header.split(']').next().unwrap_or_default() } else { "" };
+        Block { name, text }
+    };
+    cuts.windows(2).map(block).collect()
+}
+
+fn block<'t>(text: &'t str, name: &str) -> &'t str {
+    blocks(text).into_iter().find(|block| block.name == name).map_or("", |block| block.text)
+}
+
+/// The lines of a table as comments.
+fn as_comments(text: &str) -> String {
+    let line = |line: &str| match line.trim().is_empty() || line.starts_with('#') {
+        true => format!("{line}\n"),
+        false => format!("# {line}\n"),
+    };
+    text.lines().map(line).collect()
+}
+
+/// A table whose numbers are to be held against the cell.
+fn to_check(text: &str) -> String {
+    let line = |line: &str| match line.starts_with(STATED) {
+        true => format!("# {line}\n"),
+        false => format!("{line}\n"),
+    };
+    let lines: String = text.lines().map(line).collect();
+    format!("{TO_CHECK}\n{lines}")
+}
+
+/// Stands before each of those.
+const TO_CHECK: &str =
+    "# TO CHECK before anything moves: what was not answered in this table is the sample's, not your cell's.";
+
+/// The file's text.
+fn text(name: &str, answers: &Answers) -> Result<String, Fault> {
+    let is_real = answers.robot == RobotKindName::Eki;
+    let scanner = if answers.scanner == ScannerKind::Zivid { REAL } else { SIMULATED };
+    let flange_camera = if answers.flange_camera == FlangeCameraKind::Gige { REAL } else { SIMULATED };
+    let base = if is_real { REAL } else { SIMULATED };
+    let mut text = head(answers);
+    for Block { name, text: own } in blocks(base) {
+        let own = match name {
+            "" => String::new(),
+            "scanner" => block(scanner, name).to_owned(),
+            "flange_camera" => block(flange_camera, name).to_owned(),
+            "calibration" => block(REAL, name).to_owned(),
+            name if is_real && OPTIONAL.contains(&name) => as_comments(own),
+            name if is_real && OF_THE_CELL.contains(&name) => to_check(own),
+            _ => own.to_owned(),
+        };
+        text.push_str(&own);
+    }
+    let mut cell = parsed(name, &text)?;
+    set(&mut cell, "", "store", answers.store.as_str());
+    if let Some(scanner) = cell.get_mut("scanner").and_then(toml_edit::Item::as_table_mut) {
+        scanner.remove("serial");
+    }
+    if let Some(serial) = &answers.scanner_serial {
+        set(&mut cell, "scanner", "serial", serial.as_str());
+    }
+    if let Some((key, value)) = &answers.flange_camera_by {
+        if let Some(camera) = cell.get_mut("flange_camera").and_then(toml_edit::Item::as_table_mut) {
+            camera.remove("serial");
+        }
+        set(&mut cell, "flange_camera", key, value.as_str());
+    }
+    if let Some(host) = &answers.host {
+        set(&mut cell, "robot", "host", host.as_str());
+    }
+    if let Some(Motion { park_deg, box_min_mm, box_max_mm }) = &answers.motion {
+        let array = |numbers: &[f64]| numbers.iter().copied().collect::<Array>();
+        set(&mut cell, "limits", "box_min_mm", array(box_min_mm));
+        set(&mut cell, "limits", "box_max_mm", array(box_max_mm));
+        for (axis, angle) in park_deg.iter().enumerate() {
+            set(&mut cell, "poses.park", &format!("a{}_deg", axis + 1), *angle);
+        }
+    }
+    Ok(cell.to_string())
+}
+
+/// What stands before the first table.
+fn head(answers: &Answers) -> String {
+    let socket = match answers.store == SERVICE_STORE {
+        true => format!("socket = \"{SERVICE_SOCKET}\" # as panelprep.service has it: its group may ask\n"),
+        false => "# socket = \"panelprep.sock\" # where `panelprep ctl` finds `panelprep run`; without it, in the store\n".to_owned(),
+    };
+    format!(
+        "# A robot cell, begun by `panelprep new cell`. Names of files are relative to this file's folder; `panelprep check FILE` lists
+# what is wrong and says what was understood.
+
+store = \"store\" # folder for taught panels, cycles and their pictures; everything is kept for ever
+# Or, at the end of this file, as a table that says how long clips and scans are kept (pages and records stay for ever):
+# [store]
+# folder = \"store\"
+# keep = {{ days = 30, cycles = 200, failed_days = 365, failed_cycles = 1000 }}   # days before the newest cycle; newest cycles
+{socket}
+"
+    )
+}

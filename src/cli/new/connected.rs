@@ -1,0 +1,81 @@
+//! What answers at the cell: cameras and the controller. Nothing is set and nothing is moved.
+
+use super::super::zivid::{LIBRARY, ROLE};
+use crate::devices::gige;
+use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault, ZividScanner, launcher};
+use std::net::{TcpStream, ToSocketAddrs};
+use std::time::Duration;
+
+/// How long the controller may take to answer.
+const PATIENCE: Duration = Duration::from_secs(2);
+
+/// What was found of one kind: serial numbers, and a sentence.
+pub(super) struct Found {
+    pub serials: Vec<String>,
+    pub words: String,
+}
+
+/// GigE Vision cameras on all networks of this machine.
+pub(super) fn gige_cameras() -> Found {
+    match gige::search() {
+        Ok(cameras) if cameras.is_empty() => Found {
+            serials: vec![],
+            words: "no GigE Vision camera answers on the networks of this machine".to_owned(),
+        },
+        Ok(cameras) => {
+            let each: Vec<String> =
+                cameras.iter().map(|camera| format!("serial {} at {}", camera.serial, camera.address)).collect();
+            let words = format!("GigE Vision cameras that answer: {}", each.join("; "));
+            Found { serials: cameras.into_iter().map(|camera| camera.serial).collect(), words }
+        }
+        Err(words) => Found { serials: vec![], words },
+    }
+}
+
+/// The Zivid camera that is connected, where it is the only one.
+pub(super) fn zivid_camera() -> Found {
+    match only_zivid() {
+        Ok(serial) => Found { words: format!("a Zivid camera answers: serial {serial}"), serials: vec![serial] },
+        Err(words) => Found { serials: vec![], words: format!("no Zivid camera was found: {words}") },
+    }
+}
+
+/// The serial number of the camera that is connected, where it is the only one; its worker lets it go again.
+fn only_zivid() -> Result<String, String> {
+    let setup = Setup {
+        source: Source::Only,
+        // No camera has this number: the one that is found is told, and nothing is set in it.
+        serial: Some(String::new()),
+        size: Size { width: 0, height: 0 },
+        scan_yaml: String::new(),
+        picture_yaml: String::new(),
+        restarts: Restarts::default(),
+        patience: Patience::default(),
+    };
+    let program = std::env::current_exe().map_err(|error| error.to_string())?;
+    let arguments = [ROLE.into(), "--library".into(), LIBRARY.into()];
+    let camera =
+        ZividScanner::start(setup, launcher(program, arguments.into())).map_err(|error| error.to_string())?;
+    match camera.ready(Patience::default().start()) {
+        Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
+        Err(fault) => Err(fault.to_string()),
+        Ok(()) => Err("it tells no serial number".to_owned()),
+    }
+}
+
+/// Whether something listens at the controller's address.
+pub(super) fn controller(host: &str, port: u16) -> String {
+    let place = format!("{host}, port {port}");
+    let addresses = match (host, port).to_socket_addrs() {
+        Ok(addresses) => addresses,
+        Err(error) => return format!("{place}: this address is not known here: {error}"),
+    };
+    let mut last = "it has no address".to_owned();
+    for address in addresses {
+        match TcpStream::connect_timeout(&address, PATIENCE) {
+            Ok(_) => return format!("{place}: the controller takes connections; `panelprep doctor` looks closer"),
+            Err(error) => last = error.to_string(),
+        }
+    }
+    format!("{place}: nothing answers yet: {last}")
+}

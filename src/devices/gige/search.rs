@@ -1,0 +1,36 @@
+//! Which cameras answer, before one is chosen.
+
+/// A camera that answers.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct FoundCamera {
+    /// Its serial number.
+    pub serial: String,
+    /// Its IP address.
+    pub address: String,
+}
+
+/// Asks every network interface of this machine for GigE Vision cameras.
+///
+/// # Errors
+/// Where there is nothing to ask with, in words.
+#[cfg(feature = "gige")]
+pub fn search() -> Result<Vec<FoundCamera>, String> {
+    use aravis::prelude::*;
+    let interface = aravis::GvInterface::instance().ok_or_else(|| "Aravis has no GigE Vision".to_owned())?;
+    interface.update_device_list();
+    let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
+    let camera = |at| FoundCamera {
+        serial: text(interface.device_serial_nbr(at)),
+        address: text(interface.device_address(at)),
+    };
+    Ok((0..interface.n_devices()).map(camera).collect())
+}
+
+/// The same of a program that was built without the driver.
+///
+/// # Errors
+/// Always.
+#[cfg(not(feature = "gige"))]
+pub fn search() -> Result<Vec<FoundCamera>, String> {
+    Err("this program was built without the driver of GigE Vision cameras".to_owned())
+}

@@ -1,0 +1,185 @@
+//! `panelprep new cell` and `new recipe` as a user runs them: by options, and by answers on the terminal.
+
+use super::commands::json;
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+const CELL: &str = "new cell --yes --no-search";
+
+/// What a file says of itself, and whether it would do for a cycle.
+fn check(folder: &Path, files: &str) -> (i32, String) {
+    let (exit, told) = json(folder, &format!("check {files}"));
+    (exit, told.to_string())
+}
+
+#[test]
+fn each_kind_of_cell_is_written_as_check_accepts_it() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let cases = [
+        ("--scanner simulated --flange-camera simulated --robot mock", "simulated", "simulated", "mock"),
+        (
+            "--scanner zivid --scanner-serial 2127A0F3 --flange-camera simulated --robot mock",
+            "zivid",
+            "simulated",
+            "mock",
+        ),
+        (
+            "--scanner zivid --flange-camera-serial 22/1 --robot eki --host 172.31.1.147 --park-deg -90,-100,110,0,60,0 \
+             --box-max-mm 700,400,800",
+            "zivid",
+            "gige",
+            "eki",
+        ),
+        ("--scanner zivid --flange-camera-address 192.168.70.20 --host krc", "zivid", "gige", "eki"),
+        ("", "simulated", "simulated", "mock"),
+    ];
+    for (index, (options, scanner, flange_camera, robot)) in cases.into_iter().enumerate() {
+        let file = format!("cells/{index}.toml");
+        let (exit, told) = json(folder, &format!("{CELL} {options} --out {file}"));
+        assert_eq!((exit, told["file"].as_str()), (0, Some(file.as_str())), "{options}: {told}");
+        let (exit, checked) = check(folder, &file);
+        assert_eq!(exit, 0, "{options}: {checked}");
+        let text = fs::read_to_string(folder.join(&file)).expect("written");
+        let cell: toml::Table = text.parse().expect("TOML");
+        for (table, kind) in [("scanner", scanner), ("flange_camera", flange_camera), ("robot", robot)] {
+            assert_eq!(cell[table]["kind"].as_str(), Some(kind), "{options}: {text}");
+        }
+        // A person reads it: what the samples explain is explained here.
+        assert!(text.matches('#').count() > 20 && !text.contains("../target/demo"), "{text}");
+        let to_check = told["to_check"].as_array().expect("a list").len();
+        assert_eq!(
+            (to_check > 0, text.matches("# TO CHECK").count()),
+            (robot == "eki", to_check),
+            "{options}: {told}"
+        );
+    }
+    let real = fs::read_to_string(folder.join("cells/2.toml")).expect("written");
+    let cell: toml::Table = real.parse().expect("TOML");
+    assert_eq!(cell["robot"]["host"].as_str(), Some("172.31.1.147"));
+    assert_eq!(cell["flange_camera"]["serial"].as_str(), Some("22/1"));
+    assert_eq!(cell["store"].as_str(), Some("/var/lib/panelprep"));
+    assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0), "as answered");
+    assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[700.0, 400.0, 800.0]");
+    // Another cell's surroundings, and what only a person may state, are not taken over.
+    assert!(["rough", "arm", "keep_out"].iter().all(|table| cell.get(*table).is_none()), "{real}");
+    assert!(cell["limits"].get("tool_error_mm").is_none() && real.contains("# tool_error_mm = "), "{real}");
+    let by_address: toml::Table =
+        fs::read_to_string(folder.join("cells/3.toml")).expect("written").parse().expect("TOML");
+    assert!(by_address["flange_camera"].get("serial").is_none() && by_address["scanner"].get("serial").is_none());
+}
+
+#[test]
+fn no_file_is_written_over_and_a_wrong_answer_writes_none() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    for (command, words) in [
+        (
+            format!("{CELL} --robot eki --out a.toml"),
+            "the controller's address on its KLI network has no answer: give --host",
+        ),
+        (format!("{CELL} --robot eki --host a..b --out a.toml"), "a.toml:"),
+        (format!("{CELL} --flange-camera gige --out a.toml"), "--flange-camera-serial"),
+        ("new recipe --yes --out a.toml".to_owned(), "--panel"),
+        (
+            "new recipe --yes --panel p --rows many --out a.toml".to_owned(),
+            "--rows \\\"many\\\": allowed is a number",
+        ),
+        ("new recipe --yes --panel p --rows 0 --out a.toml".to_owned(), "region.rows"),
+        ("new recipe --yes --panel p --rows 2.5 --out a.toml".to_owned(), "region.rows"),
+    ] {
+        let (exit, told) = json(folder, &command);
+        assert!(exit == 2 && told.to_string().contains(words), "{command}: {told}");
+        assert!(!folder.join("a.toml").exists(), "{command}");
+    }
+    fs::write(folder.join("mine.toml"), "mine").expect("written");
+    for command in [format!("{CELL} --out mine.toml"), "new recipe --yes --panel p --out mine.toml".to_owned()] {
+        let (exit, told) = json(folder, &command);
+        assert!(
+            exit == 2 && told.to_string().contains("mine.toml is there already and is not written over"),
+            "{told}"
+        );
+        assert_eq!(fs::read_to_string(folder.join("mine.toml")).expect("there"), "mine");
+    }
+}
+
+#[test]
+fn a_recipe_has_the_answers_and_the_samples_comments() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let output = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args([
+            "new",
+            "recipe",
+            "--yes",
+            "--panel",
+            "wing \"left\"",
+            "--rows",
+            "3",
+            "--columns",
+            "5",
+            "--out",
+            "wing.toml",
+        ])
+        .args([
+            "--corners-px",
+            "10,20 310.5,20 310,220 10,220",
+            "--box-min-mm",
+            "-100,-200,50",
+            "--disc-diameter-mm",
+            "50",
+        ])
+        .args(["--box-max-mm", "900 300 700"])
+        .current_dir(folder)
+        .output()
+        .expect("it starts");
+    assert!(output.status.success(), "{output:?}");
+    let text = fs::read_to_string(folder.join("wing.toml")).expect("written");
+    let recipe: toml::Table = text.parse().expect("TOML");
+    assert_eq!(recipe["panel"].as_str(), Some("wing \"left\""));
+    let region = recipe["region"].to_string();
+    assert!(region.contains("310.5") && region.contains("rows = 3") && region.contains("columns = 5"), "{region}");
+    assert_eq!(recipe["locate"]["box_min_mm"].to_string(), "[-100.0, -200.0, 50.0]");
+    assert_eq!(recipe["locate"]["box_max_mm"].to_string(), "[900.0, 300.0, 700.0]");
+    assert_eq!(recipe["path"]["disc_diameter_mm"].as_float(), Some(50.0));
+    assert!(text.contains("# grids are r1c1 … r3c5 from the first corner"), "{text}");
+    assert!(text.contains("# in the taught scan's picture"), "{text}");
+    let sample = include_str!("../config/panels/example.toml");
+    assert_eq!(text.lines().count(), sample.lines().count(), "line by line the sample");
+    let (exit, told) = check(folder, "wing.toml");
+    assert_eq!(exit, 0, "{told}");
+}
+
+/// On the terminal: an empty line takes the proposal, a wrong answer is asked again.
+#[test]
+fn answers_are_read_from_the_terminal() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(["new", "cell", "--no-search", "--out", "cell.toml"])
+        .current_dir(folder.path())
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("it starts");
+    let answers = b"kinect\nzivid\ngige\n221600123\n\n\n";
+    child.stdin.take().expect("piped").write_all(answers).expect("typed");
+    let output = child.wait_with_output().expect("it ends");
+    let asked = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{asked}");
+    assert!(asked.contains("the fixed 3D camera: simulated or zivid [simulated]"), "{asked}");
+    assert!(asked.contains("\"kinect\": allowed is simulated or zivid"), "{asked}");
+    let text = fs::read_to_string(folder.path().join("cell.toml")).expect("written");
+    let cell: toml::Table = text.parse().expect("TOML");
+    let kind = |table: &str| cell[table]["kind"].as_str().map(str::to_owned);
+    assert_eq!(
+        ["scanner", "flange_camera", "robot"].map(kind),
+        ["zivid", "gige", "mock"].map(|kind| Some(kind.to_owned()))
+    );
+    assert_eq!(
+        (cell["flange_camera"]["serial"].as_str(), cell["store"].as_str()),
+        (Some("221600123"), Some("store"))
+    );
+}
