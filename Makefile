@@ -3,11 +3,12 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
+.PHONY: package package-test zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
+	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
 	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
@@ -45,6 +46,29 @@ test: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
 	cargo test --locked
+
+# A Debian package of the release build, in target/package/. Build it on the system on which it is installed: Ubuntu 24.04 for a cell
+# (the Zivid SDK has packages for Ubuntu alone, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.
+# With the camera library in it where `make zivid` has made one before.
+BUILT := $(or $(CARGO_TARGET_DIR),target)
+CARGO_DEB := target/tools/bin/cargo-deb
+DEB := $(CARGO_DEB) --no-build --output target/package/
+
+$(CARGO_DEB):
+	cargo install --locked --quiet --root target/tools --target-dir $(BUILT)/cargo-deb --version '^3' cargo-deb
+
+package: setup $(CARGO_DEB)
+	cargo build --release --locked
+	rm -rf target/package
+	$(BUILT)/release/panelprep package-files --out target/package >/dev/null
+	cargo run --release --locked --quiet --example licences >target/package/licences.txt
+	$(DEB) $(if $(wildcard target/zivid/libpanelprep_zivid.so),--variant zivid)
+
+# Needs root. The former package is the same program under a former version.
+package-test: package
+	mkdir -p target/package/former
+	$(CARGO_DEB) --no-build --deb-version 0.0.1-1 --output target/package/former/
+	tests/package/install.sh target/package/former/*.deb target/package/*.deb
 
 # The camera library over the Zivid SDK: on the cell's computer, where the SDK is installed. Install the result where the
 # loader finds it (/usr/local/lib, then ldconfig), or name it in the cell's file, [scanner] library.

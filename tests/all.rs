@@ -16,6 +16,7 @@ mod hostile;
 mod inputs;
 mod kuka_files;
 mod layers;
+mod licences;
 mod link;
 mod live;
 mod locate;

@@ -2,9 +2,11 @@
 
 mod backup;
 mod new;
+mod package_files;
 
 pub use backup::{Backup, BackupPart, Restore};
 pub use new::{FlangeCameraKind, New, NewCell, NewFile, NewRecipe, RobotKindName, ScannerKind};
+pub use package_files::PackageFiles;
 
 use crate::devices::mock::FaultSpec;
 use crate::sim::RealArm;
@@ -99,6 +101,9 @@ pub enum Command {
     /// The 3D camera's worker: started by this program, with a socket as its standard input.
     #[command(name = super::zivid::ROLE, hide = true)]
     ZividWorker(ZividWorker),
+    /// Manual pages and shell completions, for `make package`.
+    #[command(hide = true)]
+    PackageFiles(PackageFiles),
     /// Check configuration files: cell, recipe, calibrations, EthernetKRL channels, KRL programs and data lists.
     #[command(
         after_help = "Example:\n  panelprep check config/cell.toml config/panels/example.toml\n  panelprep check config/kuka/CELLCMD.xml config/kuka/CELLSTAT.xml\n  panelprep check --kss 8.5 config/kuka/*.src config/kuka/*.dat"

@@ -30,6 +30,7 @@ mod mock_robot;
 mod new;
 mod outcome;
 mod output;
+mod package_files;
 mod page;
 mod part;
 mod person;
@@ -95,6 +96,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::Backup(args) => backup::run(args, common),
         Command::Restore(args) => backup::restore(args, common),
         Command::New(args) => new::run(args, common),
+        Command::PackageFiles(args) => package_files::run(args),
         Command::Replay(args) => replay::run(args),
     };
     match outcome {

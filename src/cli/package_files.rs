@@ -1,0 +1,50 @@
+//! What a package ships beside the program, made from the command line's own definition: manual pages, and completions for
+//! shells.
+
+use super::args::{Arguments, PackageFiles};
+use super::disk;
+use super::fault::Fault;
+use super::outcome::Outcome;
+use crate::verdict::{Judgement, Verdict};
+use clap::{Command, CommandFactory};
+use clap_complete::Shell;
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Shells, each with the name that its completions have where it looks for them.
+const SHELLS: [(Shell, &str); 3] =
+    [(Shell::Bash, "panelprep"), (Shell::Zsh, "_panelprep"), (Shell::Fish, "panelprep.fish")];
+
+/// Writes them.
+///
+/// # Errors
+/// Where the disk refuses.
+pub fn run(args: &PackageFiles) -> Result<Outcome, Fault> {
+    let mut command = Arguments::command().disable_help_subcommand(true);
+    command.build();
+    let mut files = Vec::new();
+    manual(&command, &args.out.join("man"), &mut files)?;
+    for (shell, name) in SHELLS {
+        let mut text = Vec::new();
+        clap_complete::generate(shell, &mut Arguments::command(), "panelprep", &mut text);
+        let file = args.out.join("completions").join(name);
+        disk::write(&file, text)?;
+        files.push(file);
+    }
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Pass, reasons: vec![] });
+    outcome.words = files.iter().map(|file| file.display().to_string()).collect();
+    outcome.put("files", json!(files));
+    Ok(outcome)
+}
+
+/// A page for a command and for each below it.
+fn manual(command: &Command, folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), Fault> {
+    let page = clap_mangen::Man::new(command.clone());
+    let file = folder.join(page.get_filename());
+    let mut text = Vec::new();
+    page.render(&mut text).map_err(|error| Fault::file(&file, error))?;
+    disk::write(&file, text)?;
+    files.push(file);
+    let mut below = command.get_subcommands().filter(|below| !below.is_hide_set());
+    below.try_for_each(|below| manual(below, folder, files))
+}

@@ -1,0 +1,156 @@
+//! What is linked into the program, and under which licences: read from `cargo metadata` and from the sources of each crate.
+//! The package's licence file is written from the same (`tests/package/licences.rs`).
+
+use serde_json::Value;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// Licences that ask for no more than to be named with their text, so that the package may carry them.
+const ALLOWED: [&str; 13] = [
+    "0BSD",
+    "Apache-2.0",
+    "BSD-2-Clause",
+    "BSD-3-Clause",
+    "BSL-1.0",
+    "CC0-1.0",
+    "IJG",
+    "ISC",
+    "MIT",
+    "MIT-0",
+    "Unicode-3.0",
+    "Unlicense",
+    "Zlib",
+];
+
+/// Crates that name no licence and have the text of one: how that text begins, and which it is.
+const BY_TEXT: [(&str, &str, &str); 1] = [("pcd-rs", "MIT License", "MIT")];
+
+/// A crate that is linked into the program.
+#[allow(dead_code, reason = "authors and repository are printed by the package's licence file alone")]
+pub struct Linked {
+    /// Name and version.
+    pub name: String,
+    /// Its licence, as SPDX writes it; empty where it states none.
+    pub licence: String,
+    /// Who wrote it, and where it is.
+    pub authors: Vec<String>,
+    /// Its repository, where it states one.
+    pub repository: String,
+    /// The texts of its licences: file name and text.
+    pub texts: Vec<(String, String)>,
+}
+
+/// Every crate that the program is linked of on this machine, itself left out; what only builds or tests it is not.
+pub fn linked() -> Vec<Linked> {
+    let platform = format!("{}-unknown-linux-gnu", std::env::consts::ARCH);
+    let output = Command::new(option_env!("CARGO").unwrap_or("cargo"))
+        .args(["metadata", "--format-version=1", "--locked", "--offline", "--filter-platform", &platform])
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .output()
+        .expect("cargo");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let metadata: Value = serde_json::from_slice(&output.stdout).expect("JSON");
+    let by_id = |list: &Value| -> BTreeMap<String, Value> {
+        let entries = list.as_array().expect("a list").iter();
+        entries.map(|entry| (entry["id"].as_str().expect("an id").to_owned(), entry.clone())).collect()
+    };
+    let (packages, nodes) = (by_id(&metadata["packages"]), by_id(&metadata["resolve"]["nodes"]));
+    let root = metadata["resolve"]["root"].as_str().expect("a root").to_owned();
+    let (mut seen, mut ahead) = (BTreeSet::new(), vec![root.clone()]);
+    while let Some(id) = ahead.pop() {
+        if !seen.insert(id.clone()) {
+            continue;
+        }
+        let needs = nodes[&id]["deps"].as_array().expect("a list").iter();
+        // Kind null is what is linked; "build" and "dev" are not.
+        let is_linked = |need: &&Value| {
+            need["dep_kinds"].as_array().is_some_and(|kinds| kinds.iter().any(|kind| kind["kind"].is_null()))
+        };
+        ahead.extend(needs.filter(is_linked).filter_map(|need| need["pkg"].as_str().map(str::to_owned)));
+    }
+    seen.remove(&root);
+    seen.iter().map(|id| of_package(&packages[id])).collect()
+}
+
+fn of_package(package: &Value) -> Linked {
+    let text = |key: &str| package[key].as_str().unwrap_or_default().to_owned();
+    let folder = PathBuf::from(text("manifest_path")).parent().expect("a folder").to_owned();
+    let authors = package["authors"].as_array().into_iter().flatten().filter_map(Value::as_str);
+    let mut texts = BTreeMap::new();
+    let named = package["license_file"].as_str().map(|file| folder.join(file));
+    for file in named.into_iter().chain(licence_files(&folder)) {
+        let name = file.file_name().expect("a name").to_string_lossy().into_owned();
+        texts.insert(name, String::from_utf8_lossy(&std::fs::read(&file).expect("a licence")).replace('\r', ""));
+    }
+    let by_text = BY_TEXT.iter().find(|(name, begin, _)| {
+        *name == text("name") && texts.values().any(|found: &String| found.starts_with(begin))
+    });
+    // As crates wrote it before SPDX expressions.
+    let stated = text("license").replace('/', " OR ");
+    Linked {
+        name: format!("{} {}", text("name"), text("version")),
+        licence: by_text
+            .filter(|_| stated.is_empty())
+            .map_or(stated.clone(), |(_, _, licence)| (*licence).to_owned()),
+        authors: authors.map(str::to_owned).collect(),
+        repository: text("repository"),
+        texts: texts.into_iter().collect(),
+    }
+}
+
+/// The files of a crate that are called as licences are.
+fn licence_files(folder: &Path) -> Vec<PathBuf> {
+    let begins = ["license", "licence", "copying", "copyright", "notice", "unlicense"];
+    let entries = std::fs::read_dir(folder).expect("its sources").map(|entry| entry.expect("an entry").path());
+    let is_one = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+        path.is_file() && begins.iter().any(|begin| name.starts_with(begin))
+    };
+    entries.filter(is_one).collect()
+}
+
+/// Whether the package may carry it.
+pub fn is_allowed(licence: &str) -> bool {
+    let allowed =
+        |requirement: &spdx::LicenseReq| requirement.license.id().is_some_and(|id| ALLOWED.contains(&id.name));
+    spdx::Expression::parse(licence).is_ok_and(|expression| expression.evaluate(allowed))
+}
+
+#[test]
+fn everything_that_is_linked_has_a_licence_that_the_package_may_carry() {
+    let linked = linked();
+    let names: Vec<&str> = linked.iter().filter_map(|it| it.name.split(' ').next()).collect();
+    // What must be among them, and what only tests or builds must not.
+    assert!(
+        names.len() > 100
+            && ["opencv", "libsqlite3-sys", "zstd-sys", "clap"].iter().all(|name| names.contains(name))
+    );
+    assert!(!["proptest", "bindgen", "spdx", "panelprep"].iter().any(|name| names.contains(name)), "{names:?}");
+    assert!(
+        linked.iter().filter(|it| it.texts.is_empty()).count() < linked.len() / 10,
+        "sources without their texts"
+    );
+    let wrong: Vec<String> = linked
+        .iter()
+        .filter(|it| !is_allowed(&it.licence))
+        .map(|it| format!("{}: \"{}\"", it.name, it.licence))
+        .collect();
+    assert_eq!(wrong, [] as [String; 0], "without a licence that is known to be right");
+}
+
+/// The rule is worth what it refuses.
+#[test]
+fn a_missing_or_another_licence_is_refused() {
+    for licence in ["", "GPL-3.0-only", "MIT AND GPL-2.0-only", "SomethingElse"] {
+        assert!(!is_allowed(licence), "{licence}");
+    }
+    for licence in [
+        "MIT",
+        "GPL-3.0-only OR MIT",
+        "Apache-2.0 WITH LLVM-exception OR Zlib",
+        "(MIT OR Apache-2.0) AND Unicode-3.0",
+    ] {
+        assert!(is_allowed(licence), "{licence}");
+    }
+}
