@@ -27,6 +27,7 @@ const ALLOWED: [&str; 13] = [
 const BY_TEXT: [(&str, &str, &str); 1] = [("pcd-rs", "MIT License", "MIT")];
 
 /// A crate that is linked into the program.
+#[allow(dead_code, reason = "authors and repository are printed by the package's licence file alone")]
 pub struct Linked {
     /// Name and version.
     pub name: String,

@@ -60,11 +60,12 @@ fn each_kind_of_cell_is_written_as_check_accepts_it() {
     let cell: toml::Table = real.parse().expect("TOML");
     assert_eq!(cell["robot"]["host"].as_str(), Some("172.31.1.147"));
     assert_eq!(cell["flange_camera"]["serial"].as_str(), Some("22/1"));
-    assert_eq!(
-        (cell["store"].as_str(), cell.get("poses")),
-        (Some("/var/lib/panelprep"), None),
-        "no numbers of another cell"
-    );
+    assert_eq!(cell["store"].as_str(), Some("/var/lib/panelprep"));
+    assert_eq!(cell["poses"]["park"]["a2_deg"].as_float(), Some(-100.0), "as answered");
+    assert_eq!(cell["limits"]["box_max_mm"].to_string(), "[700.0, 400.0, 800.0]");
+    // Another cell's surroundings, and what only a person may state, are not taken over.
+    assert!(["rough", "arm", "keep_out"].iter().all(|table| cell.get(*table).is_none()), "{real}");
+    assert!(cell["limits"].get("tool_error_mm").is_none() && real.contains("# tool_error_mm = "), "{real}");
     let by_address: toml::Table =
         fs::read_to_string(folder.join("cells/3.toml")).expect("written").parse().expect("TOML");
     assert!(by_address["flange_camera"].get("serial").is_none() && by_address["scanner"].get("serial").is_none());

@@ -55,7 +55,8 @@ impl Placing {
         };
         let [own_staged, own_at] = [staged, at].map(Path::to_owned);
         let is_empty = is_empty_folder(at);
-        if !is_empty && !(may_replace && at.symlink_metadata().is_ok()) {
+        let is_replaced = may_replace && at.symlink_metadata().is_ok();
+        if !is_empty && !is_replaced {
             rename(staged, at, RenameFlags::NOREPLACE)?;
             self.steps.push(Step::Placed { staged: own_staged, at: own_at });
             return Ok(());

@@ -138,7 +138,7 @@ fn nothing_that_is_there_is_replaced_unless_it_is_named_and_then_it_is_kept() {
 
     let permission = Permission { replace_configuration: true, replace_store: true, outside: false };
     let restored = restore(&Plan { permission, ..plan(&archive, &file) }).expect("restored");
-    assert_eq!(restored.configuration, [file.clone()], "what is the same stays");
+    assert_eq!(restored.configuration, std::slice::from_ref(&file), "what is the same stays");
     assert_eq!(fs::read_to_string(&file).expect("there"), CELL);
     assert_eq!(cell.taught("store").teaching, teaching());
     assert_eq!(restored.kept, [cell.at("store.before-restore-1"), cell.at("cell.toml.before-restore-1")]);

@@ -213,9 +213,12 @@ async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door
     };
     drop(place);
     let reply = match heard {
-        Ok(Wish::Shoot { shot }) => match door.lend(stream, shot, caller) {
-            Ok(()) => return,
-            Err((stream, refused)) => return tell(&stream, &refused).await,
+        Ok(Wish::Shoot { shot }) => match &door.cameras {
+            Some(cameras) => return lend(stream, shot, cameras.clone(), caller),
+            None => {
+                let message = "the service has not opened its cameras yet; ask for the state";
+                Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)])
+            }
         },
         Ok(wish) => door.answer(wish, caller).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
@@ -268,23 +271,18 @@ async fn write(stream: &UnixStream, mut line: &[u8]) -> std::io::Result<()> {
     Ok(())
 }
 
-impl Door {
-    /// Lends the cameras to whoever is at the other end, on a thread of its own; else the connection comes back.
-    fn lend(&self, stream: UnixStream, shot: ShotWish, caller: Caller) -> Result<(), (UnixStream, Reply)> {
-        let Some(cameras) = self.cameras.clone() else {
-            let message = "the service has not opened its cameras yet; ask for the state";
-            return Err((stream, Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)])));
-        };
-        tracing::info!("{} asks: {}", caller.named(), shot.word());
-        let lent = stream.into_std().and_then(|stream| {
-            thread::Builder::new().name("shots".to_owned()).spawn(move || lending::serve(stream, shot, &cameras))
-        });
-        if let Err(error) = lent {
-            tracing::warn!("no shot: {error}");
-        }
-        Ok(())
+/// Lends the cameras to whoever is at the other end, on a thread of its own.
+fn lend(stream: UnixStream, shot: ShotWish, cameras: SharedCameras, caller: Caller) {
+    tracing::info!("{} asks: {}", caller.named(), shot.word());
+    let lent = stream.into_std().and_then(|stream| {
+        thread::Builder::new().name("shots".to_owned()).spawn(move || lending::serve(stream, shot, &cameras))
+    });
+    if let Err(error) = lent {
+        tracing::warn!("no shot: {error}");
     }
+}
 
+impl Door {
     async fn answer(&self, wish: Wish, caller: Caller) -> Reply {
         let asked = match wish {
             Wish::State {} => Asked::State,

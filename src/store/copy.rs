@@ -51,6 +51,10 @@ impl Store {
         };
         let (told, last) = match head::read_beside(folder, begin) {
             Ok((told, last)) => (Ok(told), last),
+            // A writer that lets nobody in is no change of the store.
+            Err(error) if error.kind() == std::io::ErrorKind::TimedOut => {
+                return Err(at("read the head in", folder)(error));
+            }
             Err(error) => (Err(error), begin()),
         };
         let last = last.map_err(|error| store.failed("read the chain of", &error))?;

@@ -28,8 +28,8 @@ pub fn run(args: &New, common: &Common) -> Result<Outcome, Fault> {
 
 /// Sets a value of a file's text, in a table that is there; the comment beside it stays.
 fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
-    let below = table.split('.').filter(|name| !name.is_empty());
-    let home = below.fold(Some(document.as_table_mut()), |home, name| home?.get_mut(name)?.as_table_mut());
+    let mut below = table.split('.').filter(|name| !name.is_empty());
+    let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());
     let (Some(home), mut value) = (home, value.into()) else { return };
     match home.get_mut(key) {
         Some(before) => {

@@ -32,6 +32,8 @@ fn a_copy_beside_a_writer_is_the_store_of_one_moment() {
         });
         for done in 0.. {
             store.append(&progress(done), None).expect("written");
+            // A writer without any pause never lets the copier at the head.
+            std::thread::sleep(std::time::Duration::from_millis(5));
             if is_over.load(Ordering::Relaxed) || copier.is_finished() {
                 break;
             }
