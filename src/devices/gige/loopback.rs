@@ -113,7 +113,8 @@ impl LoopbackCamera {
         Self::start_as(DESCRIPTION, serial, size_px, format, fill)
     }
 
-    /// Starts one that took `format` and sends `sent` instead, a code of a format of up to two bytes a pixel.
+    /// Starts one that took `format` and sends `sent` instead, a code of a format of up to two bytes a pixel, while its payload is
+    /// still told as one byte a pixel.
     ///
     /// # Errors
     /// As [`LoopbackCamera::start`].
@@ -126,7 +127,8 @@ impl LoopbackCamera {
         fill: Fill,
     ) -> Result<Self, NoLoopback> {
         let value = |code: u32| format!("<Value>{code}</Value>");
-        let description = DESCRIPTION.replace(&value(format.code()), &value(sent));
+        let depth = "((FORMAT &gt;&gt; 16) &amp; 0xFF) / 8";
+        let description = DESCRIPTION.replace(&value(format.code()), &value(sent)).replace(depth, "1");
         Self::start_as(&description, serial, size_px, format, fill)
     }
 
