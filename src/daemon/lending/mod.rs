@@ -32,6 +32,7 @@ use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// What may be asked of the cameras.
@@ -94,6 +95,9 @@ enum Sent {
 
 /// The cell's cameras, whatever they are.
 pub type AllCameras = Cameras<Box<dyn Scanner>, Box<dyn FlangeCamera>>;
+
+/// Whoever asks for a shot waits so long for the end of another one.
+const NEXT_PATIENCE: Duration = Duration::from_secs(1);
 
 /// The code of the reason why there is no shot while the cell is at work.
 const AT_WORK: &str = "at_work";
@@ -172,10 +176,14 @@ impl SharedCameras {
         act(&mut inside.cameras)
     }
 
-    /// Lends the cameras, or says why not.
+    /// Lends the cameras, or says why not. Whoever has just sent the last byte of a shot is waited for.
     fn lend(&self) -> Result<Lent<'_>, Reason> {
-        if self.0.is_lent.swap(true, Ordering::Acquire) {
-            return Err(Reason::new("busy", "somebody else takes pictures now; ask again when that has ended"));
+        let since = Instant::now();
+        while self.0.is_lent.swap(true, Ordering::Acquire) {
+            if since.elapsed() > NEXT_PATIENCE {
+                return Err(Reason::new("busy", "somebody else takes pictures now; ask again when that has ended"));
+            }
+            thread::sleep(Duration::from_millis(2));
         }
         Ok(Lent(self))
     }
@@ -213,7 +221,7 @@ impl Lent<'_> {
     }
 
     /// Takes a picture by the flange camera, and says where the flange was meanwhile, where that is known.
-    fn from_flange<T>(&self, take: impl FnOnce() -> T) -> (T, Option<Rigid<Base, Flange>>) {
+    fn at_flange<T>(&self, take: impl FnOnce() -> T) -> (T, Option<Rigid<Base, Flange>>) {
         let before = self.0.stands();
         let taken = take();
         let both = before.zip(self.0.stands());

@@ -77,7 +77,7 @@ fn shots(stream: &mut UnixStream, wish: ShotWish, cameras: &SharedCameras) -> Re
             let ((shot, conditions), stood) = {
                 let cameras = &mut lent.cameras()?.cameras;
                 let mut take = || (cameras.flange.capture(), cameras.flange.conditions());
-                lent.from_flange(&mut take)
+                lent.at_flange(&mut take)
             };
             let shot = shot?;
             let flange = shot.base_from_flange.or(stood).map(|flange| KukaPose::from_rigid(&flange));

@@ -10,7 +10,6 @@ use std::io::{BufRead, BufReader};
 use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicU64;
-use std::thread;
 
 const CONDITIONS: Conditions =
     Conditions { exposure_us: Some(10_000.0), camera_c: Some(41.5), throttled_ms: Some(0.0) };

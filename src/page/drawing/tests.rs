@@ -48,7 +48,7 @@ impl Open {
 
     fn ask(&self, method: &str, page: &str, body: &str) -> (u16, String) {
         let key = self.url.trim_end_matches('/').rsplit('/').next().expect("a key").to_owned();
-        self.ask_as(&self.host().to_owned(), method, &format!("/{key}/{page}"), body)
+        self.ask_as(self.host(), method, &format!("/{key}/{page}"), body)
     }
 
     fn recipe(&self) -> String {

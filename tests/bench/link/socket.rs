@@ -103,6 +103,7 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
                 supervisor: supervisor.clone(),
                 pages,
                 written: WrittenPage::default(),
+                cameras: None,
             };
             let service = Service {
                 robot: &mut robot,

@@ -72,7 +72,11 @@ impl<'a> Session<'a> {
     ///
     /// # Errors
     /// Where a file in it cannot be read.
-    pub fn new((folder, args): (&'a Path, &LiveArgs), board: &'a Board, window: Option<usize>) -> Result<Self, Fault> {
+    pub fn new(
+        (folder, args): (&'a Path, &LiveArgs),
+        board: &'a Board,
+        window: Option<usize>,
+    ) -> Result<Self, Fault> {
         let file = folder.join(POSES);
         let poses = if file.is_file() { disk::read_text(&file)? } else { String::new() };
         let every = Duration::from_secs(u64::from(args.every_s));
