@@ -136,7 +136,7 @@ fn the_unit_for_a_zivid_is_one_that_systemd_takes() {
     let beside = folder.path().join("panelprep.service.d");
     fs::create_dir(&beside).expect("made");
     let unit = fs::read_to_string(config.join("panelprep.service")).expect("it ships");
-    let unit = unit.replace("/usr/local/bin/panelprep", env!("CARGO_BIN_EXE_panelprep"));
+    let unit = unit.replace("/usr/bin/panelprep", env!("CARGO_BIN_EXE_panelprep"));
     fs::write(folder.path().join("panelprep.service"), unit).expect("written");
     let says = |more: &str| {
         fs::write(beside.join("zivid.conf"), more).expect("written");

@@ -71,15 +71,19 @@ impl Local {
         format!("http://{}/{}/", self.address, self.key)
     }
 
-    /// Serves these pages, below the key, until `done` is told or dropped.
+    /// The path of one of its pages: below the key.
+    pub fn path(&self, page: &str) -> String {
+        format!("/{}/{page}", self.key)
+    }
+
+    /// Serves these pages until `done` is told or dropped.
     ///
     /// # Errors
     /// Where the system refuses.
     pub fn serve(self, pages: Router, done: oneshot::Receiver<()>) -> Result<(), LocalError> {
-        let Local { runtime, listener, address, key } = self;
+        let Local { runtime, listener, address, .. } = self;
         let gate = Arc::new(Gate { hosts: [address.to_string(), format!("localhost:{}", address.port())] });
-        let router =
-            Router::new().nest(&format!("/{key}"), pages).layer(middleware::from_fn_with_state(gate, pass));
+        let router = pages.layer(middleware::from_fn_with_state(gate, pass));
         let until = async {
             let _ = done.await;
         };

@@ -51,13 +51,13 @@ pub fn serve(local: Local, sheet: Sheet) -> Result<u32, LocalError> {
     let text =
         |kind: &'static str, text: &'static str| get(move || async move { ([(header::CONTENT_TYPE, kind)], text) });
     let pages = Router::new()
-        .route("/", text("text/html; charset=utf-8", PAGE))
-        .route("/drawing.js", text("text/javascript; charset=utf-8", SCRIPT))
-        .route("/drawing.css", text("text/css; charset=utf-8", STYLE))
-        .route("/picture.png", get(picture))
-        .route("/drawing.json", get(drawing))
-        .route("/save", post(save))
-        .route("/done", post(end))
+        .route(&local.path(""), text("text/html; charset=utf-8", PAGE))
+        .route(&local.path("drawing.js"), text("text/javascript; charset=utf-8", SCRIPT))
+        .route(&local.path("drawing.css"), text("text/css; charset=utf-8", STYLE))
+        .route(&local.path("picture.png"), get(picture))
+        .route(&local.path("drawing.json"), get(drawing))
+        .route(&local.path("save"), post(save))
+        .route(&local.path("done"), post(end))
         .with_state(inside.clone());
     local.serve(pages, done)?;
     let saved = inside.saved.lock().unwrap_or_else(PoisonError::into_inner).0;
