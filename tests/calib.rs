@@ -442,7 +442,8 @@ fn a_look_without_its_board_ends_soon() {
             60.0 * minutes.parse::<f64>().expect("minutes") + seconds.parse::<f64>().expect("seconds")
         });
         let taken_s: f64 = taken.sum();
-        assert!(taken_s < 2.0, "{name}: {taken_s} s");
+        // A search that loses itself took minutes; how fast it is, `cargo bench --bench boards` says.
+        assert!(taken_s < 20.0, "{name}: {taken_s} s");
     }
 }
 
