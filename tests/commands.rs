@@ -3,7 +3,7 @@
 use panelprep::geometry::{Base, Flange, FlangeCamera, KukaPose, Panel, Point, Rigid};
 use serde_json::{Value, json as value};
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output};
+use std::process::{Child, Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// Runs the program in a folder.
@@ -12,6 +12,19 @@ fn panelprep(folder: &Path, arguments: &str) -> Output {
         .args(arguments.split_whitespace())
         .current_dir(folder)
         .output()
+        .expect("the program starts")
+}
+
+/// Starts the program with `--json` in a folder, its three streams in the test's hands.
+pub fn started(folder: &Path, command: &str) -> Child {
+    Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        .args(command.split_whitespace())
+        .arg("--json")
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
         .expect("the program starts")
 }
 

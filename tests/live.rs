@@ -1,22 +1,13 @@
 //! Calibrations that take their pictures themselves, as somebody at the terminal uses them.
 
-use super::commands::json;
+use super::commands::{json, started};
 use serde_json::Value;
 use std::io::Write;
 use std::path::Path;
-use std::process::{Command, Stdio};
 
 /// Runs a command that is answered these lines; its exit code, its JSON and what it told meanwhile.
 fn answered(folder: &Path, command: &str, lines: &str) -> (i32, Value, String) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args(command.split_whitespace())
-        .arg("--json")
-        .current_dir(folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let mut child = started(folder, command);
     child.stdin.take().expect("its input").write_all(lines.as_bytes()).expect("it listens");
     let ended = child.wait_with_output().expect("it ends");
     let told = String::from_utf8_lossy(&ended.stderr).into_owned();
@@ -48,6 +39,16 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     assert!(exit < 2 && found["rms_px"].as_f64() < Some(0.1), "{found}");
     assert_eq!(found["images"].as_array().map(Vec::len), Some(10), "{found}");
     assert!(folder.join("lens.toml").is_file());
+
+    // What does not belong together is refused, and what was never taken is told.
+    let hand_eye = "calibrate hand-eye --live none --mount eye-in-hand --board 9x6 --square-mm 25 --cell cell/cell.toml \
+                    --intrinsics cell/flange_camera.toml --out m.toml";
+    let (exit, _, told) = answered(folder, &format!("{hand_eye} --camera scanner"), "");
+    assert!(exit == 2 && told.contains("--camera"), "{told}");
+    let (exit, _, told) = answered(folder, &format!("{LENS} --move"), "");
+    assert!(exit == 2 && told.contains("--move"), "{told}");
+    let (exit, found, told) = answered(folder, hand_eye, "done\n");
+    assert!(exit == 2 && format!("{found}{told}").contains("0 of 0 pictures"), "{found} {told}");
 
     for (mount, lens, file) in
         [("eye-in-hand", "flange_camera", "flange_from_camera"), ("eye-to-hand", "scanner", "base_from_camera")]

@@ -1,6 +1,6 @@
 //! `panelprep teach` with a page to draw on, as a person at the cell uses it: the program, a browser, the recipe's file.
 
-use super::commands::{TEACH, rendered};
+use super::commands::{TEACH, rendered, started};
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::path::Path;
@@ -8,15 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 /// The program, and the address of its page as it tells it.
 fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::ChildStderr>, String) {
-    let mut child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
-        .args(command.split_whitespace())
-        .arg("--json")
-        .current_dir(folder)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .expect("the program starts");
+    let mut child = started(folder, command);
     let mut told = BufReader::new(child.stderr.take().expect("its words"));
     let mut line = String::new();
     while !line.contains("http://") {

@@ -221,7 +221,7 @@ fn judged(
         support: lens_support::support(&found.camera, &covariance, &corners),
         covariance,
         views: views.collect(),
-        coverage: coverage(size, used),
+        coverage: coverage(size, used.iter().flat_map(|view| &view.corners)),
         tilt_deg: tilts(&found.poses),
         residuals: residuals.concat(),
         information,
@@ -248,9 +248,13 @@ fn outlier(rms: &[f64]) -> Option<(usize, f64)> {
     (*largest > limit_px).then_some((worst, limit_px))
 }
 
-fn coverage((width, height): (usize, usize), views: &[&View]) -> f64 {
+/// The share of the picture's fields that hold a corner.
+pub fn coverage<'c>(
+    (width, height): (usize, usize),
+    corners: impl IntoIterator<Item = &'c (Point<Board>, Pixel)>,
+) -> f64 {
     let mut seen = vec![false; FIELDS.0 * FIELDS.1];
-    for (_, pixel) in views.iter().flat_map(|view| &view.corners) {
+    for (_, pixel) in corners {
         if let Some((column, row)) = pixel.whole(width, height) {
             seen[row * FIELDS.1 / height * FIELDS.0 + column * FIELDS.0 / width] = true;
         }

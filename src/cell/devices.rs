@@ -18,6 +18,13 @@ pub enum Camera<Device> {
     Device(Device),
 }
 
+impl<Device> Camera<Device> {
+    /// Is it the renderer?
+    pub fn is_simulated(&self) -> bool {
+        matches!(self, Camera::Simulated)
+    }
+}
+
 /// What makes a device of one kind: the word for it, the keys that it must have with what to do, the keys that it alone has,
 /// and how they are taken.
 pub(super) struct Kind<'k, Take> {

@@ -51,6 +51,7 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
             serial: None,
             out: out.clone(),
             pictures: None,
+            r#move: false,
             live: asked::LiveArgs::none(),
         });
         made(what, &common, &out)?;

@@ -132,6 +132,9 @@ pub enum Fault {
         "nobody answers at the terminal: what was taken so far is in the folder of --live, and can be named by --scan, --corner and --flange"
     )]
     NobodyAnswers,
+    /// The controller's axis angles are no numbers.
+    #[error("the controller reports axis angles that are no numbers: nothing can be said of where the flange is")]
+    NoAxes,
     /// A live calibration without a camera.
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
     NoLiveCamera,

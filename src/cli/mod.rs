@@ -16,6 +16,7 @@ pub mod demo;
 mod disk;
 mod doctor;
 mod fault;
+mod flange_pose;
 mod follow;
 mod health;
 mod inspect;

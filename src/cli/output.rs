@@ -1,6 +1,7 @@
-//! The program's two streams. Who reads them may leave at any time (`| head -1`): that ends no command, and no exit code
+//! The program's streams. Who reads them may leave at any time (`| head -1`): that ends no command, and no exit code
 //! changes by it.
 
+use super::fault::Fault;
 use std::io::{self, ErrorKind, Write};
 
 /// Writes a line of the result to standard output.
@@ -13,6 +14,16 @@ pub fn print_line(line: &str) -> io::Result<()> {
         Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
         written => written,
     }
+}
+
+/// A line that a person writes at the terminal, without the blanks around it; none where nobody writes any more.
+///
+/// # Errors
+/// Where standard input cannot be read.
+pub fn answer() -> Result<Option<String>, Fault> {
+    let mut line = String::new();
+    let read = io::stdin().read_line(&mut line).map_err(|error| Fault::file("standard input".as_ref(), error))?;
+    Ok((read > 0).then(|| line.trim().to_owned()))
 }
 
 /// Tells a line of progress, or what is wrong, on standard error. Where that cannot be written there is nobody to tell.

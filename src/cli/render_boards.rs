@@ -3,12 +3,13 @@
 
 use super::args::Common;
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
+use super::calibrate::pose_keys;
 use super::disk;
 use super::fault::Fault;
 use super::render::Rendered;
 use crate::calib::{Board, CalibError};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
-use crate::files;
+use crate::files::{self, ReportedFlange};
 use crate::geometry::{
     Base, Camera, Degrees, Flange, Frame, GrayPicture, KukaPose, PinholeCamera, Point, Rigid, Tool,
 };
@@ -23,7 +24,8 @@ const POSES: usize = 15;
 /// For an arm's own errors more are needed.
 const ARM_POSES: usize = 20;
 const LENS_PICTURES: usize = 25;
-const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+/// A simulated robot's own errors.
+pub(super) const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
 const TOUCH_MM: f64 = 0.1;
 
 impl Rendered {
@@ -107,7 +109,7 @@ pub fn write_flange(
 ) -> Result<(), Fault> {
     let Reported { base_from_flange, joints } = reported(arm, base_from_flange)?;
     let base_from_flange = KukaPose::from_rigid(&base_from_flange);
-    disk::write(file, files::write_reported_flange(&files::ReportedFlange { base_from_flange, joints }))
+    disk::write(file, files::write_reported_flange(&ReportedFlange { base_from_flange, joints }))
 }
 
 /// Writes what the cell is calibrated by, a folder for each: lens, both mounts, three points, tool.
@@ -186,18 +188,9 @@ fn pictures<C: Frame>(
     })
 }
 
-fn pose_text(pose: &KukaPose) -> String {
-    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = pose;
-    format!(
-        "base_from_flange = {{ x_mm = {x_mm:?}, y_mm = {y_mm:?}, z_mm = {z_mm:?}, a_deg = {a_deg:?}, b_deg = {b_deg:?}, \
-         c_deg = {c_deg:?} }}\n"
-    )
-}
-
 /// The pose in a file, with the axes where the arm is not as it is drawn.
-fn reported_text(flange: &Reported) -> String {
-    let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));
-    pose_text(&KukaPose::from_rigid(&flange.base_from_flange)) + &axes.unwrap_or_default()
+fn reported_text(Reported { base_from_flange, joints }: &Reported) -> String {
+    pose_keys(&ReportedFlange { base_from_flange: KukaPose::from_rigid(base_from_flange), joints: *joints })
 }
 
 fn poses_text<C: Frame>(arm: Option<&RealArm>, shots: &[BoardShot<C>]) -> Result<String, Fault> {
@@ -298,15 +291,15 @@ fn tip_text(arm: Option<&RealArm>) -> Result<String, Fault> {
             reported(arm, &held_at(Point::at(520.0, 30.0, 250.0), turn_deg, out_mm))?;
         let pose = KukaPose::from_rigid(&base_from_flange);
         let shown = |number: f64| (number * 100.0).round() / 100.0;
-        let pose = pose_text(&KukaPose {
+        let base_from_flange = KukaPose {
             x_mm: shown(pose.x_mm),
             y_mm: shown(pose.y_mm),
             z_mm: shown(pose.z_mm),
             a_deg: shown(pose.a_deg),
             b_deg: shown(pose.b_deg),
             c_deg: shown(pose.c_deg),
-        });
-        Ok(pose + &joints.map_or(String::new(), |joints| format!("axes_deg = {:?}\n", joints.degrees())))
+        };
+        Ok(pose_keys(&ReportedFlange { base_from_flange, joints }))
     };
     let table = |name: &str, turn_deg: &[f64; 3], out_mm: f64| -> Result<String, Fault> {
         Ok(format!("[[{name}]]\n{}\n", held(*turn_deg, out_mm)?))

@@ -59,7 +59,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let path = files.socket();
     supervisor.watch(live.robot.watched());
     let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
-    let cameras = SharedCameras::new(live.eyes, files.cell.arm(), live.robot.last_state());
+    let cameras = SharedCameras::new(live.eyes, live.robot.last_state());
     let lent = Some(cameras.clone());
     let socket = Socket::listen(&path, tell, (loader, lent.clone()), &supervisor).map_err(Fault::stage)?;
     tracing::info!("listens on {}", path.display());

@@ -6,11 +6,12 @@ pub mod opening;
 use super::args::{Common, Shoot, Shot};
 use super::disk;
 use super::fault::Fault;
+use super::flange_pose::{FlangePoses, Known};
 use super::load::CellFiles;
 use super::outcome::Outcome;
 use crate::devices::cameras::{Conditions, PictureQuality, ScanQuality};
 use crate::files;
-use crate::geometry::{ColorPicture, KukaPose};
+use crate::geometry::ColorPicture;
 use crate::verdict::Judgement;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -96,16 +97,21 @@ fn pictures(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &d
 
 fn corners(args: &Shoot, files: &CellFiles, outcome: &mut Outcome, progress: &dyn Fn(&str)) -> Result<(), Fault> {
     let mut opened = opening::flange_camera(files, &args.wanted(), progress)?;
+    let poses = FlangePoses::of(files);
     let mut all = Vec::new();
     for _ in 0..args.count {
+        let before = poses.now();
         let shot = opened.camera.capture().map_err(Fault::stage)?;
         let names = free_names(&args.out, "corner", &["png", "json"]);
         let mut told = kept(outcome, &names[..1], &shot.picture, shot.time_s)?;
         conditions(outcome, &mut told, opened.camera.conditions());
         all.push(told);
-        match shot.base_from_flange {
-            Some(flange) => disk::write(&names[1], files::write_pose(&KukaPose::from_rigid(&flange)))?,
-            None => outcome.say("  the camera does not know where the flange was: write it down from the pendant"),
+        match poses.known(before, shot.base_from_flange) {
+            Known::At(flange) => disk::write(&names[1], files::write_reported_flange(&flange))?,
+            Known::Moved => {
+                outcome.say("  the arm moved meanwhile: nobody knows from where this picture was taken")
+            }
+            Known::Nothing => outcome.say("  nobody has said where the flange was: write it down from the pendant"),
         }
     }
     listed(outcome, all);

@@ -5,6 +5,7 @@
 //! file with one problem yields no checked form. Text in, values out; reading the disk is the caller's work.
 
 mod document;
+mod edit;
 mod nearest;
 mod place;
 mod problem;
@@ -17,6 +18,7 @@ mod value;
 mod tests;
 
 pub use document::{check, top_keys};
+pub use edit::set_value;
 pub use nearest::nearest;
 pub use place::line_of_key;
 pub use problem::{Problem, Problems};

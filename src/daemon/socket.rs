@@ -212,14 +212,10 @@ async fn attend(stream: UnixStream, caller: Caller, mut place: Place, door: Door
         }
     };
     drop(place);
+    if let (Ok(Wish::Shoot { shot }), Some(cameras)) = (&heard, &door.cameras) {
+        return lend(stream, *shot, cameras.clone(), caller);
+    }
     let reply = match heard {
-        Ok(Wish::Shoot { shot }) => match &door.cameras {
-            Some(cameras) => return lend(stream, shot, cameras.clone(), caller),
-            None => {
-                let message = "the service has not opened its cameras yet; ask for the state";
-                Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)])
-            }
-        },
         Ok(wish) => door.answer(wish, caller).await,
         Err(error @ (ProtocolError::Slow | ProtocolError::GaveWay)) => {
             Reply::refused(Exit::Fault, vec![Reason::new("busy", error.to_string())])
@@ -307,8 +303,10 @@ impl Door {
             Wish::Clear {} => Asked::For(Request::Clear),
             Wish::Reset {} => Asked::For(Request::Reset),
             Wish::NewDisc {} => Asked::NewDisc,
-            // Whoever wants shots is served elsewhere.
-            Wish::Shoot { .. } => Asked::State,
+            Wish::Shoot { .. } => {
+                let message = "the service has not opened its cameras yet; ask for the state";
+                return Reply::refused(Exit::Refused, vec![Reason::new("not_now", message)]);
+            }
         };
         let who = match &asked {
             Asked::State => caller,

@@ -25,11 +25,28 @@ impl Joints {
     pub fn degrees(&self) -> [f64; 6] {
         [self.a1_deg, self.a2_deg, self.a3_deg, self.a4_deg, self.a5_deg, self.a6_deg]
     }
+
+    /// How far the axis that is farthest off the other posture is off, degrees.
+    pub fn farthest_deg(&self, other: &Joints) -> f64 {
+        self.degrees().iter().zip(other.degrees()).map(|(own, other)| (own - other).abs()).fold(0.0, f64::max)
+    }
 }
 
 impl From<[f64; 6]> for Joints {
     /// From the angles of axes 1 to 6, degrees.
     fn from([a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg]: [f64; 6]) -> Self {
         Joints { a1_deg, a2_deg, a3_deg, a4_deg, a5_deg, a6_deg }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_axis_that_is_farthest_off_counts() {
+        let (one, other) =
+            (Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.0]), Joints::from([1.5, -90.0, 87.0, 0.0, 5.0, 8.0]));
+        assert_eq!((one.farthest_deg(&other), one.farthest_deg(&one)), (3.0, 0.0));
     }
 }

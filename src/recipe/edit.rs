@@ -1,5 +1,6 @@
 //! What a person drew on the taught picture, put into a recipe's text. Everything else in the text stays as it is, comments too.
 
+use crate::config::set_value;
 use serde::{Deserialize, Serialize};
 use toml_edit::{Array, DocumentMut, Item, Table, Value};
 
@@ -39,13 +40,13 @@ pub fn drawn_into(text: &str, drawn: &Drawn) -> Result<String, EditError> {
     let mut document: DocumentMut = text.parse()?;
     let quadrilateral =
         |corners: &[[f64; 2]; 4]| corners.iter().map(|corner| array(corner.map(number))).collect::<Array>();
-    put(&mut document, "region", "corners_px", quadrilateral(&drawn.corners_px).into())?;
-    put(&mut document, "region", "rows", i64::from(drawn.rows).into())?;
-    put(&mut document, "region", "columns", i64::from(drawn.columns).into())?;
+    put(&mut document, "region", "corners_px", quadrilateral(&drawn.corners_px))?;
+    put(&mut document, "region", "rows", i64::from(drawn.rows))?;
+    put(&mut document, "region", "columns", i64::from(drawn.columns))?;
     let masked: Array = drawn.masked_px.iter().map(|corners| Value::from(quadrilateral(corners))).collect();
     let has_masks = document.get("inspect").and_then(|inspect| inspect.get("masked_px")).is_some();
     if has_masks || !masked.is_empty() {
-        put(&mut document, "inspect", "masked_px", masked.into())?;
+        put(&mut document, "inspect", "masked_px", masked)?;
     }
     Ok(document.to_string())
 }
@@ -60,21 +61,15 @@ fn array(values: [Value; 2]) -> Value {
     Value::from(values.into_iter().collect::<Array>())
 }
 
-/// Sets a value; one that was there keeps its place and its comment.
-fn put(document: &mut DocumentMut, table: &'static str, key: &str, mut value: Value) -> Result<(), EditError> {
+/// Sets a value in a table, which is made where it is not there.
+fn put(
+    document: &mut DocumentMut,
+    table: &'static str,
+    key: &str,
+    value: impl Into<Value>,
+) -> Result<(), EditError> {
     let item = document.entry(table).or_insert_with(|| Item::Table(Table::new()));
-    let table = item.as_table_like_mut().ok_or(EditError::NotATable { key: table })?;
-    match table.get_mut(key) {
-        Some(before) => {
-            if let Some(before) = before.as_value() {
-                *value.decor_mut() = before.decor().clone();
-            }
-            *before = Item::Value(value);
-        }
-        None => {
-            table.insert(key, Item::Value(value));
-        }
-    }
+    set_value(item.as_table_like_mut().ok_or(EditError::NotATable { key: table })?, key, value);
     Ok(())
 }
 

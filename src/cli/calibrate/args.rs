@@ -172,6 +172,9 @@ pub struct Intrinsics {
     /// Pictures of the board.
     #[arg(required_unless_present = "live", value_name = "IMAGE", conflicts_with = "live")]
     pub images: Vec<PathBuf>,
+    /// With --live: the camera.
+    #[arg(long, value_enum, requires = "live")]
+    pub camera: Option<CameraName>,
     /// Pictures that are taken now.
     #[command(flatten)]
     pub live: LiveArgs,
@@ -184,18 +187,12 @@ pub struct LiveArgs {
     /// which one to take next.
     #[arg(long, value_name = "DIR")]
     pub live: Option<PathBuf>,
-    /// With --live: the camera; without it, the one that --mount names.
-    #[arg(long, value_enum, requires = "live")]
-    pub camera: Option<CameraName>,
     /// With --live: take so many pictures, and ask nobody; without it, one at each Enter.
     #[arg(long, value_name = "N", requires = "live", value_parser = clap::value_parser!(u32).range(1..=60))]
     pub count: Option<u32>,
     /// With --count: the time between two pictures, s, in which a person brings the board to its next place.
     #[arg(long, value_name = "S", requires = "count", default_value_t = 3, value_parser = clap::value_parser!(u32).range(0..=60))]
     pub every_s: u32,
-    /// With --live and poses: the arm moves to them by itself, each through the gate of `panelprep robot move-j`.
-    #[arg(long, requires = "live")]
-    pub r#move: bool,
     /// What a simulated cell shows.
     #[command(flatten)]
     pub simulation: Simulation,
@@ -205,7 +202,7 @@ impl LiveArgs {
     /// Nothing is taken now.
     pub fn none() -> Self {
         let simulation = Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 };
-        LiveArgs { live: None, camera: None, count: None, every_s: 0, r#move: false, simulation }
+        LiveArgs { live: None, count: None, every_s: 0, simulation }
     }
 }
 
@@ -234,13 +231,13 @@ pub struct HandEye {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"], required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
     /// Three points: where the corners were touched.
-    #[arg(long, value_name = "FILE", conflicts_with = "poses")]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["poses", "live"])]
     pub points: Option<PathBuf>,
     /// Many poses: the flange's pose at each picture.
-    #[arg(long, value_name = "FILE", requires = "images")]
+    #[arg(long, value_name = "FILE", requires = "images", conflicts_with = "live")]
     pub poses: Option<PathBuf>,
     /// Many poses: the arm's own errors, as `calibrate robot` found them; the poses are corrected by them.
-    #[arg(long, value_name = "FILE", requires = "poses")]
+    #[arg(long, value_name = "FILE", conflicts_with = "image")]
     pub robot: Option<PathBuf>,
     /// Many poses: the folder of the pictures.
     #[arg(long, value_name = "DIR", requires = "poses")]
@@ -257,6 +254,9 @@ pub struct HandEye {
     /// Folder for pictures; without it, the folder of `--out`.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,
+    /// With --live: the arm moves by itself, each time through the gate of `panelprep robot move-j`.
+    #[arg(long, requires = "live")]
+    pub r#move: bool,
     /// Many poses that are taken now.
     #[command(flatten)]
     pub live: LiveArgs,

@@ -3,6 +3,7 @@
 use crate::calib::three_points::Touched;
 use crate::calib::tool::AxisTouch;
 use crate::config::{self, Problems, Section};
+use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Joints, KukaPose, Point, Rigid};
 
 const PLACE_MM: std::ops::RangeInclusive<f64> = -20_000.0..=20_000.0;
@@ -98,6 +99,16 @@ pub struct PicturePose {
     pub base_from_flange: Rigid<Base, Flange>,
     /// Where it says that the axes were, where the file does.
     pub joints: Option<Joints>,
+}
+
+/// The keys of a pose as a poses file has them, with the axes where they are known: what [`picture_poses`] reads.
+pub fn pose_keys(flange: &ReportedFlange) -> String {
+    let KukaPose { x_mm, y_mm, z_mm, a_deg, b_deg, c_deg } = flange.base_from_flange;
+    let axes = flange.joints.map(|joints| format!("axes_deg = {:?}\n", joints.degrees()));
+    format!(
+        "base_from_flange = {{ x_mm = {x_mm:?}, y_mm = {y_mm:?}, z_mm = {z_mm:?}, a_deg = {a_deg:?}, b_deg = {b_deg:?}, \
+         c_deg = {c_deg:?} }}\n"
+    ) + &axes.unwrap_or_default()
 }
 
 /// Checks the text of a poses file for hand-eye calibration; `is_there` says whether a picture is in the folder.
@@ -329,6 +340,20 @@ mod tests {
         let twice = text.replace("2.png", "1.png");
         assert!(problems(picture_poses("f", &twice, &|_| true)).contains("1.png is named twice"));
         assert!(problems(picture_poses("f", "", &|_| true)).contains("write [[poses]]"));
+    }
+
+    #[test]
+    fn a_pose_is_written_as_it_is_read() {
+        let base_from_flange = KukaPose { x_mm: 1.5, y_mm: -2.0, z_mm: 3.0, a_deg: 10.0, b_deg: 20.0, c_deg: 30.0 };
+        let joints = Some(Joints::from([1.0, -90.0, 90.0, 0.0, 5.0, 6.5]));
+        for joints in [joints, None] {
+            let keys = pose_keys(&ReportedFlange { base_from_flange, joints });
+            let text = format!("[[poses]]\nimage = \"a.png\"\n{keys}");
+            let read = picture_poses("poses.toml", &text, &|image| image == "a.png").expect("right");
+            assert_eq!((read.len(), read[0].joints), (1, joints));
+            let origin = Point::at(0.0, 0.0, 0.0);
+            assert!(read[0].base_from_flange.distance_at_mm(base_from_flange.to_rigid(), origin) < 1e-9);
+        }
     }
 
     #[test]

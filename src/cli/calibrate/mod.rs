@@ -22,6 +22,7 @@ mod tips;
 pub mod verify;
 
 pub use date::now_unix_s;
+pub use files::pose_keys;
 
 use super::args::Common;
 use super::disk;

@@ -69,7 +69,6 @@ impl Sight {
 
     /// In colour, to be drawn on.
     pub fn color(&self) -> ColorPicture {
-        let rgb = self.gray.gray.iter().map(|&gray| [gray; 3]).collect();
-        ColorPicture { width: self.gray.width, height: self.gray.height, rgb }
+        self.gray.to_color()
     }
 }

@@ -13,7 +13,8 @@ mod recipe;
 use super::args::{Common, New, NewFile};
 use super::fault::Fault;
 use super::outcome::Outcome;
-use toml_edit::{DocumentMut, Item, Value};
+use crate::config::set_value;
+use toml_edit::{DocumentMut, Value};
 
 /// Asks, and writes the file.
 ///
@@ -30,14 +31,7 @@ pub fn run(args: &New, common: &Common) -> Result<Outcome, Fault> {
 fn set(document: &mut DocumentMut, table: &str, key: &str, value: impl Into<Value>) {
     let mut below = table.split('.').filter(|name| !name.is_empty());
     let home = below.try_fold(document.as_table_mut(), |home, name| home.get_mut(name)?.as_table_mut());
-    let (Some(home), mut value) = (home, value.into()) else { return };
-    match home.get_mut(key) {
-        Some(before) => {
-            if let Some(value_before) = before.as_value() {
-                *value.decor_mut() = value_before.decor().clone();
-            }
-            *before = Item::Value(value);
-        }
-        None => drop(home.insert(key, Item::Value(value))),
+    if let Some(home) = home {
+        set_value(home, key, value);
     }
 }

@@ -1,16 +1,15 @@
 //! What `teach` learns from, taken now: the scan, the region drawn on its picture in a browser, and the corner pictures.
 
 use super::super::args::{Shot, Teach};
-use super::super::calibrate::live::{Poses, answer};
 use super::super::disk;
 use super::super::fault::Fault;
+use super::super::flange_pose::FlangePoses;
 use super::super::load::{self, CellFiles};
-use super::super::output::tell_line;
+use super::super::output::{answer, tell_line};
 use super::super::shoot::opening::{self, Wanted};
 use super::super::{ctl, live};
-use crate::cell::Camera;
 use crate::files;
-use crate::geometry::{Base, ColorPicture, Flange, KukaPose, Rigid};
+use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::page::Local;
 use crate::page::drawing::{self, Sheet};
 use crate::sim::{self, Place};
@@ -22,9 +21,9 @@ use std::path::{Path, PathBuf};
 /// Where a camera does not deliver, nobody answers, the page cannot be served, or the disk refuses.
 pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
     let mut ready = args.clone();
+    let world = simulated(args, cell)?;
     if let Some(folder) = &args.live {
-        let scan = scan(args, cell, folder)?;
-        ready.scan = Some(scan);
+        ready.scan = Some(scan(args, (cell, world.as_ref()), folder)?);
     }
     if let (Some(scan), true) = (&ready.scan, args.draw || args.live.is_some() && !args.no_draw) {
         draw(args, cell, scan)?;
@@ -32,23 +31,26 @@ pub fn ready(args: &Teach, cell: &CellFiles) -> Result<Teach, Fault> {
     if let Some(folder) = args.live.as_ref().filter(|_| args.corner.is_empty()) {
         let calibration = cell.cell.calibration();
         if calibration.flange_camera.is_some() && calibration.flange_from_camera.is_some() {
-            (ready.corner, ready.flange) = corners(args, cell, folder)?;
+            (ready.corner, ready.flange) = corners(args, (cell, world.as_ref()), folder)?;
         }
     }
     Ok(ready)
 }
 
-/// The simulated cell, where nobody else has its cameras: a simulated person stands the panel at its nominal place.
-fn simulated(args: &Teach, cell: &CellFiles, camera: bool) -> Result<Option<sim::Cell>, Fault> {
-    if !camera || ctl::state_of(&cell.socket()).is_some() {
+/// The simulated cell, where it is looked at and nobody else has its cameras: a simulated person stands the panel at its nominal
+/// place.
+fn simulated(args: &Teach, cell: &CellFiles) -> Result<Option<sim::Cell>, Fault> {
+    let is_simulated =
+        [cell.cell.scanner().is_simulated(), cell.cell.flange_camera().is_simulated()].contains(&true);
+    if args.live.is_none() || !is_simulated || ctl::state_of(&cell.socket()).is_some() {
         return Ok(None);
     }
     Ok(Some(live::simulated_cell(&cell.scanner()?.value, args.simulation)?))
 }
 
-fn scan(args: &Teach, cell: &CellFiles, folder: &Path) -> Result<PathBuf, Fault> {
+fn scan(args: &Teach, (cell, world): (&CellFiles, Option<&sim::Cell>), folder: &Path) -> Result<PathBuf, Fault> {
     let file = folder.join("taught_scan.pcd");
-    let cloud = match simulated(args, cell, matches!(cell.cell.scanner(), Camera::Simulated))? {
+    let cloud = match world.filter(|_| cell.cell.scanner().is_simulated()) {
         Some(world) => world.taught_scan(),
         None => {
             let wanted = Wanted { shot: Shot::Scan, simulation: args.simulation };
@@ -80,29 +82,33 @@ fn draw(args: &Teach, cell: &CellFiles, scan: &Path) -> Result<(), Fault> {
 }
 
 /// The corner pictures with their poses, in the recipe's order.
-fn corners(args: &Teach, cell: &CellFiles, folder: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Fault> {
+fn corners(
+    args: &Teach,
+    (cell, world): (&CellFiles, Option<&sim::Cell>),
+    folder: &Path,
+) -> Result<(Vec<PathBuf>, Vec<PathBuf>), Fault> {
     let names = load::recipe(&args.recipe)?.corner().which().words();
-    let world = simulated(args, cell, matches!(cell.cell.flange_camera(), Camera::Simulated))?;
-    let mut camera = match &world {
+    let world = world.filter(|_| cell.cell.flange_camera().is_simulated());
+    let mut camera = match world {
         Some(_) => None,
         None => {
             let wanted = Wanted { shot: Shot::Corner, simulation: args.simulation };
             Some(opening::flange_camera(cell, &wanted, &tell_line)?.camera)
         }
     };
-    let mut poses = Poses::of(cell);
+    let poses = FlangePoses::of(cell);
     let (mut pictures, mut flanges) = (Vec::new(), Vec::new());
     for (index, name) in names.iter().enumerate() {
         let number = index + 1;
-        let (picture, pose) = loop {
+        let (picture, reported) = loop {
             tell_line(&format!(
                 "Bring the camera on the flange to where it sees the {name} corner of the panel, as far away as in a cycle, and press Enter."
             ));
             if answer()?.is_none() {
                 return Err(Fault::NobodyAnswers);
             }
-            let before = poses.now()?;
-            let (picture, from_camera) = match (&world, &mut camera) {
+            let before = poses.now();
+            let (picture, from_camera) = match (world, &mut camera) {
                 (Some(world), _) => seen(world, index)?,
                 (None, Some(camera)) => {
                     let taken = camera.capture().map_err(Fault::stage)?;
@@ -110,17 +116,13 @@ fn corners(args: &Teach, cell: &CellFiles, folder: &Path) -> Result<(Vec<PathBuf
                 }
                 (None, None) => return Err(Fault::NoWorld),
             };
-            if let Some(pose) = poses.of_picture(before, from_camera)? {
-                break (picture, pose);
+            if let Some(flange) = poses.known_or_asked(before, from_camera)? {
+                break (picture, flange);
             }
         };
         let (file, flange) =
             (folder.join(format!("taught_corner{number}.png")), folder.join(format!("taught_flange{number}.json")));
         disk::write(&file, files::write_color_png(&picture).map_err(Fault::stage)?)?;
-        let reported = files::ReportedFlange {
-            base_from_flange: KukaPose::from_rigid(&pose.base_from_flange),
-            joints: pose.joints,
-        };
         disk::write(&flange, files::write_reported_flange(&reported))?;
         tell_line(&format!("{}, {}: the {name} corner", file.display(), flange.display()));
         pictures.push(file);

@@ -137,7 +137,7 @@ impl Scanner for BorrowedScanner {
         self.film = None;
         let mut connection = ask(&self.socket, ShotWish::Picture)?;
         match head(&mut connection)? {
-            Sent::Picture { width_px, height_px, time_s, conditions, .. } => {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
                 Ok(Picture { picture: colors(&mut connection, width_px, height_px)?, time_s })
             }
@@ -160,7 +160,7 @@ impl Scanner for BorrowedScanner {
     fn next_of_clip(&mut self) -> Result<Option<Picture>, CameraError> {
         let Some(film) = &mut self.film else { return Err(CameraError::NoClip { which: Which::Scanner }) };
         match head(film)? {
-            Sent::Picture { width_px, height_px, time_s, conditions, .. } => {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
                 Ok(Some(Picture { picture: colors(film, width_px, height_px)?, time_s }))
             }
@@ -194,11 +194,10 @@ impl FlangeCamera for BorrowedFlangeCamera {
     fn capture(&mut self) -> Result<FlangePicture, CameraError> {
         let mut connection = ask(&self.socket, ShotWish::Corner)?;
         match head(&mut connection)? {
-            Sent::Picture { width_px, height_px, time_s, base_from_flange, conditions } => {
+            Sent::Picture { width_px, height_px, time_s, conditions } => {
                 self.conditions = conditions;
                 let picture = colors(&mut connection, width_px, height_px)?;
-                let base_from_flange = base_from_flange.map(|flange| flange.to_rigid());
-                Ok(FlangePicture { picture, base_from_flange, time_s })
+                Ok(FlangePicture { picture, base_from_flange: None, time_s })
             }
             sent => Err(unexpected(&sent)),
         }

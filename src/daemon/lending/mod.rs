@@ -12,7 +12,8 @@
 //! ```
 //!
 //! Of a film the pictures come one after the other until the client closes its writing side, then `{"sent":"ended",…}`.
-//! The robot is not moved, no output is switched, and nothing is written to the store.
+//! The robot is not moved, no output is switched, and nothing is written to the store. Where the arm stands meanwhile the answer
+//! to `{"ask":"state"}` says.
 
 mod client;
 mod serving;
@@ -22,12 +23,10 @@ pub(super) use serving::serve;
 
 use super::cameras::Cameras;
 use super::ports::{Eyes, Picture2d, SightError};
-use crate::cell::Arm;
 use crate::cycle::State;
 use crate::devices::cameras::{Conditions, FlangeCamera, Scanner};
 use crate::eki;
-use crate::geometry::{Base, Camera, ColorPicture, Flange, Joints, KukaPose, OrganizedCloud, Rigid};
-use crate::path::Kinematics;
+use crate::geometry::{Camera, ColorPicture, Joints, OrganizedCloud};
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -77,14 +76,7 @@ enum Sent {
         conditions: Conditions,
     },
     /// A picture: red, green and blue of each pixel follow, row by row.
-    Picture {
-        width_px: usize,
-        height_px: usize,
-        time_s: f64,
-        /// Where the flange was while it was taken, as the controller computes it, where it is known.
-        base_from_flange: Option<KukaPose>,
-        conditions: Conditions,
-    },
+    Picture { width_px: usize, height_px: usize, time_s: f64, conditions: Conditions },
     /// A film begins; the time is on its pictures' clock.
     Began { time_s: f64 },
     /// It has ended; so many of its pictures were dropped.
@@ -102,10 +94,8 @@ const NEXT_PATIENCE: Duration = Duration::from_secs(1);
 /// The code of the reason why there is no shot while the cell is at work.
 const AT_WORK: &str = "at_work";
 
-/// How old the robot's last state may be when a picture is said to be taken from where that state says, and how far the axes
-/// may have moved while it was taken, degrees.
+/// How old the robot's last state may be when the axes are said to stand where it says.
 const FRESH: Duration = Duration::from_millis(500);
-const STANDS_DEG: f64 = 0.002;
 
 /// The robot's last state, and when it came. Clones are the same one.
 #[derive(Debug, Clone, Default)]
@@ -136,7 +126,6 @@ pub struct SharedCameras(Arc<Shared>);
 
 struct Shared {
     inside: Mutex<Inside>,
-    arm: Kinematics,
     last: LastState,
     /// The cell rests, and no cycle is under way.
     rests: AtomicBool,
@@ -144,12 +133,11 @@ struct Shared {
 }
 
 impl SharedCameras {
-    /// Shares these cameras of a cell with this arm.
-    pub fn new(cameras: AllCameras, arm: &Arm, last: LastState) -> Self {
+    /// Shares these cameras of a cell whose robot's last state is here.
+    pub fn new(cameras: AllCameras, last: LastState) -> Self {
         let (rests, is_lent) = (AtomicBool::new(false), AtomicBool::new(false));
-        let arm = Kinematics::new(arm);
         let inside = Mutex::new(Inside { cameras, films: false });
-        SharedCameras(Arc::new(Shared { inside, arm, last, rests, is_lent }))
+        SharedCameras(Arc::new(Shared { inside, last, rests, is_lent }))
     }
 
     /// How the cell stands now.
@@ -218,23 +206,6 @@ impl Lent<'_> {
             return Ok(inside);
         }
         Err(Reason::new(AT_WORK, "the cell is at work; ask again when the cycle has ended"))
-    }
-
-    /// Takes a picture by the flange camera, and says where the flange was meanwhile, where that is known.
-    fn at_flange<T>(&self, take: impl FnOnce() -> T) -> (T, Option<Rigid<Base, Flange>>) {
-        let before = self.0.stands();
-        let taken = take();
-        let both = before.zip(self.0.stands());
-        let moved_deg = |(before, after): &(Joints, Joints)| {
-            before
-                .degrees()
-                .iter()
-                .zip(after.degrees())
-                .map(|(before, after)| (before - after).abs())
-                .fold(0.0, f64::max)
-        };
-        let stood = both.filter(|both| moved_deg(both) < STANDS_DEG);
-        (taken, stood.and_then(|(joints, _)| self.0.0.arm.drawn_flange(&joints)))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::{Lent, Sent, SharedCameras, ShotWish};
 use crate::devices::cameras::{CameraError, Conditions};
 use crate::files;
-use crate::geometry::{ColorPicture, KukaPose};
+use crate::geometry::ColorPicture;
 use crate::verdict::Reason;
 use std::io::{ErrorKind, Read, Write};
 use std::os::unix::net::UnixStream;
@@ -71,17 +71,14 @@ fn shots(stream: &mut UnixStream, wish: ShotWish, cameras: &SharedCameras) -> Re
                 let cameras = &mut lent.cameras()?.cameras;
                 (cameras.scanner.capture_2d()?, cameras.scanner.conditions())
             };
-            picture(stream, &shot.picture, (shot.time_s, None, conditions))?;
+            picture(stream, &shot.picture, (shot.time_s, conditions))?;
         }
         ShotWish::Corner => {
-            let ((shot, conditions), stood) = {
+            let (shot, conditions) = {
                 let cameras = &mut lent.cameras()?.cameras;
-                let mut take = || (cameras.flange.capture(), cameras.flange.conditions());
-                lent.at_flange(&mut take)
+                (cameras.flange.capture()?, cameras.flange.conditions())
             };
-            let shot = shot?;
-            let flange = shot.base_from_flange.or(stood).map(|flange| KukaPose::from_rigid(&flange));
-            picture(stream, &shot.picture, (shot.time_s, flange, conditions))?;
+            picture(stream, &shot.picture, (shot.time_s, conditions))?;
         }
         ShotWish::Film { pictures_per_second } => film(stream, pictures_per_second, &lent)?,
     }
@@ -120,7 +117,7 @@ fn pictures(stream: &mut UnixStream, time_s: f64, lent: &Lent<'_>) -> Result<(),
             next.map(|shot| (shot, scanner.conditions()))
         };
         if let Some((shot, conditions)) = next {
-            picture(stream, &shot.picture, (shot.time_s, None, conditions))?;
+            picture(stream, &shot.picture, (shot.time_s, conditions))?;
         }
     }
     Ok(())
@@ -145,10 +142,10 @@ fn has_enough(stream: &mut UnixStream) -> Result<bool, Broken> {
 fn picture(
     stream: &mut UnixStream,
     picture: &ColorPicture,
-    (time_s, base_from_flange, conditions): (f64, Option<KukaPose>, Conditions),
+    (time_s, conditions): (f64, Conditions),
 ) -> std::io::Result<()> {
     let (width_px, height_px) = (picture.width, picture.height);
-    head(stream, &Sent::Picture { width_px, height_px, time_s, base_from_flange, conditions })?;
+    head(stream, &Sent::Picture { width_px, height_px, time_s, conditions })?;
     stream.write_all(picture.rgb.as_flattened())
 }
 

@@ -5,7 +5,7 @@
 
 use super::CameraError;
 use crate::devices::mock::MockHandle;
-use crate::geometry::{Base, ColorPicture, Flange, GrayPicture, Rigid};
+use crate::geometry::{Base, ColorPicture, Flange, Rigid};
 use crate::sim::BoardCell;
 
 /// Which camera looks, and where the board is.
@@ -19,6 +19,13 @@ pub enum BoardView {
     Fixed,
     /// The camera on the flange; the board stands still.
     Flange,
+}
+
+impl BoardView {
+    /// Is it the fixed camera that looks?
+    pub fn is_fixed(self) -> bool {
+        matches!(self, BoardView::Fixed | BoardView::FixedByHand)
+    }
 }
 
 /// A simulated camera that looks at a board.
@@ -72,11 +79,6 @@ impl SimulatedBoards {
                 (self.cell.picture(&flange_camera, &shot), Some(shot.base_from_flange))
             }
         };
-        Ok((colored(&picture), flange))
+        Ok((picture.to_color(), flange))
     }
-}
-
-fn colored(picture: &GrayPicture) -> ColorPicture {
-    let rgb = picture.gray.iter().map(|&gray| [gray; 3]).collect();
-    ColorPicture { width: picture.width, height: picture.height, rgb }
 }

@@ -1,6 +1,7 @@
 //! Finds a camera and sets it; what was set is read back.
 
 use super::error::GigeError;
+use super::search::search;
 use super::settings::{Settings, Step, Which, plan};
 use super::sockets::subnets_here;
 use super::streaming::gone;
@@ -18,16 +19,9 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
     let id = match which {
         Which::Address(address) => address.clone(),
         Which::Only | Which::Serial(_) => {
-            interface.update_device_list();
-            let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
-            let all: Vec<[String; 3]> = (0..interface.n_devices())
-                .map(|at| {
-                    [interface.device_id(at), interface.device_serial_nbr(at), interface.device_address(at)]
-                        .map(text)
-                })
-                .collect();
-            let told =
-                all.iter().map(|[_, serial, address]| format!("serial {serial} at {address}")).collect::<Vec<_>>();
+            let all = search().map_err(not_found)?;
+            let told: Vec<String> =
+                all.iter().map(|found| format!("serial {} at {}", found.serial, found.address)).collect();
             let told = match all.is_empty() {
                 true => format!(
                     "none answered; cameras answer in this computer's subnets, {}, and one with another address may not",
@@ -35,15 +29,15 @@ pub(super) fn found(which: &Which) -> Result<GvDevice, GigeError> {
                 ),
                 false => format!("there is {}", told.join(", ")),
             };
-            let right = all.iter().filter(|[_, serial, _]| match which {
-                Which::Serial(wanted) => serial == wanted,
+            let right = all.iter().filter(|found| match which {
+                Which::Serial(wanted) => found.serial == *wanted,
                 _ => true,
             });
             match right.collect::<Vec<_>>().as_slice() {
-                [[_, _, address]] if far(address).is_some() => {
-                    return Err(not_found(far(address).unwrap_or_default()));
+                [only] if far(&only.address).is_some() => {
+                    return Err(not_found(far(&only.address).unwrap_or_default()));
                 }
-                [[id, ..]] => id.clone(),
+                [only] => only.id.clone(),
                 [] => return Err(not_found(told)),
                 _ => return Err(not_found(format!("{told}: name one by its serial"))),
             }

@@ -3,6 +3,8 @@
 /// A camera that answers.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct FoundCamera {
+    /// By what Aravis opens it.
+    pub id: String,
     /// Its serial number.
     pub serial: String,
     /// Its IP address.
@@ -20,6 +22,7 @@ pub fn search() -> Result<Vec<FoundCamera>, String> {
     interface.update_device_list();
     let text = |text: Option<aravis::glib::GString>| text.map_or(String::new(), String::from);
     let camera = |at| FoundCamera {
+        id: text(interface.device_id(at)),
         serial: text(interface.device_serial_nbr(at)),
         address: text(interface.device_address(at)),
     };

@@ -233,7 +233,7 @@ impl SimulatedWorld {
     /// # Errors
     /// Where the arm is not parked, or moves.
     pub fn scan(&self, now: &Moment) -> Result<Shot, CameraError> {
-        let axis_off_deg = farthest_deg(&now.joints, &self.fixed.park);
+        let axis_off_deg = now.joints.farthest_deg(&self.fixed.park);
         if now.moving || axis_off_deg > PARKED_DEG {
             self.violated(now, Violation::ArmInView);
             return Err(CameraError::ArmInView { axis_off_deg, moving: now.moving });
@@ -364,19 +364,6 @@ impl mock::World for Terminals {
 /// Where an output stands among all.
 fn place(output: Output) -> usize {
     Output::ALL.iter().position(|other| *other == output).unwrap_or_default()
-}
-
-/// How far the axis that is farthest off is from where it should be, degrees.
-fn farthest_deg(joints: &Joints, park: &Joints) -> f64 {
-    let off = [
-        joints.a1_deg - park.a1_deg,
-        joints.a2_deg - park.a2_deg,
-        joints.a3_deg - park.a3_deg,
-        joints.a4_deg - park.a4_deg,
-        joints.a5_deg - park.a5_deg,
-        joints.a6_deg - park.a6_deg,
-    ];
-    off.into_iter().map(f64::abs).fold(0.0, f64::max)
 }
 
 /// The picture by a share of its light, 0…1.

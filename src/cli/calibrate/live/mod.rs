@@ -6,23 +6,24 @@
 //! `panelprep robot move-j`.
 
 mod moving;
-mod poses;
 mod session;
 mod view;
 
 use super::super::args::Common;
 use super::super::fault::Fault;
+use super::super::flange_pose::FlangePoses;
 use super::super::load::CellFiles;
 use super::super::outcome::Outcome;
+use super::super::output::tell_line as tell;
 use super::super::shoot::opening;
 use super::args::{CameraName, HandEye, Intrinsics, MountName};
 use super::{hand_eye, intrinsics};
+use crate::calib::CalibError;
+use crate::calib::hand_eye::MIN_STATIONS;
 use crate::devices::cameras::BoardView;
 use crate::geometry::KukaPose;
 use crate::verdict::Verdict;
-pub use poses::Poses;
-pub use session::answer;
-use session::{Asked, Session, tell};
+use session::{Asked, Session};
 use std::path::PathBuf;
 use view::View;
 
@@ -34,7 +35,7 @@ const MOST: usize = 60;
 /// # Errors
 /// Where the camera does not deliver or the disk refuses; else as the command on files.
 pub fn lens(args: &Intrinsics, common: &Common, progress: &(dyn Fn(&str) + Sync)) -> Result<Outcome, Fault> {
-    let (Some(folder), Some(camera)) = (&args.live.live, args.live.camera) else { return Err(Fault::NoLiveCamera) };
+    let (Some(folder), Some(camera)) = (&args.live.live, args.camera) else { return Err(Fault::NoLiveCamera) };
     let cell = CellFiles::read(common)?;
     let board = super::board(&args.board)?;
     let view = match camera {
@@ -106,19 +107,28 @@ pub fn mount(args: &HandEye, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         };
         hand_eye::run(&on_files, common, &|_| ())
     };
-    if args.live.r#move {
+    if args.r#move {
         moving::run((args, &cell, kind), (&board, camera), &mut session, (&so_far, progress))?;
     } else {
         let mut view = View::open(&cell, (kind, &board), (&args.live, Some(camera)), progress)?;
-        let mut poses = Poses::of(&cell);
+        let poses = FlangePoses::of(&cell);
         while session.taken() < MOST && session.ask()? == Asked::Take {
-            let before = poses.now()?;
+            let before = poses.now();
             let (picture, from_camera) = view.take()?;
-            let Some(pose) = poses.of_picture(before, from_camera)? else { continue };
-            if session.keep(&picture, Some(&pose))? && session.found() >= crate::calib::hand_eye::MIN_STATIONS {
+            let Some(flange) = poses.known_or_asked(before, from_camera)? else { continue };
+            if session.keep(&picture, Some(&flange))? && session.found() >= MIN_STATIONS {
                 say_mount(&so_far()?);
             }
         }
+    }
+    if session.found() < MIN_STATIONS {
+        let (found, given) = (session.found(), session.taken());
+        return Err(Fault::stage(CalibError::TooFewPictures {
+            found,
+            given,
+            needed: MIN_STATIONS,
+            first_reason: None,
+        }));
     }
     let whole = HandEye { poses: Some(folder.join(session::POSES)), images: Some(folder.clone()), ..args.clone() };
     hand_eye::run(&whole, common, progress)

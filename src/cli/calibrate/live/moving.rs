@@ -6,16 +6,19 @@
 //! a pose that it refuses is left out.
 
 use super::super::super::fault::Fault;
+use super::super::super::flange_pose::reported;
 use super::super::super::live;
 use super::super::super::load::CellFiles;
 use super::super::super::outcome::Outcome;
+use super::super::super::output::tell_line as tell;
 use super::super::args::HandEye;
-use super::session::{Asked, Pose, Session, tell};
+use super::session::{Asked, Session};
 use super::view::{self, View};
 use crate::calib::{Board, Seen, board_pose, detect};
-use crate::cell::{Camera, RobotKind};
+use crate::cell::RobotKind;
 use crate::daemon::{Single, SingleError};
 use crate::devices::cameras::BoardView;
+use crate::files::ReportedFlange;
 use crate::geometry::{self, Base, Degrees, Flange, Joints, PinholeCamera, Point, Rigid};
 use crate::path::{Kinematics, reach};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
@@ -60,12 +63,8 @@ pub fn run(
     let _store = (!is_mock).then(|| cell.settled_store()).transpose()?;
     let starts = if is_mock { first_pose((args, cell, kind), board, camera)? } else { None };
     let (mut robot, simulated) = live::robot_alone_at(&cell.cell, starts)?;
-    let is_seen_simulated = match kind {
-        BoardView::Fixed | BoardView::FixedByHand => matches!(cell.cell.scanner(), Camera::Simulated),
-        BoardView::Flange | BoardView::FlangeByHand => matches!(cell.cell.flange_camera(), Camera::Simulated),
-    };
     let mut view = match &simulated {
-        Some(simulated) if is_seen_simulated => {
+        Some(simulated) if view::is_simulated(cell, kind) => {
             let arm = Some(simulated.server.handle());
             View::Boards(view::simulated((kind, board), (&args.live, Some(camera)), arm)?)
         }
@@ -81,10 +80,10 @@ pub fn run(
         return Ok(());
     }
     let mut tour = Tour { single: &mut single, cell, arm: Kinematics::new(cell.cell.arm()) };
-    let first = tour.stands();
+    let first = tour.stands()?.base_from_flange.to_rigid();
     look(&mut view, &tour, session)?;
     let about_mm = distance_mm(&session.pictures(), kind, (&camera, board), args)?;
-    let mut variations = ABOUT.iter().map(|change| varied(&first.base_from_flange, about_mm, change));
+    let mut variations = ABOUT.iter().map(|change| varied(&first, about_mm, change));
     while session.taken() < session.most(MOST) {
         let known = if session.found() >= FIRST { Some(so_far()?) } else { None };
         if known.as_ref().is_some_and(|known| !super::say_mount(known)) {
@@ -118,19 +117,14 @@ struct Tour<'t, 's> {
 
 impl Tour<'_, '_> {
     /// Where the arm stands, as the controller computes it.
-    fn stands(&self) -> Pose {
-        let joints = self.single.state().joints;
-        let base_from_flange =
-            self.arm.drawn_flange(&joints).unwrap_or_else(|| Rigid::claim(Isometry3::identity()));
-        Pose { base_from_flange, joints: Some(joints) }
+    fn stands(&self) -> Result<ReportedFlange, Fault> {
+        reported(&self.arm, &self.single.state().joints).ok_or(Fault::NoAxes)
     }
 
     /// Moves there, by the way that needs the least of the axes; false where no way leads there or the gate refuses.
     fn goes_to(&mut self, base_from_flange: &Rigid<Base, Flange>) -> Result<bool, Fault> {
-        let now = self.single.state().joints.degrees();
-        let far_deg = |joints: &Joints| {
-            joints.degrees().iter().zip(now).map(|(there, here)| (there - here).abs()).fold(0.0, f64::max)
-        };
+        let now = self.single.state().joints;
+        let far_deg = |joints: &Joints| joints.farthest_deg(&now);
         let mut ways = reach::postures(&self.arm, base_from_flange, Point::at(0.0, 0.0, 0.0));
         ways.sort_by(|a, b| far_deg(a).total_cmp(&far_deg(b)));
         let Some(joints) = ways.first().filter(|joints| far_deg(joints) < MOST_TURN_DEG) else {
@@ -154,7 +148,7 @@ const MOST_TURN_DEG: f64 = 90.0;
 
 fn look(view: &mut View, tour: &Tour<'_, '_>, session: &mut Session<'_>) -> Result<bool, Fault> {
     let (picture, _) = view.take()?;
-    session.keep(&picture, Some(&tour.stands()))
+    session.keep(&picture, Some(&tour.stands()?))
 }
 
 /// How far along the flange's Z axis the board is: where the camera is on the flange, as far as the first picture shows the board
@@ -165,7 +159,7 @@ fn distance_mm(
     (camera, board): (&PinholeCamera, &Board),
     args: &HandEye,
 ) -> Result<f64, Fault> {
-    if matches!(kind, BoardView::Fixed | BoardView::FixedByHand) {
+    if kind.is_fixed() {
         return Ok(0.0);
     }
     let Some(first) = pictures.first() else { return Ok(0.0) };
@@ -189,6 +183,9 @@ fn varied(
     *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
 }
 
+/// Of so many poses that see the board the simulated arm reaches one.
+const DRAWN: usize = 20;
+
 /// Where a person has brought the simulated arm before: it sees the board.
 fn first_pose(
     (args, cell, kind): (&HandEye, &CellFiles, BoardView),
@@ -196,13 +193,9 @@ fn first_pose(
     camera: PinholeCamera,
 ) -> Result<Option<Joints>, Fault> {
     let boards = view::board_cell((kind, board), (&args.live, Some(camera)))?;
-    let flanges: Vec<Rigid<Base, Flange>> = match kind {
-        BoardView::Fixed | BoardView::FixedByHand => {
-            boards.fixed_shots(20).iter().map(|shot| shot.base_from_flange).collect()
-        }
-        BoardView::Flange | BoardView::FlangeByHand => {
-            boards.flange_shots(20).iter().map(|shot| shot.base_from_flange).collect()
-        }
+    let flanges: Vec<Rigid<Base, Flange>> = match kind.is_fixed() {
+        true => boards.fixed_shots(DRAWN).iter().map(|shot| shot.base_from_flange).collect(),
+        false => boards.flange_shots(DRAWN).iter().map(|shot| shot.base_from_flange).collect(),
     };
     let arm = Kinematics::new(cell.cell.arm());
     let within =

@@ -3,17 +3,14 @@
 use super::super::super::args::Shot;
 use super::super::super::fault::Fault;
 use super::super::super::load::CellFiles;
+use super::super::super::render_boards::ROBOT;
 use super::super::super::shoot::opening::{self, Wanted};
 use super::super::args::LiveArgs;
 use crate::calib::Board;
-use crate::cell::Camera;
 use crate::devices::cameras::{BoardView, FlangeCamera, Scanner, SimulatedBoards};
 use crate::devices::mock::MockHandle;
 use crate::geometry::{Base, ColorPicture, Flange, PinholeCamera, Rigid};
-use crate::sim::{BoardCell, BoardPrint, RobotNoise};
-
-/// A simulated robot's own errors, as `panelprep render --boards` has them.
-const ROBOT: RobotNoise = RobotNoise { shift_mm: 0.02, turn_deg: 0.005 };
+use crate::sim::{BoardCell, BoardPrint};
 
 /// The camera.
 pub enum View {
@@ -36,14 +33,10 @@ impl View {
         (args, lens): (&LiveArgs, Option<PinholeCamera>),
         progress: &(dyn Fn(&str) + Sync),
     ) -> Result<Self, Fault> {
-        let is_fixed = matches!(view, BoardView::Fixed | BoardView::FixedByHand);
-        let is_simulated = match is_fixed {
-            true => matches!(cell.cell.scanner(), Camera::Simulated),
-            false => matches!(cell.cell.flange_camera(), Camera::Simulated),
-        };
-        if is_simulated {
+        if is_simulated(cell, view) {
             return Ok(View::Boards(simulated((view, board), (args, lens), None)?));
         }
+        let is_fixed = view.is_fixed();
         let wanted =
             Wanted { shot: if is_fixed { Shot::Picture } else { Shot::Corner }, simulation: args.simulation };
         Ok(match is_fixed {
@@ -65,6 +58,14 @@ impl View {
             }
             View::Boards(camera) => camera.capture().map_err(Fault::stage)?,
         })
+    }
+}
+
+/// Is the camera that looks a simulated one?
+pub fn is_simulated(cell: &CellFiles, view: BoardView) -> bool {
+    match view.is_fixed() {
+        true => cell.cell.scanner().is_simulated(),
+        false => cell.cell.flange_camera().is_simulated(),
     }
 }
 
@@ -93,10 +94,7 @@ pub fn board_cell(
     }
     let print = BoardPrint::chessboard(board.columns(), board.rows(), board.square_mm());
     let cell = BoardCell::new(args.simulation.seed, print, ROBOT);
-    let full = match view {
-        BoardView::Fixed | BoardView::FixedByHand => cell.scanner(),
-        BoardView::Flange | BoardView::FlangeByHand => cell.flange_camera(),
-    };
+    let full = if view.is_fixed() { cell.scanner() } else { cell.flange_camera() };
     let reduction = lens.map_or(1, |lens| full.width_px.checked_div(lens.width_px).unwrap_or(1).max(1));
     Ok(cell.with_reduction(reduction))
 }

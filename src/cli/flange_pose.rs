@@ -1,0 +1,127 @@
+//! Where the flange was at a picture that is taken now: as the service says, as the camera's source says, or as a person reads it
+//! from the pendant.
+
+use super::ctl;
+use super::fault::Fault;
+use super::load::CellFiles;
+use super::output::{answer, tell_line};
+use super::robot;
+use crate::files::ReportedFlange;
+use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
+use crate::path::Kinematics;
+use std::path::PathBuf;
+
+/// The axes must stand within this from before a picture until after it, degrees.
+const STANDS_DEG: f64 = 0.002;
+
+/// What is known of the flange at a picture.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Known {
+    /// It was here.
+    At(ReportedFlange),
+    /// The arm moved meanwhile.
+    Moved,
+    /// Nobody has said anything.
+    Nothing,
+}
+
+/// Who says where the flange is.
+pub struct FlangePoses {
+    arm: Kinematics,
+    socket: PathBuf,
+}
+
+impl FlangePoses {
+    /// Of this cell.
+    pub fn of(cell: &CellFiles) -> Self {
+        FlangePoses { arm: Kinematics::new(cell.cell.arm()), socket: cell.socket() }
+    }
+
+    /// Where the axes stand now, where a service runs and knows it; asked before a picture.
+    pub fn now(&self) -> Option<Joints> {
+        ctl::axes_of(&self.socket)
+    }
+
+    /// What is known after the picture, with what was known before it and what the camera's source says.
+    pub fn known(&self, before: Option<Joints>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
+        known(&self.arm, before.zip(before.and_then(|_| self.now())), from_camera)
+    }
+
+    /// The same; where nothing is known a person is asked. None where the picture does not count, or nobody answers.
+    ///
+    /// # Errors
+    /// Where standard input cannot be read.
+    pub fn known_or_asked(
+        &self,
+        before: Option<Joints>,
+        from_camera: Option<Rigid<Base, Flange>>,
+    ) -> Result<Option<ReportedFlange>, Fault> {
+        match self.known(before, from_camera) {
+            Known::At(flange) => return Ok(Some(flange)),
+            Known::Moved => {
+                tell_line(
+                    "the arm moved while the picture was taken: it does not count; wait until the arm stands",
+                );
+                return Ok(None);
+            }
+            Known::Nothing => {}
+        }
+        loop {
+            tell_line(
+                "Where is the flange? Write X,Y,Z,A,B,C as the pendant shows them with $NULLFRAME as tool and base.",
+            );
+            let Some(line) = answer()? else { return Ok(None) };
+            match robot::pose_of(&line) {
+                Ok(base_from_flange) => return Ok(Some(ReportedFlange { base_from_flange, joints: None })),
+                Err(problem) => tell_line(&problem),
+            }
+        }
+    }
+}
+
+fn known(arm: &Kinematics, axes: Option<(Joints, Joints)>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
+    if let Some((before, after)) = axes {
+        if before.farthest_deg(&after) > STANDS_DEG {
+            return Known::Moved;
+        }
+        if let Some(flange) = reported(arm, &after) {
+            return Known::At(flange);
+        }
+    }
+    let at = |flange: Rigid<Base, Flange>| {
+        Known::At(ReportedFlange { base_from_flange: KukaPose::from_rigid(&flange), joints: None })
+    };
+    from_camera.map_or(Known::Nothing, at)
+}
+
+/// What the controller reports with its axes here; none for angles that are no numbers.
+pub fn reported(arm: &Kinematics, joints: &Joints) -> Option<ReportedFlange> {
+    let base_from_flange = KukaPose::from_rigid(&arm.drawn_flange(joints)?);
+    Some(ReportedFlange { base_from_flange, joints: Some(*joints) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use nalgebra::Isometry3;
+
+    /// At A2 = −90° and A3 = 90° the flange is 25 + 365 + 90 mm before the base, and 400 + 335 + 25 mm above it.
+    #[test]
+    fn a_flange_is_known_only_while_the_arm_stands() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));
+        let arm = Kinematics::new(cell.arm());
+        let axes = [0.0, -90.0, 90.0, 0.0, 0.0, 0.0];
+        let joints = Joints::from(axes);
+        let Known::At(flange) = known(&arm, Some((joints, joints)), None) else { panic!("known") };
+        let at = flange.base_from_flange;
+        assert!((at.x_mm - 480.0).abs() < 1e-6 && at.y_mm.abs() < 1e-6 && (at.z_mm - 760.0).abs() < 1e-6, "{at:?}");
+        assert_eq!(flange.joints, Some(joints));
+        let moved = Joints::from([0.0, -90.0, 90.003, 0.0, 0.0, 0.0]);
+        let seen: Rigid<Base, Flange> = Rigid::claim(Isometry3::translation(1.0, 2.0, 3.0));
+        assert_eq!(known(&arm, Some((joints, moved)), Some(seen)), Known::Moved);
+        assert_eq!(known(&arm, None, None), Known::Nothing);
+        let Known::At(flange) = known(&arm, None, Some(seen)) else { panic!("the camera knows it") };
+        assert_eq!((flange.base_from_flange.z_mm, flange.joints), (3.0, None));
+    }
+}
