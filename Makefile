@@ -3,13 +3,13 @@
 PACKAGES := build-essential pkg-config libopencv-dev clang libclang-dev libaravis-dev libusb-1.0-0-dev
 DEMO_OUT := target/demo
 
-.PHONY: package package-test zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording
+.PHONY: package package-test zivid zivid-stub help setup demo test fixtures bench bench-seeds bench-robots bench-inspect bench-link bench-calib bench-real bench-surface bench-locate bench-worker bench-cameras bench-recording bench-manual
 
 help:
 	@echo 'make demo    run a whole cycle on the simulated cell, write $(DEMO_OUT)/index.html'
 	@echo 'make test    format check, lints, all tests'
 	@echo 'make package a Debian package for the system that this machine has; make package-test installs, upgrades and purges it in a folder'
-	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording'
+	@echo 'make bench   the sweeps behind the numbers in tests/bench/README.md; one part alone: make bench-seeds, bench-robots, bench-locate, bench-inspect, bench-link, bench-calib, bench-surface, bench-worker, bench-cameras, bench-recording, bench-manual'
 	@echo 'make zivid   build the Zivid camera library where the SDK is installed'
 	@echo 'make fixtures  record the cycles in fixtures/ anew, which `make test` replays'
 	@echo 'make setup   install what is missing (Debian packages); the others call it'
@@ -87,7 +87,11 @@ $(ZIVID_STUB): $(shell find $(ZIVID) -name '*.h' -o -name '*.cpp')
 	$(ZIVID_BUILD) -Werror -I$(ZIVID)/stub $(ZIVID)/panelprep_zivid.cpp $(ZIVID)/stub/play.cpp -o $@.new
 	mv $@.new $@
 
-bench: bench-seeds bench-robots bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording
+bench: bench-seeds bench-robots bench-locate bench-inspect bench-link bench-calib bench-surface bench-worker bench-cameras bench-recording bench-manual
+
+# Every command of the manual, from the package to a cell in daily work, over the devices' real interfaces and in real time.
+bench-manual: setup
+	cargo test --locked --test all -- --ignored --nocapture the_manual_leads
 
 # Ten seeds through the live cycle, against the simulator's truth.
 bench-seeds: setup

@@ -20,6 +20,7 @@ mod licences;
 mod link;
 mod live;
 mod locate;
+mod manual;
 mod new;
 mod patterns;
 mod poor_pictures;

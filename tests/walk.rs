@@ -189,7 +189,7 @@ fn smaller(line: &str) -> String {
 }
 
 /// No panic, no number that is none, no zero with a sign, no form for programmers.
-fn fit_for_people(line: &str, text: &str) {
+pub fn fit_for_people(line: &str, text: &str) {
     for wrong in ["panicked", "NaN", "Some(", "None,", "Ok(", "Err("] {
         assert!(!text.contains(wrong), "{line}: {wrong}: {text}");
     }

@@ -29,7 +29,7 @@ pub struct Arguments {
 #[derive(Debug, Clone, Args)]
 pub struct Common {
     /// The cell: cameras, robot, calibrations, limits.
-    #[arg(long, global = true, value_name = "FILE", default_value = "config/cell.toml")]
+    #[arg(long, global = true, env = "PANELPREP_CELL", value_name = "FILE", default_value = "config/cell.toml")]
     pub cell: PathBuf,
     /// Folder that keeps what was taught; without it, the cell's `store`.
     #[arg(long, global = true, value_name = "FOLDER")]
@@ -113,6 +113,9 @@ pub enum Command {
     /// files, cameras, robot.
     #[command(after_help = "Example:\n  panelprep doctor --cell config/cell.toml --kuka config/kuka")]
     Doctor(Doctor),
+    /// Say what the code of a message means and what to do; without a code, list all codes.
+    #[command(after_help = "Example:\n  panelprep explain low_overlap")]
+    Explain(Explain),
     /// Calibrate lenses, camera mounts and tools, and say how good they are.
     Calibrate(super::calibrate::args::Calibrate),
     /// Learn a panel at its nominal place from a scan and corner pictures.
@@ -221,6 +224,13 @@ pub struct VerifyStore {
     /// Leave out the files (scans, pictures), which takes most of the time.
     #[arg(long)]
     pub rows_only: bool,
+}
+
+/// Options of `explain`.
+#[derive(Debug, Clone, Args)]
+pub struct Explain {
+    /// The word in parentheses behind a message.
+    pub code: Option<String>,
 }
 
 /// Options of `replay`.
@@ -437,6 +447,12 @@ pub struct Simulation {
     /// The simulated arm is off its drawing by so much at the tool, rms, mm; 0 is an arm as it is drawn.
     #[arg(long, value_name = "MM", default_value_t = 0.0, value_parser = arm_error)]
     pub arm_error_mm: f64,
+}
+
+impl Default for Simulation {
+    fn default() -> Self {
+        Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 }
+    }
 }
 
 fn arm_error(text: &str) -> Result<f64, String> {

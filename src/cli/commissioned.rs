@@ -57,7 +57,16 @@ pub fn calibrate(args: &Demo, rendered: &Rendered, progress: &dyn Fn(&str)) -> R
         made(what, &common, &out)?;
     }
     let (poses, out) = (rendered.file("boards/tip.toml"), rendered.file("flange_from_tool.toml"));
-    made(asked::What::Tcp(asked::Tcp { poses, robot: robot.clone(), out: Some(out.clone()) }), &common, &out)?;
+    made(
+        asked::What::Tcp(asked::Tcp {
+            poses: Some(poses),
+            live: None,
+            robot: robot.clone(),
+            out: Some(out.clone()),
+        }),
+        &common,
+        &out,
+    )?;
     if robot.is_some() {
         let cell = disk::read_text(&common.cell)?;
         let named = cell.replace(NAMED, &format!("{NAMED}robot_correction = \"{CORRECTION}\"\n"));

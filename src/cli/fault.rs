@@ -135,6 +135,17 @@ pub enum Fault {
     /// The controller's axis angles are no numbers.
     #[error("the controller reports axis angles that are no numbers: nothing can be said of where the flange is")]
     NoAxes,
+    /// No message has this code.
+    #[error("no message has the code {found}{}; `panelprep explain` lists all codes", nearest.as_ref().map_or(String::new(), |nearest| format!(": did you mean {nearest}?")))]
+    NoSuchCode {
+        /// As it was typed.
+        found: String,
+        /// The one that is most like it.
+        nearest: Option<String>,
+    },
+    /// A tool, or a touch, without poses.
+    #[error("there are no poses: name their file, or read them from the controller with --live DIR")]
+    NoPoses,
     /// A live calibration without a camera.
     #[error("--live takes pictures: name the camera, --camera scanner or --camera flange-camera")]
     NoLiveCamera,

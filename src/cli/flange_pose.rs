@@ -1,18 +1,26 @@
-//! Where the flange was at a picture that is taken now: as the service says, as the camera's source says, or as a person reads it
-//! from the pendant.
+//! Where the flange was at a picture that is taken now: as the service says, as the controller says where no service runs, as the
+//! camera's source says, or as a person reads it from the pendant.
 
 use super::ctl;
 use super::fault::Fault;
 use super::load::CellFiles;
 use super::output::{answer, tell_line};
-use super::robot;
+use super::{live, robot};
+use crate::cell::{self, RobotKind};
+use crate::daemon::{LinkedRobot, Robot};
+use crate::eki::Report;
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
 use crate::path::Kinematics;
+use std::cell::{Cell as Counter, RefCell};
 use std::path::PathBuf;
+use std::time::{Duration, Instant};
 
 /// The axes must stand within this from before a picture until after it, degrees.
 const STANDS_DEG: f64 = 0.002;
+/// How long a controller may take to answer.
+const ANSWERS: Duration = Duration::from_secs(5);
+const MOST_SILENCES: u32 = 2;
 
 /// What is known of the flange at a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,25 +34,65 @@ pub enum Known {
 }
 
 /// Who says where the flange is.
-pub struct FlangePoses {
+pub struct FlangePoses<'c> {
+    cell: &'c cell::Cell,
     arm: Kinematics,
     socket: PathBuf,
+    /// From before a picture until after it, where no service runs.
+    link: RefCell<Option<LinkedRobot>>,
+    /// A controller that did not answer so often is not waited for again.
+    silences: Counter<u32>,
 }
 
-impl FlangePoses {
+impl<'c> FlangePoses<'c> {
     /// Of this cell.
-    pub fn of(cell: &CellFiles) -> Self {
-        FlangePoses { arm: Kinematics::new(cell.cell.arm()), socket: cell.socket() }
+    pub fn of(files: &'c CellFiles) -> Self {
+        FlangePoses {
+            cell: &files.cell,
+            arm: Kinematics::new(files.cell.arm()),
+            socket: files.socket(),
+            link: RefCell::new(None),
+            silences: Counter::new(0),
+        }
     }
 
-    /// Where the axes stand now, where a service runs and knows it; asked before a picture.
+    /// Where the axes stand now, where a service runs and knows it, or where none runs and the controller answers; asked before a
+    /// picture.
     pub fn now(&self) -> Option<Joints> {
-        ctl::axes_of(&self.socket)
+        match ctl::state_of(&self.socket) {
+            Some(_) => ctl::axes_of(&self.socket),
+            None => self.told_by_controller(),
+        }
+    }
+
+    /// As `panelprep robot state` asks it: nothing is set and nothing moves.
+    fn told_by_controller(&self) -> Option<Joints> {
+        if self.cell.robot().kind() != RobotKind::Eki || self.silences.get() >= MOST_SILENCES {
+            return None;
+        }
+        let mut kept = self.link.borrow_mut();
+        let mut link = match kept.take() {
+            Some(link) => link,
+            None => live::robot_alone(self.cell).ok()?.0,
+        };
+        let told = said_now(&mut link);
+        match told {
+            Some(_) => *kept = Some(link),
+            None => self.silences.set(self.silences.get() + 1),
+        }
+        told
+    }
+
+    /// Where the axes stand after the picture; the link to the controller is given up, so that others may have it.
+    fn afterwards(&self) -> Option<Joints> {
+        let told = self.now();
+        self.link.borrow_mut().take();
+        told
     }
 
     /// What is known after the picture, with what was known before it and what the camera's source says.
     pub fn known(&self, before: Option<Joints>, from_camera: Option<Rigid<Base, Flange>>) -> Known {
-        known(&self.arm, before.zip(before.and_then(|_| self.now())), from_camera)
+        known(&self.arm, before.zip(before.and_then(|_| self.afterwards())), from_camera)
     }
 
     /// The same; where nothing is known a person is asked. None where the picture does not count, or nobody answers.
@@ -77,6 +125,19 @@ impl FlangePoses {
             }
         }
     }
+}
+
+/// What the controller says from now on: what it said before is still in the queue.
+fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
+    let (begun, mut is_drained) = (Instant::now(), false);
+    while begun.elapsed() < ANSWERS {
+        match link.next() {
+            None => is_drained = true,
+            Some(Report::Connected { state } | Report::State(state)) if is_drained => return Some(state.joints),
+            Some(_) => {}
+        }
+    }
+    None
 }
 
 fn known(arm: &Kinematics, axes: Option<(Joints, Joints)>, from_camera: Option<Rigid<Base, Flange>>) -> Known {

@@ -15,6 +15,7 @@ mod cycle;
 pub mod demo;
 mod disk;
 mod doctor;
+mod explain;
 mod fault;
 mod flange_pose;
 mod follow;
@@ -76,6 +77,7 @@ pub fn run(arguments: &Arguments) -> ExitCode {
         Command::ZividWorker(args) => return zivid::worker(args),
         Command::Check(args) => check::run(args),
         Command::Doctor(args) => doctor::run(args, common),
+        Command::Explain(args) => explain::run(args),
         Command::Cycle(args) => cycle::run(args, common, &|line| output::tell_line(line)),
         Command::AirRun(args) => cycle::air_run(args, common, &|line| output::tell_line(line)),
         Command::Robot(args) => robot::run(args, common),

@@ -1,7 +1,7 @@
 //! Boards of the simulated cell as files: what its cameras are verified on, and with `--boards` what they are
 //! calibrated by.
 
-use super::args::Common;
+use super::args::{Common, Simulation};
 use super::calibrate::args::{BoardArgs, CameraName, Touch, Verify};
 use super::calibrate::pose_keys;
 use super::disk;
@@ -40,6 +40,8 @@ impl Rendered {
             board: target_board().into(),
             recipe: None,
             image: Some(self.file(&format!("target/{name}.png"))),
+            live: None,
+            simulation: Simulation::default(),
             poses: None,
             flange,
             target: Some(self.file(&format!("target/{name}.toml"))),
@@ -53,7 +55,8 @@ impl Rendered {
         Touch {
             board: target_board().into(),
             target: self.file("target/scanner.toml"),
-            points: self.file("target/touched.toml"),
+            points: Some(self.file("target/touched.toml")),
+            live: None,
             pictures: None,
         }
     }

@@ -40,7 +40,7 @@ pub fn run(args: &Shoot, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 }
 
 /// The files of one shot, by their endings: the first number that no file of the folder has.
-fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
+pub(super) fn free_names(folder: &Path, name: &str, endings: &[&str]) -> Vec<PathBuf> {
     let of = |number: u32| endings.iter().map(move |ending| folder.join(format!("{name}_{number:04}.{ending}")));
     let free = (1..=u32::MAX).find(|number| of(*number).all(|file| !file.exists()));
     of(free.unwrap_or(u32::MAX)).collect()

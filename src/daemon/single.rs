@@ -23,6 +23,8 @@ use std::time::{Duration, Instant};
 const CONNECT: Duration = Duration::from_secs(4);
 /// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
 const SHORT: Duration = Duration::from_secs(30);
+/// How long the arm may take to stand before a function, by the robot's clock.
+const REST: Duration = Duration::from_secs(5);
 const LONG: Duration = Duration::from_secs(300);
 
 /// Why a function was not done.
@@ -229,6 +231,11 @@ impl<'r> Single<'r> {
     }
 
     fn open_epoch(&mut self) -> Result<(), SingleError> {
+        // A controller whose last client has just left is still coming to rest.
+        let rests_until = self.robot.now() + REST;
+        while self.state.moving && self.robot.now() < rests_until {
+            self.hear()?;
+        }
         let asked = self.robot.open_epoch(Epoch(0))?;
         let until = self.robot.now() + SHORT;
         while self.state.epoch != asked {

@@ -55,10 +55,12 @@ grep -q '^panelprep:' "$root/etc/passwd" || wrong 'no user panelprep'
 owner=$(awk -F: '$1 == "panelprep" { print $3 ":" $4 }' "$root/etc/passwd")
 [ "$(stat -c %u:%g "$root/var/lib/panelprep")" = "$owner" ] || wrong 'the store is not the service'\''s'
 [ "$(stat -c %a "$root/var/lib/panelprep")" = 750 ] || wrong 'the store can be read by all'
+[ "$(stat -c %u:%g "$root/etc/panelprep")" = "$owner" ] || wrong 'the configuration is not the service'\''s user'\''s'
 [ -z "$(ls "$root/etc/panelprep")" ] || wrong 'the package put a file into /etc/panelprep'
 grep -q 'panelprep new cell' "$root/told" || wrong 'nobody is told what to do next'
 for file in usr/bin/panelprep usr/lib/systemd/system/panelprep.service usr/share/panelprep/cell-example.toml \
     usr/share/panelprep/kuka/cell_submit.src usr/share/panelprep/kuka/CELLCMD.xml usr/share/man/man1/panelprep-restore.1.gz \
+    usr/share/doc/panelprep/manual/install.md usr/share/doc/panelprep/manual/drawing.png \
     usr/share/bash-completion/completions/panelprep usr/share/doc/panelprep/copyright; do
     [ -s "$root/$file" ] || wrong "no $file"
 done

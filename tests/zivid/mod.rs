@@ -2,7 +2,7 @@
 
 mod kills;
 mod service;
-mod stub;
+pub mod stub;
 
 use panelprep::daemon::{Cameras, Eyes};
 use panelprep::devices::cameras::{Conditions, RecordedFlangeCamera, Scanner};

@@ -1,6 +1,6 @@
 //! Options of `panelprep calibrate`.
 
-use super::super::args::{SceneName, Simulation};
+use super::super::args::Simulation;
 use clap::{Args, Subcommand, ValueEnum};
 use std::path::PathBuf;
 
@@ -52,7 +52,8 @@ pub enum What {
     Robot(Robot),
     /// The tool's point, and its axis, from poses that hold the tip at one spot.
     #[command(after_help = "Example, after `panelprep render --boards --out target/cell`:\n  \
-        panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml")]
+        panelprep calibrate tcp --poses target/cell/boards/tip.toml --out target/cell/found/flange_from_tool.toml\n\
+        With --live DIR it asks for one pose after the other at the terminal and reads each from the controller.")]
     Tcp(Tcp),
     /// Look at a board that stands still and compare with where it is known to be; kept in the store.
     #[command(after_help = "Examples, after `panelprep render --out target/cell`; a cycle needs both:\n  \
@@ -67,7 +68,10 @@ pub enum What {
         --pictures target/cell/pictures\n\
         By a taught corner, after the one of `panelprep teach --help`:\n  \
         panelprep calibrate verify --cell target/cell/cell.toml --camera flange-camera \
-        --recipe target/cell/recipe.toml --image target/cell/taught_corner.png --flange target/cell/taught_flange.json")]
+        --recipe target/cell/recipe.toml --image target/cell/taught_corner.png --flange target/cell/taught_flange.json\n\
+        By a picture that is taken now:\n  \
+        panelprep calibrate verify --cell target/cell/cell.toml --camera scanner --target target/cell/target/scanner.toml \
+        --live target/shots")]
     Verify(Verify),
     /// Touch known corners of that board with the calibrated tool and compare; kept in the store.
     #[command(after_help = "Example, after `panelprep render --out target/cell`:\n  \
@@ -201,8 +205,7 @@ pub struct LiveArgs {
 impl LiveArgs {
     /// Nothing is taken now.
     pub fn none() -> Self {
-        let simulation = Simulation { seed: 1, scene: SceneName::Good, place: 0, arm_error_mm: 0.0 };
-        LiveArgs { live: None, count: None, every_s: 0, simulation }
+        LiveArgs { live: None, count: None, every_s: 0, simulation: Simulation::default() }
     }
 }
 
@@ -299,8 +302,11 @@ pub struct Robot {
 #[derive(Debug, Clone, Args)]
 pub struct Tcp {
     /// Flange poses that hold the tip at one spot, and those that tell the axis.
-    #[arg(long, value_name = "FILE")]
-    pub poses: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
+    pub poses: Option<PathBuf>,
+    /// Read the poses from the controller now, one at each Enter, and keep them in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
     /// The arm's correction, by `calibrate robot`; without it, the one that the cell's file names.
     #[arg(long, value_name = "FILE")]
     pub robot: Option<PathBuf>,
@@ -352,8 +358,14 @@ pub struct Verify {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["board", "square_mm", "target", "learn"])]
     pub recipe: Option<PathBuf>,
     /// A picture of the target, or the 3D camera's shot.
-    #[arg(long, value_name = "FILE", required_unless_present = "poses")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["poses", "live"])]
     pub image: Option<PathBuf>,
+    /// Take the picture now, by the cell's camera, and keep it in this folder; of the scanner a 3D shot.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["image", "poses", "flange"])]
+    pub live: Option<PathBuf>,
+    /// What a simulated cell shows.
+    #[command(flatten)]
+    pub simulation: Simulation,
     /// Many pictures of the still board by the camera on the flange, in this file's folder: what is left of the error over the
     /// working volume, with a map.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["image", "flange", "recipe", "learn"])]
@@ -384,8 +396,11 @@ pub struct Touch {
     /// Where the tool's tip was when it touched the corners, with the cell's own tool selected on the pendant. With
     /// p1_axes_deg = [A1, …, A6] the tip is computed from the axes, the arm's correction and the cell's tool; a cell with
     /// a correction needs them.
-    #[arg(long, value_name = "FILE")]
-    pub points: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "live", conflicts_with = "live")]
+    pub points: Option<PathBuf>,
+    /// Read where the tip is from the controller now, at one corner after the other, and keep it in this folder.
+    #[arg(long, value_name = "DIR")]
+    pub live: Option<PathBuf>,
     /// Folder for a map of what is left, and the trend of all touches.
     #[arg(long, value_name = "DIR")]
     pub pictures: Option<PathBuf>,

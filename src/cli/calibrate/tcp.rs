@@ -20,13 +20,14 @@ use serde_json::json;
 /// # Errors
 /// Where the poses file has problems, or its poses determine no tool.
 pub fn run(args: &Args, common: &Common) -> Result<Outcome, Fault> {
-    let text = disk::read_text(&args.poses)?;
+    let file = args.poses.as_ref().ok_or(Fault::NoPoses)?;
+    let text = disk::read_text(file)?;
     let arm = InUse::of(args.robot.as_deref(), common)?;
     let true_flange = |reported, joints: Option<&Joints>| match &arm {
         None => Ok(reported),
         Some(arm) => arm.true_flange(reported, joints).ok_or_else(|| NO_AXES.to_owned()),
     };
-    let poses = files::tool_poses(&args.poses.display().to_string(), &text, &true_flange)?;
+    let poses = files::tool_poses(&file.display().to_string(), &text, &true_flange)?;
     let point = tool_point(&poses.tip).map_err(Fault::stage)?;
     let axis = poses.axis.as_ref().map(|touch| tool_axis(&point, touch)).transpose().map_err(Fault::stage)?;
     let judgement = gate::tool(&point, axis.as_ref());

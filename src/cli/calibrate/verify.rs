@@ -172,15 +172,16 @@ fn learn(target: &Path, board: &Board, named: &BoardArgs, seen: &Looked) -> Resu
 pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     let Target { board, base_from_board: known } = Target::read(&args.target, args.board.named().as_ref())?;
-    let mut points = files::points(&args.points.display().to_string(), &disk::read_text(&args.points)?)?;
+    let file = args.points.as_ref().ok_or(Fault::NoPoses)?;
+    let mut points = files::points(&file.display().to_string(), &disk::read_text(file)?)?;
     let tool = files.tool_tip()?;
-    tips::by_axes(&files, &tool.value, (&args.points, &mut points))?;
+    tips::by_axes(&files, &tool.value, (file, &mut points))?;
     let mut errors_mm = Vec::with_capacity(points.touched.len());
     for touched in &points.touched {
         let (column, row) = touched.corner;
         let Some(corner) = board.corner(column, row) else {
             let message = format!("corner [{column}, {row}] is not on the board");
-            return Err(Fault::file(&args.points, CalibError::Points(message)));
+            return Err(Fault::file(file, CalibError::Points(message)));
         };
         errors_mm.push((known * corner).distance_mm(touched.place));
     }

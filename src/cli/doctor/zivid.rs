@@ -24,7 +24,7 @@ pub(super) fn checks(files: &CellFiles, camera: &ZividCamera, warm_up: bool) -> 
     let calibrated_px = lens.as_ref().ok().copied().flatten().map(|lens| lens.fx_px);
     let opened = lens.and_then(|lens| {
         let open = |lens: &PinholeCamera| crate::cli::zivid::scanner(&files.cell, camera, lens);
-        opening::sized(lens, open, |scanner| Ok(scanner.ready(Patience::default().start())?))
+        opening::sized(lens, open, opening::zivid_ready)
     });
     let mut scanner = match opened {
         Ok((scanner, _)) => scanner,

@@ -1,8 +1,8 @@
 //! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is. Where
 //! the service has it, it is borrowed.
 //!
-//! A driver holds every picture against one size. A camera without a calibration is opened for another size first; it refuses
-//! with the size that it has, and is opened for that one.
+//! A driver holds every picture against one size. A camera without a calibration is opened for 0×0 first; it refuses with the
+//! size that it has, and is opened for that one.
 
 use super::super::args::{Shot, Simulation};
 use super::super::ctl;
@@ -12,8 +12,8 @@ use super::super::load::{Calibrated, CellFiles};
 use super::super::zivid;
 use crate::cell::{self, RobotKind};
 use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner};
-use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner};
-use crate::devices::zivid::{Patience, ZividScanner};
+use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, Which};
+use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
 use crate::geometry::PinholeCamera;
 use crate::sim;
 use std::path::PathBuf;
@@ -59,6 +59,22 @@ pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
 }
 
+/// No camera has this size: who opens one for it is told which it has.
+const UNKNOWN_PX: [usize; 2] = [0, 0];
+
+/// Waits until a Zivid is ready.
+///
+/// # Errors
+/// Where it does not get ready, and with its size where none was known.
+pub fn zivid_ready(scanner: &mut ZividScanner) -> Result<(), CameraError> {
+    scanner.ready(Patience::default().start()).map_err(|fault| match fault {
+        ZividFault::WrongSize { found_px, expected_px: UNKNOWN_PX, .. } => {
+            CameraError::WrongSize { which: Which::Scanner, found_px, expected_px: UNKNOWN_PX }
+        }
+        fault => fault.into(),
+    })
+}
+
 /// Opens a camera for its calibrated size, or for its own; gives that size, too.
 ///
 /// # Errors
@@ -71,10 +87,9 @@ pub fn sized<C>(
     if let Some(lens) = lens {
         return Ok((open(&lens)?, [lens.width_px, lens.height_px]));
     }
-    let other_px = [2, 2];
-    let mut camera = open(&of_size(other_px))?;
+    let mut camera = open(&of_size(UNKNOWN_PX))?;
     match look(&mut camera) {
-        Ok(()) => Ok((camera, other_px)),
+        Ok(()) => Ok((camera, UNKNOWN_PX)),
         Err(CameraError::WrongSize { found_px, .. }) => {
             // A camera is let go before it is opened again.
             drop(camera);
@@ -133,11 +148,8 @@ pub fn scanner(
         cell::Camera::Device(camera) => {
             progress("starting the 3D camera, which may take minutes");
             let open = |lens: &PinholeCamera| zivid::scanner(&files.cell, camera, lens);
-            let ready = |scanner: &mut ZividScanner| -> Result<(), CameraError> {
-                Ok(scanner.ready(Patience::default().start())?)
-            };
-            let (mut scanner, _) = sized(lens, open, ready)?;
-            ready(&mut scanner).map_err(Fault::stage)?;
+            let (mut scanner, _) = sized(lens, open, zivid_ready)?;
+            zivid_ready(&mut scanner).map_err(Fault::stage)?;
             Ok(Opened::of(Box::new(scanner)))
         }
     }

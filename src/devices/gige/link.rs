@@ -290,7 +290,11 @@ impl Link {
     /// Tells once that the camera is away; why may change meanwhile.
     fn away(&mut self, why: GigeError) {
         if self.away_since.is_none() {
-            tracing::warn!("{why}");
+            // Who opens it for 0×0 asks how large its pictures are.
+            match why {
+                GigeError::WrongSize { expected_px: [0, 0], .. } => tracing::debug!("{why}"),
+                _ => tracing::warn!("{why}"),
+            }
             self.away_since = Some(Instant::now());
         }
         lock(&self.shared).standing = Standing::Away(why);

@@ -145,6 +145,11 @@ impl Mover {
         self.joints
     }
 
+    /// Puts the standing arm there.
+    pub(super) fn jog(&mut self, joints: Joints) {
+        *self = Mover::new(self.arm.clone(), joints);
+    }
+
     pub(super) fn base_from_flange(&self) -> Rigid<Base, Flange> {
         self.arm.base_from_flange(&self.joints)
     }

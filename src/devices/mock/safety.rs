@@ -9,6 +9,7 @@ use super::model::Controller;
 use super::setup::{Clock, Mode};
 use super::submit::REOPEN_MS;
 use super::wire::Channel;
+use crate::geometry::Joints;
 
 /// What the safety controller and the pendant say.
 #[derive(Debug, Clone, Copy)]
@@ -130,6 +131,15 @@ impl Controller {
         if held {
             self.start_program();
         }
+    }
+
+    /// A person jogs the arm there: it stands there at once. Not while anything is planned; whether it was done.
+    pub fn jog(&mut self, joints: Joints) -> bool {
+        let stands = self.mover.stands();
+        if stands {
+            self.mover.jog(joints);
+        }
+        stands
     }
 
     /// Sets an input that the world leaves alone.

@@ -229,6 +229,15 @@ fn lens(lens_c: Option<f64>) -> String {
 }
 
 impl ZividFault {
+    /// The answer to who opened the camera without knowing its size, 0×0, or its serial number, "".
+    pub fn is_an_answer(&self) -> bool {
+        match self {
+            ZividFault::WrongSize { expected_px, .. } => *expected_px == [0, 0],
+            ZividFault::WrongCamera { expected, .. } => expected.is_empty(),
+            _ => false,
+        }
+    }
+
     /// Its row of the fault model.
     pub fn row(&self) -> &'static str {
         use ZividFault as F;

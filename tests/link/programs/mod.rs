@@ -17,7 +17,7 @@ use std::ops::Range;
 use std::path::Path;
 
 /// Walks in every run of the tests.
-const WALKS: u64 = 5_000;
+const WALKS: u64 = 2_000;
 /// From so many walks on every statement must have been executed.
 const ALL_STATEMENTS: u64 = 5_000;
 

@@ -4,10 +4,17 @@
 //! Pictures stay in the folder of `--live`, poses in its `poses.toml`; a session that was broken off goes on where it ended. A
 //! person moves the board or the arm and presses Enter, or with `--count` has some seconds for it; with `--move` the arm moves by itself, through the gates of
 //! `panelprep robot move-j`.
+//!
+//! - `looking`: one picture of the target of a verification · `touching`: poses in which the tip touches something
 
+mod looking;
 mod moving;
 mod session;
+mod touching;
 mod view;
+
+pub use looking::look;
+pub use touching::{tool, touch};
 
 use super::super::args::Common;
 use super::super::fault::Fault;

@@ -177,7 +177,10 @@ impl Shared {
         if status.faults.len() > MOST_FAULTS {
             status.faults.pop_front();
         }
-        tracing::warn!("{fault}");
+        match fault.is_an_answer() {
+            true => tracing::debug!("{fault}"),
+            false => tracing::warn!("{fault}"),
+        }
     }
 }
 

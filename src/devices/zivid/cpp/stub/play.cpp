@@ -10,6 +10,7 @@
 //     lens 35.5                  °C at the first shot of this process
 //     warms 0.25                 °C more at each shot after it
 //     light grid50hz 100         how the light flickers, and how often a second; noFlicker without this line
+//     feed /tmp/scene.sock       its pictures come from whoever listens at that socket, see `fed` below
 //     status busy                the camera found on the network cannot be opened: busy, inaccessible, firmwareUpdateRequired
 //     fault 3 hang               at the third shot or picture of this process, of: hang, crash, throw, gone, missing,
 //                                infinite, frozen, half, throttled
@@ -22,6 +23,7 @@
 #include <Zivid/Experimental/SettingsInfo.h>
 #include <Zivid/Zivid.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdlib>
 #include <fstream>
@@ -30,6 +32,11 @@
 #include <sstream>
 #include <stdexcept>
 #include <thread>
+#include <vector>
+
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
 
 using Zivid::CameraState;
 
@@ -39,7 +46,7 @@ struct Scene {
     std::string serial = "STUB0001", model = "Zivid Two M70";
     Size full = {1944, 1200};
     double lens_c = 35.5, warms_c = 0;
-    std::string flicker = "noFlicker", flicker_hz;
+    std::string flicker = "noFlicker", flicker_hz, feed;
     std::map<unsigned, std::string> faults;
     bool is_file = false, is_connected = true;
     CameraState::Status::ValueType unconnected = CameraState::Status::ValueType::available;
@@ -50,6 +57,9 @@ struct Exposure {
     unsigned noise;
     double lens_c, throttled_ms = 0;
     std::string fault;
+    // From the feed, where there is one.
+    std::vector<Zivid::PointXYZ> points;
+    std::vector<Zivid::ColorRGBA_SRGB> colors;
 };
 
 // Makes and looks into what is private in the declarations.
@@ -119,6 +129,8 @@ std::shared_ptr<Scene> read(const std::string &name, bool is_file) {
             words >> scene->lens_c;
         } else if (key == "warms") {
             words >> scene->warms_c;
+        } else if (key == "feed") {
+            words >> scene->feed;
         } else if (key == "light") {
             words >> scene->flicker >> scene->flicker_hz;
         } else if (key == "status") {
@@ -159,7 +171,50 @@ double lens_c_now(const Scene &scene) {
     return scene.lens_c + scene.warms_c * (shots > 1 ? shots - 1 : 0);
 }
 
-std::shared_ptr<const Exposure> expose(Scene &scene, bool subsampled) {
+void read_all(int from, void *to, size_t bytes) {
+    for (char *at = static_cast<char *>(to); bytes > 0;) {
+        const ssize_t got = ::read(from, at, bytes);
+        if (got <= 0) {
+            throw std::runtime_error("the scene's feed ended");
+        }
+        at += got, bytes -= static_cast<size_t>(got);
+    }
+}
+
+// Asks for one exposure: "3d" or "2d" and a newline. The answer is width and height, four bytes each in this machine's order,
+// for "3d" all points (x, y, z as float), and all colours (red, green, blue, alpha).
+void fed(const Scene &scene, bool is_3d, Exposure &played) {
+    sockaddr_un address{};
+    address.sun_family = AF_UNIX;
+    if (scene.feed.size() >= sizeof(address.sun_path)) {
+        throw std::runtime_error("the feed's name is too long");
+    }
+    std::copy(scene.feed.begin(), scene.feed.end(), address.sun_path);
+    const int connection = ::socket(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0);
+    struct Closed {
+        int connection;
+        ~Closed() { ::close(connection); }
+    } closed{connection};
+    const char *wish = is_3d ? "3d\n" : "2d\n";
+    if (connection < 0 || ::connect(connection, reinterpret_cast<sockaddr *>(&address), sizeof(address)) != 0 ||
+        ::write(connection, wish, 3) != 3) {
+        throw std::runtime_error("nobody feeds " + scene.feed);
+    }
+    uint32_t size[2];
+    read_all(connection, size, sizeof(size));
+    if (size[0] != played.size.width || size[1] != played.size.height) {
+        throw std::runtime_error("the feed has another size");
+    }
+    const size_t pixels = played.size.width * played.size.height;
+    if (is_3d) {
+        played.points.resize(pixels);
+        read_all(connection, played.points.data(), pixels * sizeof(Zivid::PointXYZ));
+    }
+    played.colors.resize(pixels);
+    read_all(connection, played.colors.data(), pixels * sizeof(Zivid::ColorRGBA_SRGB));
+}
+
+std::shared_ptr<const Exposure> expose(Scene &scene, bool subsampled, bool is_3d) {
     if (!scene.is_connected) {
         throw std::runtime_error("the camera is not connected");
     }
@@ -189,6 +244,9 @@ std::shared_ptr<const Exposure> expose(Scene &scene, bool subsampled) {
         played->noise = last_noise;
     }
     last_noise = played->noise;
+    if (!scene.feed.empty()) {
+        fed(scene, is_3d, *played);
+    }
     return played;
 }
 
@@ -199,6 +257,10 @@ unsigned mixed(unsigned number) {
 }
 
 void paint(const Exposure &exposure, Zivid::ColorRGBA_SRGB *pixel) {
+    if (!exposure.colors.empty()) {
+        std::copy(exposure.colors.begin(), exposure.colors.end(), pixel);
+        return;
+    }
     const auto [width, height] = exposure.size;
     for (size_t v = 0; v < height; ++v) {
         for (size_t u = 0; u < width; ++u) {
@@ -256,6 +318,10 @@ size_t PointCloud::height() const {
 }
 
 void PointCloud::copyData(PointXYZ *destination) const {
+    if (!exposure_->points.empty()) {
+        std::copy(exposure_->points.begin(), exposure_->points.end(), destination);
+        return;
+    }
     const auto [width, height] = exposure_->size;
     const float nan = std::numeric_limits<float>::quiet_NaN();
     const double w = static_cast<double>(width), h = static_cast<double>(height), f = 1785 * w / 1944;
@@ -323,11 +389,11 @@ CameraState Camera::state() const {
 }
 
 Frame Camera::capture2D3D(const Settings &settings) {
-    return Frame(played::expose(*scene_, Inside::is_subsampled(settings)));
+    return Frame(played::expose(*scene_, Inside::is_subsampled(settings), true));
 }
 
 Frame2D Camera::capture2D(const Settings2D &settings) {
-    return Frame2D(played::expose(*scene_, Inside::is_subsampled(settings)));
+    return Frame2D(played::expose(*scene_, Inside::is_subsampled(settings), false));
 }
 
 SceneConditions Camera::measureSceneConditions() {

@@ -1,0 +1,88 @@
+//! `panelprep calibrate verify --live`: the picture of the target is taken now. A simulated person has put the target in its place.
+
+use super::super::super::args::{Common, Shot};
+use super::super::super::disk;
+use super::super::super::fault::Fault;
+use super::super::super::flange_pose::FlangePoses;
+use super::super::super::live;
+use super::super::super::load::CellFiles;
+use super::super::super::outcome::Outcome;
+use super::super::super::output::tell_line as tell;
+use super::super::super::shoot::{free_names, opening};
+use super::super::args::{CameraName, Verify};
+use super::super::verify;
+use crate::files::{self, ReportedFlange};
+use crate::geometry::{ColorPicture, KukaPose};
+use opening::Wanted;
+use std::path::{Path, PathBuf};
+
+/// Takes the picture and does what the same command does on files.
+///
+/// # Errors
+/// Where the camera does not deliver, nobody says where the flange was, or the disk refuses; else as the command on files.
+pub fn look(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+    let cell = CellFiles::read(common)?;
+    let folder = args.live.as_deref().unwrap_or(Path::new("."));
+    let (image, flange) = match args.camera {
+        CameraName::Scanner => (scanner(args, (&cell, folder), progress)?, None),
+        CameraName::FlangeCamera => {
+            let (image, flange) = flange_camera(args, (&cell, folder), progress)?;
+            (image, Some(flange))
+        }
+    };
+    tell(&format!("{}: the picture that is looked at", image.display()));
+    verify::run(&Verify { image: Some(image), flange, live: None, ..args.clone() }, common, progress)
+}
+
+/// A 3D shot, which also tells how large the squares are; of a simulated scanner, its picture of the target.
+fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn(&str)) -> Result<PathBuf, Fault> {
+    if cell.cell.scanner().is_simulated() {
+        let file = free_name(folder, "verify_scanner", "png");
+        let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
+        let picture = files::write_gray_png(&world.scanner_target().picture).map_err(Fault::stage)?;
+        return disk::write(&file, picture).map(|()| file);
+    }
+    let file = free_name(folder, "verify_scanner", "pcd");
+    let wanted = Wanted { shot: Shot::Scan, simulation: args.simulation };
+    let mut opened = opening::scanner(cell, &wanted, progress)?;
+    let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
+    disk::write(&file, files::write_pcd(&shot.cloud)).map(|()| file)
+}
+
+/// A picture, and the flange's pose at it.
+fn flange_camera(
+    args: &Verify,
+    (cell, folder): (&CellFiles, &Path),
+    progress: &dyn Fn(&str),
+) -> Result<(PathBuf, PathBuf), Fault> {
+    let names = free_names(folder, "verify_flange_camera", &["png", "json"]);
+    let (picture, flange) = match cell.cell.flange_camera().is_simulated() {
+        true => simulated(args, cell)?,
+        false => {
+            let wanted = Wanted { shot: Shot::Corner, simulation: args.simulation };
+            let mut opened = opening::flange_camera(cell, &wanted, progress)?;
+            let poses = FlangePoses::of(cell);
+            loop {
+                let before = poses.now();
+                let shot = opened.camera.capture().map_err(Fault::stage)?;
+                if let Some(flange) = poses.known_or_asked(before, shot.base_from_flange)? {
+                    break (shot.picture, flange);
+                }
+            }
+        }
+    };
+    disk::write(&names[0], files::write_color_png(&picture).map_err(Fault::stage)?)?;
+    disk::write(&names[1], files::write_reported_flange(&flange))?;
+    Ok((names[0].clone(), names[1].clone()))
+}
+
+fn simulated(args: &Verify, cell: &CellFiles) -> Result<(ColorPicture, ReportedFlange), Fault> {
+    let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
+    let target = world.flange_target();
+    let base_from_flange = KukaPose::from_rigid(&target.base_from_flange);
+    Ok((target.picture.to_color(), ReportedFlange { base_from_flange, joints: None }))
+}
+
+fn free_name(folder: &Path, name: &str, ending: &str) -> PathBuf {
+    free_names(folder, name, &[ending]).into_iter().next().unwrap_or_default()
+}

@@ -1,0 +1,129 @@
+//! `panelprep calibrate tcp --live` and `touch --live`: poses in which the tip touches something, read from the controller at each
+//! Enter; where no controller answers, a person reads them from the pendant. Nothing moves by it.
+
+use super::super::super::args::Common;
+use super::super::super::disk;
+use super::super::super::fault::Fault;
+use super::super::super::flange_pose::FlangePoses;
+use super::super::super::load::CellFiles;
+use super::super::super::outcome::Outcome;
+use super::super::super::output::{answer, tell_line as tell};
+use super::super::args::{Tcp, Touch};
+use super::super::target::Target;
+use super::super::{pose_keys, tcp, verify};
+use super::say_reasons;
+use crate::files::ReportedFlange;
+use crate::geometry::{Base, Flange, Point};
+use std::path::Path;
+
+/// Poses with which a tool's tip is computed for the first time.
+const FIRST: usize = 4;
+
+/// What a person answers to a question for a pose.
+enum Said {
+    Here(ReportedFlange),
+    Axis,
+    Done,
+}
+
+fn said(poses: &FlangePoses<'_>) -> Result<Said, Fault> {
+    loop {
+        match answer()?.as_deref() {
+            None | Some("done") => return Ok(Said::Done),
+            Some("axis") => return Ok(Said::Axis),
+            Some(_) => {}
+        }
+        let before = poses.now();
+        if let Some(flange) = poses.known_or_asked(before, None)? {
+            return Ok(Said::Here(flange));
+        }
+        tell("Press Enter again once the arm stands; write done where these are enough.");
+    }
+}
+
+/// The tool, by poses that are read now.
+///
+/// # Errors
+/// Where the disk refuses, or nobody says where the flange is; else as the command on files.
+pub fn tool(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
+    let cell = CellFiles::read(common)?;
+    let folder = args.live.as_deref().unwrap_or(Path::new("."));
+    let file = folder.join("poses.toml");
+    let mut text = if file.is_file() { disk::read_text(&file)? } else { String::new() };
+    let poses = FlangePoses::of(&cell);
+    let on_file = |out| Tcp { poses: Some(file.clone()), live: None, out, ..args.clone() };
+    let mut table = "poses";
+    tell("Hold the tip at the spot, in another orientation each time: six or more that differ by 30° or more.");
+    loop {
+        let number = text.matches(&format!("[[{table}]]")).count() + 1;
+        tell(&match table {
+            "poses" => format!(
+                "Press Enter for pose {number} of the tip; write axis to go on with the tool's axis, or done to end."
+            ),
+            _ => format!(
+                "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of it; write done to end."
+            ),
+        });
+        match said(&poses)? {
+            Said::Done => break,
+            Said::Axis => table = "axis",
+            Said::Here(flange) => {
+                text += &format!("[[{table}]]\n{}\n", pose_keys(&flange));
+                disk::write_through(&file, &text)?;
+                if table == "poses" && number >= FIRST {
+                    say_tip(tcp::run(&on_file(None), common));
+                }
+            }
+        }
+    }
+    tcp::run(&on_file(args.out.clone()), common)
+}
+
+/// How well the poses so far tell the tip; the poses are kept where they do not.
+fn say_tip(found: Result<Outcome, Fault>) {
+    match found {
+        Ok(outcome) => {
+            let number = |key: &str| outcome.json.get(key).and_then(serde_json::Value::as_f64);
+            if let (Some(rms_mm), Some(uncertainty_mm)) = (number("rms_mm"), number("uncertainty_mm")) {
+                tell(&format!("so far: {rms_mm:.3} mm rms, the tip ± {uncertainty_mm:.3} mm (95 %)"));
+            }
+            say_reasons(&outcome);
+        }
+        Err(fault) => tell(&format!("so far no tip: {fault}")),
+    }
+}
+
+/// The error at the tool, by touches of the board's corners that are read now.
+///
+/// # Errors
+/// As [`tool`].
+pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
+    let cell = CellFiles::read(common)?;
+    let folder = args.live.as_deref().unwrap_or(Path::new("."));
+    let Target { board, base_from_board } = Target::read(&args.target, args.board.named().as_ref())?;
+    let flange_from_tool = cell.tool_tip()?.value;
+    let poses = FlangePoses::of(&cell);
+    let mut text = String::new();
+    for (index, (column, row)) in board.corners_to_touch().into_iter().enumerate() {
+        let Some(corner) = board.corner(column, row) else { continue };
+        let place = (base_from_board * corner).mm;
+        tell(&format!(
+            "Touch the board's inner corner [{column}, {row}] with the tip, at about X {:.0}, Y {:.0}, Z {:.0} mm in the robot's base, and press Enter.",
+            place.x, place.y, place.z
+        ));
+        let Said::Here(flange) = said(&poses)? else { break };
+        let tip =
+            (flange.base_from_flange.to_rigid::<Base, Flange>() * flange_from_tool * Point::at(0.0, 0.0, 0.0)).mm;
+        let number = index + 1;
+        text += &format!(
+            "p{number}_mm = [{:.3}, {:.3}, {:.3}]\np{number}_corner = [{column}, {row}]\n",
+            tip.x, tip.y, tip.z
+        );
+        if let Some(joints) = flange.joints {
+            text += &format!("p{number}_axes_deg = {:?}\n", joints.degrees());
+        }
+    }
+    let file = folder.join("touched.toml");
+    disk::write_through(&file, &text)?;
+    verify::touch(&Touch { points: Some(file), live: None, ..args.clone() }, common)
+}

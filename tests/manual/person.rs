@@ -1,0 +1,127 @@
+//! The person who follows the manual: answers what the program asks at the terminal, jogs the arm, draws on the page, and edits the
+//! two files that the manual says are to be edited.
+
+use super::cell::{Cell, PORTS, SERIAL};
+use panelprep::geometry::Joints;
+use std::fs;
+use std::io::{Read, Write};
+use std::net::TcpStream;
+use std::path::Path;
+use toml_edit::{Array, DocumentMut, Item, Table, value};
+
+/// Where the arm parks, and where its tool's tip may be.
+const PARK_DEG: &str = "-120,-75,110,0,55,90";
+const READY_DEG: [f64; 6] = [0.0, -120.0, 145.0, 0.0, -25.0, 90.0];
+const BOX_MM: [&str; 2] = ["100,-450,50", "700,450,900"];
+
+/// What the person answers to a line of the program, if anything; `asked` counts what was answered to this command before.
+pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Option<String> {
+    let words = |words: &str| Some(format!("{words}\n"));
+    let number = *asked;
+    let said = if line.contains("Press Enter for pose") && line.contains("of the tip") {
+        cell.hold_tip(number, false);
+        if number == 6 { words("axis") } else { words("") }
+    } else if line.contains("Hold a mark on the tool's axis") {
+        // Six poses and the word `axis` were before.
+        let mark = number - 7;
+        cell.hold_tip(mark, true);
+        if mark == 2 { words("done") } else { words("") }
+    } else if let Some((_, rest)) = line.split_once("Touch the board's inner corner [") {
+        let (column, row) = rest.split(']').next()?.split_once(", ")?;
+        cell.touch_corner(column.parse().ok()?, row.parse().ok()?);
+        words("")
+    } else if line.contains("Bring the camera on the flange to where it sees the") {
+        cell.jog_to_corner(number);
+        words("")
+    } else if let Some(url) = line.split_whitespace().find(|word| word.starts_with("http://")) {
+        draw(cell, url);
+        return None;
+    } else if line.contains("axis angles where the arm is clear") {
+        words(PARK_DEG)
+    } else if line.contains("least corner of the box that the tool's tip") {
+        words(BOX_MM[0])
+    } else if line.contains("its greatest corner") && line.contains("[750,450,900]") {
+        words(BOX_MM[1])
+    } else if line.contains("the camera on the flange: simulated or gige") {
+        words("gige")
+    } else if line.contains("serial number of the camera on the flange") {
+        words(SERIAL)
+    } else if line.contains("the store's folder") {
+        words(&store.display().to_string())
+    } else if line.starts_with("Where is the flange?") {
+        panic!("the controller answers, so nobody need read the pendant");
+    } else if line.contains(" [") && line.ends_with(']') {
+        // What is proposed.
+        words("")
+    } else {
+        None
+    };
+    *asked += usize::from(said.is_some());
+    said
+}
+
+/// On the page: the region's corners, fewer grids, save, done.
+fn draw(cell: &Cell, url: &str) {
+    let url = url.trim_end_matches('.').to_owned();
+    let region = cell.region();
+    let corners: Vec<[f64; 2]> = region.corners_px.iter().map(|pixel| [pixel.u, pixel.v]).collect();
+    let drawing = ask(&url, "GET", "drawing.json", "");
+    let mut drawing: serde_json::Value = serde_json::from_str(&drawing).expect("JSON");
+    let drawn = &mut drawing["drawn"];
+    drawn["corners_px"] = serde_json::json!(corners);
+    (drawn["rows"], drawn["columns"]) = (3.into(), 4.into());
+    let saved = ask(&url, "POST", "save", &drawn.to_string());
+    assert!(!saved.contains("error"), "{saved}");
+    ask(&url, "POST", "done", "");
+}
+
+fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
+    let (host, key) =
+        url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
+    let mut stream = TcpStream::connect(host).expect("it listens");
+    let request = format!(
+        "{method} /{key}/{page} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
+         content-length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    stream.write_all(request.as_bytes()).expect("sent");
+    let mut answer = Vec::new();
+    stream.read_to_end(&mut answer).expect("answered");
+    let answer = String::from_utf8_lossy(&answer).into_owned();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+    answer.split_once("\r\n\r\n").expect("a body").1.to_owned()
+}
+
+fn edited(file: &Path, edit: impl FnOnce(&mut DocumentMut)) {
+    let mut document: DocumentMut = fs::read_to_string(file).expect("written").parse().expect("TOML");
+    edit(&mut document);
+    fs::write(file, document.to_string()).expect("written");
+}
+
+/// The cell's file with this cell's numbers, as the manual asks for it.
+pub fn edit_cell(file: &Path, verify: Joints) {
+    edited(file, |cell| {
+        let pose = |degrees: [f64; 6]| {
+            let mut table = Table::new();
+            for (axis, angle) in degrees.into_iter().enumerate() {
+                table[&format!("a{}_deg", axis + 1)] = value(angle);
+            }
+            Item::Table(table)
+        };
+        cell["poses"]["ready"] = pose(READY_DEG);
+        cell["poses"]["verify"] = pose(verify.degrees());
+        let [command, state] = PORTS.map(i64::from);
+        (cell["robot"]["command_port"], cell["robot"]["state_port"]) = (value(command), value(state));
+        (cell["scanner"]["settings"], cell["scanner"]["settings_2d"]) = (value("scan.yml"), value("film.yml"));
+    });
+}
+
+/// A film and a feed that are shorter than a panel's, and the place of the simulated panel.
+pub fn edit_recipe(file: &Path) {
+    edited(file, |recipe| {
+        recipe["process"]["observation_s"] = value(8.0);
+        let corner = |corner: [f64; 3]| value(corner.into_iter().collect::<Array>());
+        let [least, greatest] = panelprep::sim::SEARCH_BOX_MM;
+        (recipe["locate"]["box_min_mm"], recipe["locate"]["box_max_mm"]) = (corner(least), corner(greatest));
+    });
+}
