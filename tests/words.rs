@@ -7,13 +7,14 @@ use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
 
 /// Texts that are read by machines, or by programmers: part of the file's name, part of the text.
-const FOR_MACHINES: [(&str, &str); 24] = [
+const FOR_MACHINES: [(&str, &str); 25] = [
     // TOML and digests: every digit, and quotes around a text.
     ("cell/calibration.rs", ""),
     ("cli/render.rs", "verify_limit_mm = {:?}"),
     ("cli/render.rs", "observation_s"),
     ("cli/calibrate/files.rs", "base_from_flange"),
     ("cli/calibrate/files.rs", "axes_deg = {"),
+    ("cli/calibrate/live/touching.rs", "axes_deg = {"),
     ("cli/tune.rs", "channel_weights = {"),
     ("cli/tune.rs", "persist_s = {"),
     ("cli/tune.rs", "min_break_mm2 = {"),

@@ -273,7 +273,7 @@ pub fn tool(point: &ToolPoint, axis: Option<&ToolAxis>) -> Judgement {
     reasons.bound("rms_mm", point.rms_mm, TOOL_RMS_MM, "the poses hold the tip at one spot to so many mm rms");
     match axis {
         None => reasons.doubt("no_axis", true, || {
-            "the tool's axis was not measured: good for a pointer, refused for sanding; add [[axis]] or [plate]"
+            "the tool's axis was not measured: good for a pointer, refused for sanding; add [[axis]], or [[plate]] and [[flat]]"
                 .to_owned()
         }),
         Some(axis) => {

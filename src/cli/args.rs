@@ -662,7 +662,11 @@ pub enum CtlAsk {
     /// After an abort: the cause is gone and the pad is off the panel.
     Clear,
     /// From stopped or complete to idle: everything off and tested, no motion.
-    Reset,
+    Reset {
+        /// Wait until the cell is idle, and end with 3 where it does not get there.
+        #[arg(long)]
+        wait: bool,
+    },
     /// Held for review: the result is good.
     Accept,
     /// A new disc is mounted: its wear is counted from zero. Where the cell rests.

@@ -20,6 +20,9 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(60);
 /// A stop or an abort that met a service without a place for it is asked again for so long.
 const INSISTS: Duration = Duration::from_secs(5);
+/// A reset warms the cameras up, which may take minutes.
+const RESETS: Duration = Duration::from_secs(600);
+const SETTLES: Duration = Duration::from_millis(100);
 const AGAIN: Duration = Duration::from_millis(20);
 
 /// Asks, and tells what was answered.
@@ -39,7 +42,22 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     };
     match args.ask {
         CtlAsk::Start { wait: true, .. } if reply.answer == Exit::Done => follow::to_the_end(&socket, &reply),
+        CtlAsk::Reset { wait: true } if reply.answer == Exit::Done => until_idle(&socket),
         _ => Ok(outcome(&reply)),
+    }
+}
+
+/// Waits for the end of a reset, and says where it led.
+fn until_idle(socket: &Path) -> Result<Outcome, Fault> {
+    let since = Instant::now();
+    loop {
+        let reply = ask(socket, &Wish::State {})?;
+        let is_at = |word: &str| reply.state.as_deref() == Some(word);
+        if !is_at("resetting") || since.elapsed() >= RESETS {
+            let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
+            return Ok(Outcome { exit: exit.code(), ..outcome(&reply) });
+        }
+        thread::sleep(SETTLES);
     }
 }
 
@@ -66,7 +84,7 @@ fn wish(ask: &CtlAsk) -> Result<Wish, Fault> {
         CtlAsk::Stop => Wish::Stop {},
         CtlAsk::Abort => Wish::Abort {},
         CtlAsk::Clear => Wish::Clear {},
-        CtlAsk::Reset => Wish::Reset {},
+        CtlAsk::Reset { .. } => Wish::Reset {},
         CtlAsk::Accept => Wish::Accept {},
         CtlAsk::NewDisc => Wish::NewDisc {},
         CtlAsk::State | CtlAsk::Watch => Wish::State {},

@@ -90,7 +90,7 @@ pub enum Fault {
     /// The tool has a point and no axis.
     #[error(
         "{file}: the tool's axis was not measured (axis_measured is not true); a pad that is not flat grinds an edge: \
-         run `panelprep calibrate tcp` with [[axis]] or [[plate]]"
+         run `panelprep calibrate tcp` with [[axis]], or with [[plate]] and [[flat]]"
     )]
     NoAxis {
         /// The tool's file.

@@ -154,11 +154,11 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     outcome.say("grid      dry    wet  contrast/noise  light");
     for grid in &found.grids {
         outcome.say(format!(
-            "{:6} {:6.1} {:6.1} {:15.1} {:6.2}",
+            "{:6} {:6.1} {:6.1} {:>15} {:6.2}",
             grid.id.to_string(),
             grid.dry,
             grid.wet,
-            grid.contrast_to_noise,
+            fixed(grid.contrast_to_noise, 1).to_string(),
             grid.light
         ));
     }
@@ -235,8 +235,12 @@ fn say_channels(advice: &Advice, outcome: &mut Outcome) {
     for (name, channel) in ["red", "green", "blue"].iter().zip(&advice.channels) {
         let ratio = channel.contrast_to_noise();
         outcome.say(format!(
-            "{name:7} {:7.1} {:6.1} {:6.2} {ratio:15.1} {:7.2}",
-            channel.dry, channel.wet, channel.noise, channel.weight
+            "{name:7} {:7.1} {:6.1} {:6.2} {:>15} {:7.2}",
+            channel.dry,
+            channel.wet,
+            channel.noise,
+            fixed(ratio, 1).to_string(),
+            channel.weight
         ));
         rows.push(json!({"name": name, "dry": channel.dry, "wet": channel.wet, "noise": channel.noise,
                          "contrast_to_noise": ratio, "weight": channel.weight}));

@@ -40,6 +40,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 struct Walk {
     computer: Computer,
     cell: Cell,
+    /// Commands that were sent into the background.
+    beside: Vec<(String, std::process::Child)>,
 }
 
 #[test]
@@ -59,7 +61,7 @@ fn the_manual_leads_from_the_package_to_a_cell_in_daily_work() {
         ("LD_LIBRARY_PATH".to_owned(), library),
         ("PANELPREP_ZIVID_STUB".to_owned(), zivid.display().to_string()),
     ];
-    let mut walk = Walk { computer, cell };
+    let mut walk = Walk { computer, cell, beside: Vec::new() };
     for name in pages::names() {
         eprintln!("# {name}");
         let text = fs::read_to_string(pages::folder().join(&name)).expect("a page");
@@ -86,6 +88,17 @@ impl Walk {
         }
         if let Some((name, value)) = here.strip_prefix("export ").and_then(|rest| rest.split_once('=')) {
             return self.computer.exported.push((name.to_owned(), value.to_owned()));
+        }
+        if let Some(beside) = here.strip_suffix(" &") {
+            let child =
+                self.computer.shell(&format!("exec {beside}")).stdin(Stdio::null()).spawn().expect("a shell");
+            return self.beside.push((line.to_owned(), child));
+        }
+        if line == "wait" {
+            for (line, mut child) in self.beside.drain(..) {
+                assert!(child.wait().expect("it ends").success(), "{line}");
+            }
+            return;
         }
         if line.starts_with("panelprep calibrate hand-eye") {
             self.cell.jog_to_board();
@@ -167,7 +180,7 @@ impl Walk {
         let began = Instant::now();
         let done = |line: &str| self.computer.shell(&self.computer.here(line)).output().expect("a shell");
         let recipe = "panelprep ctl start --recipe /etc/panelprep/door.toml";
-        for line in ["panelprep ctl reset", recipe] {
+        for line in ["panelprep ctl reset --wait", recipe] {
             while !done(line).status.success() {
                 assert!(began.elapsed() < 2 * PATIENCE, "{line}: {:?}", done(line));
                 std::thread::sleep(Duration::from_millis(200));

@@ -94,7 +94,9 @@ fn wrong(line: &str, program: &clap::Command) -> Option<String> {
         Some(argument.get_possible_values().iter().map(|value| value.get_name().to_owned()).collect())
     };
     while let Some(word) = words.next() {
-        let Some(long) = word.strip_prefix("--").filter(|long| !["help", "version"].contains(long)) else { continue };
+        let Some(long) = word.strip_prefix("--").filter(|long| !["help", "version"].contains(long)) else {
+            continue;
+        };
         let Some(allowed) = of(command, long).or_else(|| of(program, long)) else {
             return Some(format!("{} has no option --{long}", command.get_name()));
         };
@@ -116,7 +118,10 @@ fn the_pages_name_no_command_that_is_not_there() {
     let program = panelprep::cli::args::Arguments::command();
     assert!(wrong("panelprep calibrate verify --camera scanner --target FILE", &program).is_none());
     assert!(wrong("panelprep calibrate verify --camera eyes", &program).is_some());
-    assert!(wrong("panelprep calibrate very", &program).is_some() && wrong("panelprep shoot --fast", &program).is_some());
+    assert!(
+        wrong("panelprep calibrate very", &program).is_some()
+            && wrong("panelprep shoot --fast", &program).is_some()
+    );
     let (mut seen, mut found) = (0, Vec::new());
     for name in names().iter().map(String::as_str).chain(["README.md"]) {
         let text = fs::read_to_string(folder().join(name)).expect("a page");

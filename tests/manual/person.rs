@@ -19,13 +19,13 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     let words = |words: &str| Some(format!("{words}\n"));
     let number = *asked;
     let said = if line.contains("Press Enter for pose") && line.contains("of the tip") {
-        cell.hold_tip(number, false);
-        if number == 6 { words("axis") } else { words("") }
+        let pose = numbered(line)?;
+        cell.hold_tip(pose - 1, false);
+        if pose == 7 { words("axis") } else { words("") }
     } else if line.contains("Hold a mark on the tool's axis") {
-        // Six poses and the word `axis` were before.
-        let mark = number - 7;
-        cell.hold_tip(mark, true);
-        if mark == 2 { words("done") } else { words("") }
+        let mark = numbered(line)?;
+        cell.hold_tip(mark - 1, true);
+        if mark == 3 { words("done") } else { words("") }
     } else if let Some((_, rest)) = line.split_once("Touch the board's inner corner [") {
         let (column, row) = rest.split(']').next()?.split_once(", ")?;
         cell.touch_corner(column.parse().ok()?, row.parse().ok()?);
@@ -50,7 +50,7 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
         words(&store.display().to_string())
     } else if line.starts_with("Where is the flange?") {
         panic!("the controller answers, so nobody need read the pendant");
-    } else if line.contains(" [") && line.ends_with(']') {
+    } else if !line.starts_with(' ') && line.contains(" [") && line.ends_with(']') {
         // What is proposed.
         words("")
     } else {
@@ -58,6 +58,11 @@ pub fn answer(cell: &Cell, store: &Path, line: &str, asked: &mut usize) -> Optio
     };
     *asked += usize::from(said.is_some());
     said
+}
+
+/// The number of the pose that is asked for.
+fn numbered(line: &str) -> Option<usize> {
+    line.split_once("Press Enter for pose ")?.1.split(' ').next()?.parse().ok()
 }
 
 /// On the page: the region's corners, fewer grids, save, done.
@@ -120,6 +125,8 @@ pub fn edit_cell(file: &Path, verify: Joints) {
 pub fn edit_recipe(file: &Path) {
     edited(file, |recipe| {
         recipe["process"]["observation_s"] = value(8.0);
+        // What `panelprep tune` proposes for pictures of half the size.
+        recipe["inspect"]["min_break_mm2"] = value(18.0);
         let corner = |corner: [f64; 3]| value(corner.into_iter().collect::<Array>());
         let [least, greatest] = panelprep::sim::SEARCH_BOX_MM;
         (recipe["locate"]["box_min_mm"], recipe["locate"]["box_max_mm"]) = (corner(least), corner(greatest));

@@ -96,7 +96,7 @@ pub(super) fn calibrations(files: &CellFiles, store: Option<&Store>) -> Vec<Chec
                 Check::wrong(
                     "calibration of the tool",
                     format!("the last touch was {:.3} mm off", touch.error_mm),
-                    "run `panelprep calibrate tcp` again, then `panelprep calibrate verify` by touch",
+                    "run `panelprep calibrate tcp` again, then `panelprep calibrate touch`",
                 )
             }
             Some(touch) => {

@@ -11,7 +11,6 @@ use super::super::super::output::{answer, tell_line as tell};
 use super::super::args::{Tcp, Touch};
 use super::super::target::Target;
 use super::super::{pose_keys, tcp, verify};
-use super::say_reasons;
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Point};
 use std::path::Path;
@@ -87,7 +86,6 @@ fn say_tip(found: Result<Outcome, Fault>) {
             if let (Some(rms_mm), Some(uncertainty_mm)) = (number("rms_mm"), number("uncertainty_mm")) {
                 tell(&format!("so far: {rms_mm:.3} mm rms, the tip ± {uncertainty_mm:.3} mm (95 %)"));
             }
-            say_reasons(&outcome);
         }
         Err(fault) => tell(&format!("so far no tip: {fault}")),
     }
