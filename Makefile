@@ -42,10 +42,11 @@ demo: setup
 	cargo build --release --locked
 	target/release/panelprep demo --out $(DEMO_OUT)
 
+# Some tests wait for a watchdog or a cable, and some compute: three at a time keep two cores busy.
 test: setup
 	cargo fmt --check
 	cargo clippy --locked --all-targets -- -D warnings
-	cargo test --locked
+	RUST_TEST_THREADS=3 cargo test --locked
 
 # A Debian package of the release build, in target/package/. Build it on the system on which it is installed: Ubuntu 24.04 for a cell
 # (the Zivid SDK has packages for Ubuntu alone, Aravis 0.8.25 and newer are in Ubuntu from 24.04 on), Debian 12 for the simulated cell.

@@ -125,6 +125,7 @@ pub fn edit_cell(file: &Path, verify: Joints) {
 pub fn edit_recipe(file: &Path) {
     edited(file, |recipe| {
         recipe["process"]["observation_s"] = value(8.0);
+        recipe["path"]["feed_mm_s"] = value(120.0);
         // What `panelprep tune` proposes for pictures of half the size.
         recipe["inspect"]["min_break_mm2"] = value(18.0);
         let corner = |corner: [f64; 3]| value(corner.into_iter().collect::<Array>());

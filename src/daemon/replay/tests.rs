@@ -184,7 +184,7 @@ fn below_the_floor_the_recording_ends_with_its_reason() {
     let mut looks = 0_u64;
     let fills = move || {
         looks += 1;
-        RECORDING_FLOOR_MB + 1 - looks
+        RECORDING_FLOOR_MB + 2 - looks
     };
     let recording = recording_of(&disk, fills);
     // It is looked again once a second.

@@ -147,7 +147,7 @@ impl Mover {
 
     /// Puts the standing arm there.
     pub(super) fn jog(&mut self, joints: Joints) {
-        *self = Mover::new(self.arm.clone(), joints);
+        *self = Mover::new(self.arm, joints);
     }
 
     pub(super) fn base_from_flange(&self) -> Rigid<Base, Flange> {

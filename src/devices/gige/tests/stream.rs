@@ -26,10 +26,10 @@ fn numbers_begin_again_and_no_frame_is_lost() {
     assert_eq!(camera.statistics().refused, 0, "{}", camera.statistics());
 }
 
-/// Twenty seconds of full-size pictures of the simulated cell: each that is taken is an exposure byte by byte, and what is
+/// Eight seconds of full-size pictures of the simulated cell: each that is taken is an exposure byte by byte, and what is
 /// missing between them is counted.
 #[test]
-fn twenty_seconds_of_full_pictures_keep_their_integrity() {
+fn full_pictures_keep_their_integrity() {
     let _alone = alone();
     let format = PixelFormat::BayerRG8;
     let full = [2048, 1536];
@@ -50,7 +50,7 @@ fn twenty_seconds_of_full_pictures_keep_their_integrity() {
     let (begun, (frame, before)) = (Instant::now(), next());
     let first = exposure_of(&frame, &raw);
     let (mut last, mut counted) = (first, before);
-    while begun.elapsed() < Duration::from_secs(20) || counted.accepted < 20 {
+    while begun.elapsed() < Duration::from_secs(8) || counted.accepted < 20 {
         assert!(begun.elapsed() < Duration::from_secs(180), "{counted}");
         let (frame, now) = next();
         (last, counted) = (exposure_of(&frame, &raw), now);

@@ -71,10 +71,16 @@ fn first_shot(tamper: impl Fn(&mut Vec<u8>) -> Rest + Send + Sync + 'static) -> 
     fault
 }
 
+/// All cases at a time: each waits for its own worker to be started again.
+fn each<const N: usize>(cases: [usize; N], check: impl Fn(usize) + Sync) {
+    let check = &check;
+    std::thread::scope(|scope| cases.into_iter().for_each(|case| drop(scope.spawn(move || check(case)))));
+}
+
 /// A worker that is gone, at every part of a frame.
 #[test]
 fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
-    for keep in [0, 10, 26, 40, 300, 900] {
+    each([0, 10, 26, 40, 300, 900], |keep| {
         let fault = first_shot(move |bytes| {
             bytes.truncate(keep);
             Rest::HangsUp
@@ -82,12 +88,12 @@ fn a_shot_that_is_cut_off_is_a_worker_that_ended() {
         let words =
             "C11 the 3D camera's worker ended (it hung up) during a 3D shot; it is started again, restart 1 of 3";
         assert!(fault.to_string().starts_with(words), "{keep}: {fault}");
-    }
+    });
 }
 
 #[test]
 fn a_shot_that_stalls_under_way_is_given_up_in_time() {
-    for keep in [0, 20, 500] {
+    each([0, 20, 500], |keep| {
         let since = Instant::now();
         let fault = first_shot(move |bytes| {
             bytes.truncate(keep);
@@ -98,20 +104,20 @@ fn a_shot_that_stalls_under_way_is_given_up_in_time() {
             "{fault}"
         );
         assert!(since.elapsed() >= Duration::from_millis(400));
-    }
+    });
 }
 
 /// A changed byte in opening, head, payload and checksum.
 #[test]
 fn a_shot_that_was_changed_is_thrown_away() {
-    for at in [0, 12, 26, 40, 700, usize::MAX] {
+    each([0, 12, 26, 40, 700, usize::MAX], |at| {
         let fault = first_shot(move |bytes| {
             let at = at.min(bytes.len() - 1);
             bytes[at] ^= 0x20;
             Rest::GoesOn
         });
         assert!(fault.to_string().starts_with("C4 a 3D shot came damaged and was thrown away"), "{at}: {fault}");
-    }
+    });
 }
 
 /// Right sums, and fewer numbers than the head says.
