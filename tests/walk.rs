@@ -171,7 +171,11 @@ fn copy(from: &Path, to: &Path) {
             copy(&path, &target);
             continue;
         }
-        let text = fs::read_to_string(&path).expect("text");
+        // The manual's pictures are no text.
+        let Ok(text) = fs::read_to_string(&path) else {
+            fs::copy(&path, target).expect("copied");
+            continue;
+        };
         fs::write(target, PORTS.iter().fold(text, |text, (port, own)| text.replace(port, own))).expect("written");
     }
 }
