@@ -118,6 +118,7 @@ bench-worker: setup zivid-stub
 # The robot link: rates, from a lost acknowledgement to STOP, long paths: about five minutes. Then 200,000 walks over the
 # controller's programs: more than an hour on two idle cores; fewer: cargo bench --locked --bench link -- programs 5000
 bench-link: setup
+	LINK_WALKS=20000 cargo test --locked --test all -- no_walk_violates_a_rule
 	cargo bench --locked --bench link
 
 # Ten minutes of full-size pictures over GigE Vision loopback, every one compared; a shorter run: make bench-cameras CAMERA_SECONDS=60.

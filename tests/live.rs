@@ -73,6 +73,36 @@ fn a_cell_is_calibrated_by_pictures_that_are_taken_now() {
     }
 }
 
+/// A tool by poses that a person reads from the pendant, since no controller answers; a word that is no answer keeps nothing.
+#[test]
+fn a_tool_is_calibrated_by_poses_that_are_read_now() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let folder = folder.path();
+    let (exit, told) = json(folder, "render --seed 3 --reduction 8 --seconds 5 --boards --out cell");
+    assert_eq!(exit, 0, "{told}");
+    let poses: toml::Table =
+        std::fs::read_to_string(folder.join("cell/boards/tip.toml")).expect("written").parse().expect("TOML");
+    let typed = |table: &str| -> String {
+        let one = |pose: &toml::Value| {
+            let number = |key: &str| pose["base_from_flange"][key].as_float().expect("a number").to_string();
+            let numbers = ["x_mm", "y_mm", "z_mm", "a_deg", "b_deg", "c_deg"].map(number);
+            format!("\n{}\n", numbers.join(","))
+        };
+        poses[table].as_array().expect("poses").iter().map(one).collect()
+    };
+    let tcp = "calibrate tcp --live tip --cell cell/cell.toml --out tool.toml";
+    let (exit, _, told) = answered(folder, tcp, "doen\ndone\n");
+    assert!(exit == 2 && told.contains("\"doen\" is no answer"), "{told}");
+    let lines = format!("{}axis\n{}done\n", typed("poses"), typed("axis"));
+    let (exit, found, told) = answered(folder, tcp, &lines);
+    assert_eq!((exit, found["axis_measured"].as_bool()), (0, Some(true)), "{found} {told}");
+    assert!(told.contains("so far: ") && told.contains("Where is the flange?"), "{told}");
+    let off_mm = (found["flange_from_tool"]["z_mm"].as_f64().expect("a number") - 120.0).abs();
+    assert!(off_mm < 0.1, "the simulated tool is 120 mm long: {found}");
+    let (exit, _, told) = answered(folder, tcp, "done\n");
+    assert!(exit == 0 && told.contains("5 poses of the tip and 2 of the axis are there already"), "{told}");
+}
+
 fn file_table(file: &str) -> String {
     Path::new(file).file_stem().map_or(String::new(), |stem| stem.to_string_lossy().into_owned())
 }

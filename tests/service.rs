@@ -94,8 +94,8 @@ impl Service {
 
     pub fn reset(&self) {
         // The robot's link may still be on its way.
-        self.wait("a reset is taken", |service| service.ctl("reset").0 == 0);
-        self.reach("idle");
+        self.wait("a reset is taken", |service| service.ctl("reset --wait").0 == 0);
+        assert_eq!(self.state(), "idle", "it was waited for");
     }
 
     pub fn id(&self) -> u32 {

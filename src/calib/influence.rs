@@ -30,7 +30,8 @@ pub(super) fn information<A: Arrangement>(
 }
 
 /// What an arm itself scatters by, standard deviations: a third of the ±0.03 mm to which a KR 6 R700 comes back to a pose (data
-/// sheet), and that on half of its reach. A few poses that happen to fit better do not make another one wrong.
+/// sheet), and the turn that is this shift seen from 350 mm, half of the arm's reach. A few poses that happen to fit better do not
+/// make another one wrong.
 const ARM: Scatter = Scatter { shift_mm: 0.01, turn_rad: 3e-5 };
 
 struct Scatter {

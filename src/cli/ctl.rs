@@ -22,7 +22,8 @@ const PATIENCE: Duration = Duration::from_secs(60);
 const INSISTS: Duration = Duration::from_secs(5);
 /// A reset warms the cameras up, which may take minutes.
 const RESETS: Duration = Duration::from_secs(600);
-const SETTLES: Duration = Duration::from_millis(100);
+/// How often it is asked whether the reset has ended.
+const ASKED_EVERY: Duration = Duration::from_millis(100);
 const AGAIN: Duration = Duration::from_millis(20);
 
 /// Asks, and tells what was answered.
@@ -55,9 +56,16 @@ fn until_idle(socket: &Path) -> Result<Outcome, Fault> {
         let is_at = |word: &str| reply.state.as_deref() == Some(word);
         if !is_at("resetting") || since.elapsed() >= RESETS {
             let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
-            return Ok(Outcome { exit: exit.code(), ..outcome(&reply) });
+            let mut outcome = Outcome { exit: exit.code(), ..outcome(&reply) };
+            if is_at("resetting") {
+                outcome.say(format!(
+                    "the reset has not ended after {} s: `panelprep ctl state` tells how it goes on",
+                    RESETS.as_secs()
+                ));
+            }
+            return Ok(outcome);
         }
-        thread::sleep(SETTLES);
+        thread::sleep(ASKED_EVERY);
     }
 }
 

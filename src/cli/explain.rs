@@ -4,7 +4,6 @@ use super::args::Explain;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use crate::config::nearest;
-use crate::verdict::Judgement;
 use serde_json::json;
 
 const PAGE: &str = include_str!("../../config/manual/messages.md");
@@ -31,8 +30,7 @@ fn rows() -> impl Iterator<Item = Row> {
 /// # Errors
 /// Where no message has this code.
 pub fn run(args: &Explain) -> Result<Outcome, Fault> {
-    let mut outcome = Outcome::of(&Judgement::of(vec![], vec![]));
-    outcome.words.clear();
+    let mut outcome = Outcome { exit: 0, json: serde_json::Map::new(), words: vec![] };
     let Some(code) = &args.code else {
         let codes: Vec<&str> = rows().map(|row| row.code).collect();
         outcome.say(codes.join("\n"));

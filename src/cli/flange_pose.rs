@@ -107,9 +107,7 @@ impl<'c> FlangePoses<'c> {
         match self.known(before, from_camera) {
             Known::At(flange) => return Ok(Some(flange)),
             Known::Moved => {
-                tell_line(
-                    "the arm moved while the picture was taken: it does not count; wait until the arm stands",
-                );
+                tell_line("the arm moved meanwhile: this does not count; wait until the arm stands");
                 return Ok(None);
             }
             Known::Nothing => {}

@@ -23,9 +23,9 @@ use std::time::{Duration, Instant};
 const CONNECT: Duration = Duration::from_secs(4);
 /// How long a switch, a frame or a subroutine may take, and a way through air, by the robot's clock.
 const SHORT: Duration = Duration::from_secs(30);
+const LONG: Duration = Duration::from_secs(300);
 /// How long the arm may take to stand before a function, by the robot's clock.
 const REST: Duration = Duration::from_secs(5);
-const LONG: Duration = Duration::from_secs(300);
 
 /// Why a function was not done.
 #[derive(Debug, thiserror::Error)]

@@ -19,7 +19,7 @@ use std::path::Path;
 /// Walks in every run of the tests.
 const WALKS: u64 = 2_000;
 /// From so many walks on every statement must have been executed.
-const ALL_STATEMENTS: u64 = 5_000;
+const ALL_STATEMENTS: u64 = 2_000;
 
 /// The texts of a folder's programs and data lists.
 pub fn texts(folder: &str) -> Vec<(String, String)> {

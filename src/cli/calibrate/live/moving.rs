@@ -183,7 +183,7 @@ fn varied(
     *base_from_flange * Rigid::<Flange, Flange>::claim(moved)
 }
 
-/// Of so many poses that see the board the simulated arm reaches one.
+/// So many poses that see the board are drawn; the first within the simulated arm's reach is taken.
 const DRAWN: usize = 20;
 
 /// Where a person has brought the simulated arm before: it sees the board.

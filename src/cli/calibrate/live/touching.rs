@@ -25,12 +25,17 @@ enum Said {
     Done,
 }
 
-fn said(poses: &FlangePoses<'_>) -> Result<Said, Fault> {
+/// What the person says: `axis` where that is asked for, `done`, or nothing but Enter for a pose.
+fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
     loop {
         match answer()?.as_deref() {
             None | Some("done") => return Ok(Said::Done),
-            Some("axis") => return Ok(Said::Axis),
-            Some(_) => {}
+            Some("axis") if may_be_axis => return Ok(Said::Axis),
+            Some("") => {}
+            Some(other) => {
+                tell(&format!("\"{other}\" is no answer: press Enter alone, or write done"));
+                continue;
+            }
         }
         let before = poses.now();
         if let Some(flange) = poses.known_or_asked(before, None)? {
@@ -52,6 +57,13 @@ pub fn tool(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
     let poses = FlangePoses::of(&cell);
     let on_file = |out| Tcp { poses: Some(file.clone()), live: None, out, ..args.clone() };
     let mut table = "poses";
+    if !text.is_empty() {
+        let (tips, marks) = (text.matches("[[poses]]").count(), text.matches("[[axis]]").count());
+        tell(&format!(
+            "{}: {tips} poses of the tip and {marks} of the axis are there already and count; name another folder for another tool",
+            file.display()
+        ));
+    }
     tell("Hold the tip at the spot, in another orientation each time: six or more that differ by 30° or more.");
     loop {
         let number = text.matches(&format!("[[{table}]]")).count() + 1;
@@ -63,7 +75,7 @@ pub fn tool(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
                 "Hold a mark on the tool's axis, behind the tip, at the same spot. Press Enter for pose {number} of it; write done to end."
             ),
         });
-        match said(&poses)? {
+        match said(&poses, table == "poses")? {
             Said::Done => break,
             Said::Axis => table = "axis",
             Said::Here(flange) => {
@@ -109,7 +121,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
             "Touch the board's inner corner [{column}, {row}] with the tip, at about X {:.0}, Y {:.0}, Z {:.0} mm in the robot's base, and press Enter.",
             place.x, place.y, place.z
         ));
-        let Said::Here(flange) = said(&poses)? else { break };
+        let Said::Here(flange) = said(&poses, false)? else { break };
         let tip =
             (flange.base_from_flange.to_rigid::<Base, Flange>() * flange_from_tool * Point::at(0.0, 0.0, 0.0)).mm;
         let number = index + 1;
@@ -120,6 +132,9 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         if let Some(joints) = flange.joints {
             text += &format!("p{number}_axes_deg = {:?}\n", joints.degrees());
         }
+    }
+    if text.is_empty() {
+        return Err(Fault::NobodyAnswers);
     }
     let file = folder.join("touched.toml");
     disk::write_through(&file, &text)?;
