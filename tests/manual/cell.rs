@@ -28,7 +28,7 @@ const REDUCTION: usize = 2;
 /// The simulated panel, its grease and its places come from this number.
 const SEED: u64 = 3;
 pub const SERIAL: &str = "MANUAL1";
-pub const PORTS: [u16; 2] = [54_612, 54_613];
+pub const PORTS: [u16; 2] = [54_604, 54_605];
 /// Error of the robot, and of a person who touches something, mm.
 const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
 const SCAN_NOISE_MM: f64 = 0.05;
