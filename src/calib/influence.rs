@@ -32,12 +32,8 @@ pub(super) fn information<A: Arrangement>(
 /// What an arm itself scatters by, standard deviations: a third of the ±0.03 mm to which a KR 6 R700 comes back to a pose (data
 /// sheet), and the turn that is this shift seen from 350 mm, half of the arm's reach. A few poses that happen to fit better do not
 /// make another one wrong.
-const ARM: Scatter = Scatter { shift_mm: 0.01, turn_rad: 3e-5 };
-
-struct Scatter {
-    shift_mm: f64,
-    turn_rad: f64,
-}
+const ARM_SHIFT_MM: f64 = 0.01;
+const ARM_TURN_RAD: f64 = 3e-5;
 
 /// How unlikely a station is, given an adjustment without it: the squared length of the twist by which the flange would
 /// have to be elsewhere, in standard deviations; 6 is usual.
@@ -55,7 +51,7 @@ pub(super) fn surprise<A: Arrangement>(
         let inverse = gram.flange().cholesky()?.inverse();
         let through = inverse * gram.cross().transpose();
         let noise = &adjusted.noise;
-        let [turn, shift] = [noise.turn_rad.max(ARM.turn_rad).powi(2), noise.shift_mm.max(ARM.shift_mm).powi(2)];
+        let [turn, shift] = [noise.turn_rad.max(ARM_TURN_RAD).powi(2), noise.shift_mm.max(ARM_SHIFT_MM).powi(2)];
         let robot = Matrix6::from_diagonal(&Twist::new(turn, turn, turn, shift, shift, shift));
         let spread = inverse * noise.corner.powi(2) + robot + through * adjusted.covariance * through.transpose();
         let twist = log(&deviation);
