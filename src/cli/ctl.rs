@@ -20,10 +20,6 @@ use std::time::{Duration, Instant};
 const PATIENCE: Duration = Duration::from_secs(60);
 /// A stop or an abort that met a service without a place for it is asked again for so long.
 const INSISTS: Duration = Duration::from_secs(5);
-/// A reset warms the cameras up, which may take minutes.
-const RESETS: Duration = Duration::from_secs(600);
-/// How often it is asked whether the reset has ended.
-const ASKED_EVERY: Duration = Duration::from_millis(100);
 const AGAIN: Duration = Duration::from_millis(20);
 
 /// Asks, and tells what was answered.
@@ -43,29 +39,8 @@ pub fn run(args: &Ctl, common: &Common) -> Result<Outcome, Fault> {
     };
     match args.ask {
         CtlAsk::Start { wait: true, .. } if reply.answer == Exit::Done => follow::to_the_end(&socket, &reply),
-        CtlAsk::Reset { wait: true } if reply.answer == Exit::Done => until_idle(&socket),
+        CtlAsk::Reset { wait: true } if reply.answer == Exit::Done => follow::to_idle(&socket),
         _ => Ok(outcome(&reply)),
-    }
-}
-
-/// Waits for the end of a reset, and says where it led.
-fn until_idle(socket: &Path) -> Result<Outcome, Fault> {
-    let since = Instant::now();
-    loop {
-        let reply = ask(socket, &Wish::State {})?;
-        let is_at = |word: &str| reply.state.as_deref() == Some(word);
-        if !is_at("resetting") || since.elapsed() >= RESETS {
-            let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
-            let mut outcome = Outcome { exit: exit.code(), ..outcome(&reply) };
-            if is_at("resetting") {
-                outcome.say(format!(
-                    "the reset has not ended after {} s: `panelprep ctl state` tells how it goes on",
-                    RESETS.as_secs()
-                ));
-            }
-            return Ok(outcome);
-        }
-        thread::sleep(ASKED_EVERY);
     }
 }
 

@@ -1,4 +1,4 @@
-//! Following the service: `panelprep ctl watch`, and `panelprep ctl start --wait`.
+//! Following the service: `panelprep ctl watch`, `panelprep ctl reset --wait` and `panelprep ctl start --wait`.
 //!
 //! It asks for the state a few times a second, so that whoever follows holds no place at the socket.
 
@@ -6,7 +6,7 @@ use super::ctl;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::output::tell_line;
-use crate::daemon::{Reply, Wish};
+use crate::daemon::{Exit, Reply, Wish};
 use serde_json::{Value, json};
 use std::io::Write;
 use std::path::Path;
@@ -17,6 +17,9 @@ use std::time::{Duration, Instant};
 const EVERY: Duration = Duration::from_millis(200);
 /// A service that does not answer for so long is gone; one that restarts may be away for a moment.
 const GONE: Duration = Duration::from_secs(5);
+
+/// A reset warms the cameras up, which may take minutes.
+const RESETS: Duration = Duration::from_secs(600);
 
 /// Tells each change, until nobody reads it or the service is gone.
 ///
@@ -58,6 +61,29 @@ pub fn to_the_end(socket: &Path, begun: &Reply) -> Result<Outcome, Fault> {
             return Ok(Outcome { exit, ..ctl::outcome(&reply) });
         }
         thread::sleep(EVERY);
+    }
+}
+
+/// Waits for the end of a reset that was just begun; exit code 3 where it does not lead to idle.
+///
+/// # Errors
+/// Where the service does not answer any more.
+pub fn to_idle(socket: &Path) -> Result<Outcome, Fault> {
+    let since = Instant::now();
+    loop {
+        let reply = state(socket)?;
+        let is_at = |word: &str| reply.state.as_deref() == Some(word);
+        if is_at("resetting") && since.elapsed() < RESETS {
+            thread::sleep(EVERY);
+            continue;
+        }
+        let exit = if is_at("idle") { Exit::Done } else { Exit::Fault };
+        let mut outcome = Outcome { exit: exit.code(), ..ctl::outcome(&reply) };
+        if is_at("resetting") {
+            let words = "the reset has not ended after";
+            outcome.say(format!("{words} {} s: `panelprep ctl state` tells how it goes on", RESETS.as_secs()));
+        }
+        return Ok(outcome);
     }
 }
 

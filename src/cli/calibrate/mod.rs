@@ -46,12 +46,18 @@ pub fn run(args: &Calibrate, common: &Common, progress: &(dyn Fn(&str) + Sync)) 
         What::HandEye(args) if args.poses.is_some() => hand_eye::run(args, common, progress),
         What::HandEye(args) => three_points::run(args, common, progress),
         What::Robot(args) => robot::run(args, common, progress),
-        What::Tcp(args) if args.live.is_some() => live::tool(args, common),
-        What::Tcp(args) => tcp::run(args, common),
-        What::Verify(args) if args.live.is_some() => live::look(args, common, progress),
-        What::Verify(args) => verify::run(args, common, progress),
-        What::Touch(args) if args.live.is_some() => live::touch(args, common),
-        What::Touch(args) => verify::touch(args, common),
+        What::Tcp(args) => match &args.live {
+            Some(folder) => live::tool((args, folder), common),
+            None => tcp::run(args, common),
+        },
+        What::Verify(args) => match &args.live {
+            Some(folder) => live::look((args, folder), common, progress),
+            None => verify::run(args, common, progress),
+        },
+        What::Touch(args) => match &args.live {
+            Some(folder) => live::touch((args, folder), common),
+            None => verify::touch(args, common),
+        },
         What::History => history::run(common),
         What::Strike(args) => history::strike(args, common),
     }

@@ -1,7 +1,7 @@
 //! One camera of the cell, opened by itself: as large as its calibration says, or where there is none as large as it is. Where
 //! the service has it, it is borrowed.
 //!
-//! A driver holds every picture against one size. A camera without a calibration is opened for 0×0 first; it refuses with the
+//! A driver holds every picture against one size. A camera without a calibration is opened for [`UNKNOWN_PX`] first; it refuses with the
 //! size that it has, and is opened for that one.
 
 use super::super::args::{Shot, Simulation};
@@ -12,6 +12,7 @@ use super::super::load::{Calibrated, CellFiles};
 use super::super::zivid;
 use crate::cell::{self, RobotKind};
 use crate::daemon::{BorrowedFlangeCamera, BorrowedScanner};
+use crate::devices::UNKNOWN_PX;
 use crate::devices::cameras::{CameraError, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, Which};
 use crate::devices::zivid::{Patience, ZividFault, ZividScanner};
 use crate::geometry::PinholeCamera;
@@ -58,9 +59,6 @@ pub fn of_size([width_px, height_px]: [usize; 2]) -> PinholeCamera {
     let (cx_px, cy_px) = (width_px as f64 / 2.0, height_px as f64 / 2.0);
     PinholeCamera { width_px, height_px, fx_px, fy_px, cx_px, cy_px, k1: 0.0, k2: 0.0, p1: 0.0, p2: 0.0, k3: 0.0 }
 }
-
-/// No camera has this size: who opens one for it is told which it has.
-const UNKNOWN_PX: [usize; 2] = [0, 0];
 
 /// Waits until a Zivid is ready.
 ///

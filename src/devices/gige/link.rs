@@ -10,6 +10,7 @@ use super::settings::{Exposing, Settings};
 use super::statistics::Statistics;
 use super::still::TRIES;
 use super::whole_ms;
+use crate::devices::UNKNOWN_PX;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -290,9 +291,8 @@ impl Link {
     /// Tells once that the camera is away; why may change meanwhile.
     fn away(&mut self, why: GigeError) {
         if self.away_since.is_none() {
-            // Who opens it for 0×0 asks how large its pictures are.
             match why {
-                GigeError::WrongSize { expected_px: [0, 0], .. } => tracing::debug!("{why}"),
+                GigeError::WrongSize { expected_px: UNKNOWN_PX, .. } => tracing::debug!("{why}"),
                 _ => tracing::warn!("{why}"),
             }
             self.away_since = Some(Instant::now());

@@ -1,6 +1,7 @@
 //! What goes wrong with the camera, in the words of the fault model (`faults.md`, C1–C11): what happened, what the program
 //! does, what to do.
 
+use crate::devices::UNKNOWN_PX;
 use crate::words::apart;
 use std::time::Duration;
 
@@ -229,10 +230,10 @@ fn lens(lens_c: Option<f64>) -> String {
 }
 
 impl ZividFault {
-    /// The answer to who opened the camera without knowing its size, 0×0, or its serial number, "".
-    pub fn is_an_answer(&self) -> bool {
+    /// Does it tell what whoever opened the camera did not know: its size, [`UNKNOWN_PX`], or its serial number, ""?
+    pub fn tells_what_was_unknown(&self) -> bool {
         match self {
-            ZividFault::WrongSize { expected_px, .. } => *expected_px == [0, 0],
+            ZividFault::WrongSize { expected_px, .. } => *expected_px == UNKNOWN_PX,
             ZividFault::WrongCamera { expected, .. } => expected.is_empty(),
             _ => false,
         }

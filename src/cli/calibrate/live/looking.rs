@@ -20,9 +20,8 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// Where the camera does not deliver, nobody says where the flange was, or the disk refuses; else as the command on files.
-pub fn look(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
+pub fn look((args, folder): (&Verify, &Path), common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
-    let folder = args.live.as_deref().unwrap_or(Path::new("."));
     let (image, flange) = match args.camera {
         CameraName::Scanner => (scanner(args, (&cell, folder), progress)?, None),
         CameraName::FlangeCamera => {
@@ -37,12 +36,12 @@ pub fn look(args: &Verify, common: &Common, progress: &dyn Fn(&str)) -> Result<O
 /// A 3D shot, which also tells how large the squares are; of a simulated scanner, its picture of the target.
 fn scanner(args: &Verify, (cell, folder): (&CellFiles, &Path), progress: &dyn Fn(&str)) -> Result<PathBuf, Fault> {
     if cell.cell.scanner().is_simulated() {
-        let file = free_name(folder, "verify_scanner", "png");
+        let file = free_names(folder, "verify_scanner", &["png"]).remove(0);
         let world = live::simulated_cell(&cell.scanner()?.value, args.simulation)?;
         let picture = files::write_gray_png(&world.scanner_target().picture).map_err(Fault::stage)?;
         return disk::write(&file, picture).map(|()| file);
     }
-    let file = free_name(folder, "verify_scanner", "pcd");
+    let file = free_names(folder, "verify_scanner", &["pcd"]).remove(0);
     let wanted = Wanted { shot: Shot::Scan, simulation: args.simulation };
     let mut opened = opening::scanner(cell, &wanted, progress)?;
     let shot = opened.camera.capture_3d().map_err(Fault::stage)?;
@@ -81,8 +80,4 @@ fn simulated(args: &Verify, cell: &CellFiles) -> Result<(ColorPicture, ReportedF
     let target = world.flange_target();
     let base_from_flange = KukaPose::from_rigid(&target.base_from_flange);
     Ok((target.picture.to_color(), ReportedFlange { base_from_flange, joints: None }))
-}
-
-fn free_name(folder: &Path, name: &str, ending: &str) -> PathBuf {
-    free_names(folder, name, &[ending]).into_iter().next().unwrap_or_default()
 }

@@ -13,6 +13,7 @@ use super::super::target::Target;
 use super::super::{pose_keys, tcp, verify};
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Point};
+use crate::words::fixed;
 use std::path::Path;
 
 /// Poses with which a tool's tip is computed for the first time.
@@ -49,9 +50,8 @@ fn said(poses: &FlangePoses<'_>, may_be_axis: bool) -> Result<Said, Fault> {
 ///
 /// # Errors
 /// Where the disk refuses, or nobody says where the flange is; else as the command on files.
-pub fn tool(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
+pub fn tool((args, folder): (&Tcp, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
-    let folder = args.live.as_deref().unwrap_or(Path::new("."));
     let file = folder.join("poses.toml");
     let mut text = if file.is_file() { disk::read_text(&file)? } else { String::new() };
     let poses = FlangePoses::of(&cell);
@@ -87,6 +87,9 @@ pub fn tool(args: &Tcp, common: &Common) -> Result<Outcome, Fault> {
             }
         }
     }
+    if text.is_empty() {
+        return Err(Fault::NoPoses);
+    }
     tcp::run(&on_file(args.out.clone()), common)
 }
 
@@ -107,9 +110,8 @@ fn say_tip(found: Result<Outcome, Fault>) {
 ///
 /// # Errors
 /// As [`tool`].
-pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
+pub fn touch((args, folder): (&Touch, &Path), common: &Common) -> Result<Outcome, Fault> {
     let cell = CellFiles::read(common)?;
-    let folder = args.live.as_deref().unwrap_or(Path::new("."));
     let Target { board, base_from_board } = Target::read(&args.target, args.board.named().as_ref())?;
     let flange_from_tool = cell.tool_tip()?.value;
     let poses = FlangePoses::of(&cell);
@@ -117,9 +119,9 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
     for (index, (column, row)) in board.corners_to_touch().into_iter().enumerate() {
         let Some(corner) = board.corner(column, row) else { continue };
         let place = (base_from_board * corner).mm;
+        let [x, y, z] = [place.x, place.y, place.z].map(|mm| fixed(mm, 0));
         tell(&format!(
-            "Touch the board's inner corner [{column}, {row}] with the tip, at about X {:.0}, Y {:.0}, Z {:.0} mm in the robot's base, and press Enter.",
-            place.x, place.y, place.z
+            "Touch the board's inner corner [{column}, {row}] with the tip, at about X {x}, Y {y}, Z {z} mm in the robot's base, and press Enter."
         ));
         let Said::Here(flange) = said(&poses, false)? else { break };
         let tip =
@@ -134,7 +136,7 @@ pub fn touch(args: &Touch, common: &Common) -> Result<Outcome, Fault> {
         }
     }
     if text.is_empty() {
-        return Err(Fault::NobodyAnswers);
+        return Err(Fault::NoPoses);
     }
     let file = folder.join("touched.toml");
     disk::write_through(&file, &text)?;

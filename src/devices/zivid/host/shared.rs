@@ -177,7 +177,7 @@ impl Shared {
         if status.faults.len() > MOST_FAULTS {
             status.faults.pop_front();
         }
-        match fault.is_an_answer() {
+        match fault.tells_what_was_unknown() {
             true => tracing::debug!("{fault}"),
             false => tracing::warn!("{fault}"),
         }
