@@ -19,7 +19,8 @@ fn opened(folder: &Path, command: &str) -> (Child, BufReader<std::process::Child
     (child, told, url)
 }
 
-fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
+/// Asks a page for something: the whole answer, its head and its body.
+pub fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
     let (host, key) =
         url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
     let mut stream = TcpStream::connect(host).expect("it listens");

@@ -1,85 +1,26 @@
 //! A cell whose devices are reached over their real interfaces alone: the controller by EthernetKRL, executing its own programs, the
-//! camera on the flange by GigE Vision over the loopback interface, the scanner by the played Zivid library. What they show is
-//! rendered here, from where the arm stands.
+//! camera on the flange by GigE Vision over the loopback interface, the scanner by the played Zivid library. What they show is in
+//! `scenery`.
 
+use super::scenery::{Flicker, REDUCTION, SEED, Scenery, Stands};
 use panelprep::cell;
-use panelprep::devices::cameras::{Arm, FlangeCamera as _, Scanner as _, simulated};
 use panelprep::devices::gige::{LoopbackCamera, PixelFormat, mosaic};
 use panelprep::devices::mock::{
     ChannelFile, Clock, Controller, MockHandle, MockServer, Ports, Programs, Sample, Setup, World,
 };
 use panelprep::devices::world::{SimulatedWorld, Violation};
 use panelprep::eki::{CELLCMD, CELLSTAT};
-use panelprep::geometry::{
-    Base, Board, Camera, ColorPicture, Flange, FlangeCamera, GrayPicture, Joints, OrganizedCloud, Point, Rigid,
-    Tool,
-};
+use panelprep::geometry::{Base, Flange, Joints, Point, Rigid, Tool};
 use panelprep::path::{Kinematics, reach};
-use panelprep::sim::{self, BoardCell, BoardPrint, BoardShot, RobotNoise, Scene, TOOL_LENGTH_MM, Target, Truth};
-use std::io::{Read, Write};
+use panelprep::sim::{self, Scene, TOOL_LENGTH_MM, Truth};
 use std::net::{IpAddr, Ipv4Addr};
-use std::os::unix::net::{UnixListener, UnixStream};
+use std::os::unix::net::UnixListener;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
-use std::sync::{Arc as Shared, Mutex, OnceLock};
+use std::sync::Arc as Shared;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// Pictures have so many times fewer pixels each way than those of the real cameras.
-const REDUCTION: usize = 2;
-/// The simulated panel, its grease and its places come from this number.
-const SEED: u64 = 3;
 pub const SERIAL: &str = "MANUAL1";
 pub const PORTS: [u16; 2] = [54_604, 54_605];
-/// Error of the robot, and of a person who touches something, mm.
-const EXACT: RobotNoise = RobotNoise { shift_mm: 0.0, turn_deg: 0.0 };
-const SCAN_NOISE_MM: f64 = 0.05;
-const LENS_PICTURES: usize = 80;
-
-/// What a person has put into the cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stands {
-    LensScanner,
-    LensFlange,
-    BoardOnFlange,
-    BoardLies,
-    Target,
-    Nominal,
-    /// A panel at its place of the day, by its number among the worlds.
-    Panel(usize),
-}
-
-impl Stands {
-    /// As the manual says it.
-    pub fn named(words: &str) -> Option<Self> {
-        Some(match words {
-            "a person holds a board before the scanner" => Stands::LensScanner,
-            "a person holds a board before the flange camera" => Stands::LensFlange,
-            "the board is on the flange, before the scanner" => Stands::BoardOnFlange,
-            "the board lies still, before the flange camera" => Stands::BoardLies,
-            "the board of the verification is in its place"
-            | "a person brings the tip to the spot"
-            | "a person touches corners of the board" => Stands::Target,
-            "the panel stands at its nominal place" => Stands::Nominal,
-            "a greasy panel stands in the cell" => Stands::Panel(0),
-            "a clean panel stands in the cell" => Stands::Panel(1),
-            _ => return None,
-        })
-    }
-}
-
-/// What the cameras look at.
-struct Scenery {
-    stands: Mutex<Stands>,
-    taken: AtomicU64,
-    nominal: sim::Cell,
-    boards: BoardCell,
-    lens_scanner: Vec<BoardShot<Camera>>,
-    lens_flange: Vec<BoardShot<FlangeCamera>>,
-    targets: BoardCell,
-    base_from_targets: [Rigid<Base, Board>; 2],
-    /// Once the cell's file is there.
-    arm: OnceLock<(MockHandle, [SimulatedWorld; 2])>,
-}
-
 /// The controller's terminals: every world hears what is switched, the one in which a panel stands answers.
 struct Wired {
     terminals: Vec<Box<dyn World>>,
@@ -108,20 +49,7 @@ pub struct Cell {
 impl Cell {
     /// The cell's cameras; where this machine has no place for them, why.
     pub fn new(folder: &Path) -> Result<Self, String> {
-        let nominal = sim::Cell::new(SEED, Scene::Good, REDUCTION);
-        let of = |print: BoardPrint| BoardCell::new(SEED, print, EXACT).with_reduction(REDUCTION);
-        let (boards, targets) = (of(BoardPrint::chessboard(9, 6, 25.0)), of(Target::print()));
-        let scenery = Shared::new(Scenery {
-            stands: Mutex::new(Stands::Nominal),
-            taken: AtomicU64::new(0),
-            base_from_targets: [nominal.scanner_target().base_from_board, nominal.flange_target().base_from_board],
-            nominal,
-            lens_scanner: boards.lens_shots(&boards.scanner(), LENS_PICTURES),
-            lens_flange: boards.lens_shots(&boards.flange_camera(), LENS_PICTURES),
-            boards,
-            targets,
-            arm: OnceLock::new(),
-        });
+        let scenery = Shared::new(Scenery::new());
         let camera = scenery.boards.flange_camera();
         let sees = scenery.clone();
         let fill = move |_: u64, pixels: &mut [u8]| {
@@ -194,8 +122,7 @@ impl Cell {
     /// A person jogs the arm to where a first picture of the calibration board can be taken.
     pub fn jog_to_board(&self) {
         let boards = &self.scenery.boards;
-        let stands = *self.scenery.stands.lock().expect("nobody failed");
-        let flanges: Vec<Rigid<Base, Flange>> = match stands {
+        let flanges: Vec<Rigid<Base, Flange>> = match self.scenery.stands() {
             Stands::BoardOnFlange => boards.fixed_shots(20).iter().map(|shot| shot.base_from_flange).collect(),
             _ => boards.flange_shots(20).iter().map(|shot| shot.base_from_flange).collect(),
         };
@@ -252,131 +179,6 @@ impl Cell {
         let (_, worlds) = self.scenery.arm.get().expect("the controller runs");
         let all = worlds.iter().flat_map(SimulatedWorld::violations);
         all.filter(|(_, wrong)| *wrong != Violation::LightDuring3d).map(|wrong| format!("{wrong:?} ")).collect()
-    }
-}
-
-impl Scenery {
-    fn number(&self) -> u64 {
-        self.taken.fetch_add(1, Ordering::SeqCst)
-    }
-
-    fn stands(&self) -> Stands {
-        *self.stands.lock().expect("nobody failed")
-    }
-
-    /// Where the flange is, unless it moves.
-    fn flange(&self) -> Option<Rigid<Base, Flange>> {
-        let (handle, _) = self.arm.get()?;
-        handle.with(|arm| (!arm.is_moving()).then(|| arm.flange_pose()))
-    }
-
-    fn flange_picture(&self) -> ColorPicture {
-        let (number, camera) = (self.number(), self.boards.flange_camera());
-        let black = || GrayPicture {
-            width: camera.width_px,
-            height: camera.height_px,
-            gray: vec![0; camera.width_px * camera.height_px],
-        };
-        let stands = self.stands();
-        if stands == Stands::LensFlange {
-            let shot = &self.lens_flange[number as usize % LENS_PICTURES];
-            return self.boards.picture(&camera, shot).to_color();
-        }
-        let Some(flange) = self.flange() else { return black().to_color() };
-        match stands {
-            Stands::BoardLies => self.boards.picture(&camera, &self.boards.flange_view(number, flange)).to_color(),
-            Stands::Target => {
-                let base_from_camera = flange * self.targets.flange_from_camera();
-                let camera_from_board = base_from_camera.inverse() * self.base_from_targets[1];
-                let shot = BoardShot { index: number, base_from_flange: flange, camera_from_board };
-                self.targets.picture(&camera, &shot).to_color()
-            }
-            Stands::Nominal => self.nominal.flange_picture(&flange, sim::Place::Nominal),
-            Stands::Panel(world) => {
-                let taken = self.cameras(world).and_then(|mut cameras| cameras.1.capture().ok());
-                taken.map_or_else(|| black().to_color(), |taken| taken.picture)
-            }
-            _ => black().to_color(),
-        }
-    }
-
-    fn cameras(
-        &self,
-        world: usize,
-    ) -> Option<(panelprep::devices::cameras::SimulatedScanner, panelprep::devices::cameras::SimulatedFlangeCamera)>
-    {
-        let (handle, worlds) = self.arm.get()?;
-        Some(simulated(&worlds[world], &Arm::Mock(handle.clone())))
-    }
-
-    /// The shot of a board before the scanner.
-    fn board_shot(&self) -> Option<(&BoardCell, BoardShot<Camera>)> {
-        let number = self.number();
-        match self.stands() {
-            Stands::LensScanner => Some((&self.boards, self.lens_scanner[number as usize % LENS_PICTURES])),
-            Stands::BoardOnFlange => Some((&self.boards, self.boards.fixed_view(number, self.flange()?))),
-            Stands::Target => {
-                let camera_from_board = self.targets.base_from_camera().inverse() * self.base_from_targets[0];
-                let base_from_flange = self.flange()?;
-                Some((&self.targets, BoardShot { index: number, base_from_flange, camera_from_board }))
-            }
-            _ => None,
-        }
-    }
-
-    fn scan(&self) -> Option<OrganizedCloud<Camera>> {
-        match self.stands() {
-            Stands::Nominal => Some(self.nominal.taught_scan()),
-            Stands::Panel(world) => self.cameras(world)?.0.capture_3d().ok().map(|shot| shot.cloud),
-            Stands::LensFlange | Stands::BoardLies => Some(self.nominal.taught_scan()),
-            _ => self.board_shot().map(|(cell, shot)| cell.scan(&shot, SCAN_NOISE_MM)),
-        }
-    }
-
-    fn picture(&self) -> Option<ColorPicture> {
-        match self.stands() {
-            Stands::Nominal | Stands::LensFlange | Stands::BoardLies => Some(self.nominal.taught_scan().picture()),
-            Stands::Panel(world) => self.cameras(world)?.0.capture_2d().ok().map(|shot| shot.picture),
-            _ => self.board_shot().map(|(cell, shot)| cell.picture(&cell.scanner(), &shot).to_color()),
-        }
-    }
-
-    /// One exposure for the played camera; where nothing can be seen the connection ends, and the camera fails.
-    fn answer(&self, mut asked: UnixStream) {
-        let mut wish = [0; 3];
-        if asked.read_exact(&mut wish).is_err() {
-            return;
-        }
-        let mut bytes = Vec::new();
-        let mut size = |width: usize, height: usize| {
-            [width, height].iter().for_each(|px| bytes.extend((*px as u32).to_ne_bytes()));
-            std::mem::take(&mut bytes)
-        };
-        let mut flicker = Flicker(self.number());
-        let mut colors =
-            |rgb: &[[u8; 3]]| rgb.iter().flat_map(|[r, g, b]| [flicker.of(*r), *g, *b, 255]).collect::<Vec<u8>>();
-        let answer = match &wish {
-            b"3d\n" => self.scan().map(|cloud| {
-                let points = cloud.raw_points_mm().iter().flatten().flat_map(|mm| mm.to_ne_bytes());
-                let head = size(cloud.width(), cloud.height());
-                [head, points.collect(), colors(&cloud.picture().rgb)].concat()
-            }),
-            _ => self.picture().map(|picture| [size(picture.width, picture.height), colors(&picture.rgb)].concat()),
-        };
-        if let Some(answer) = answer {
-            // Who asked may be gone.
-            let _ = asked.write_all(&answer);
-        }
-    }
-}
-
-/// No two exposures of a sensor are alike: a grey level more here and there.
-struct Flicker(u64);
-
-impl Flicker {
-    fn of(&mut self, gray: u8) -> u8 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        gray.saturating_add(u8::from(self.0 >> 61 == 0))
     }
 }
 

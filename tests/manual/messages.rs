@@ -37,57 +37,52 @@ fn word(text: &str) -> Option<String> {
     is_word.then(|| word.to_owned())
 }
 
-/// The codes that a file names: behind the calls that make a reason, and in the tables that give one for a cause.
+/// The part of a text from these words on to the end of their function.
+fn function<'t>(text: &'t str, begins: &str) -> &'t str {
+    let rest = text.split(begins).nth(1).unwrap_or_default();
+    let indent = text.split(begins).next().map_or(0, |before| before.len() - before.trim_end_matches(' ').len());
+    rest.split(&format!("\n{}}}", " ".repeat(indent))).next().unwrap_or_default()
+}
+
+/// What the arms of a match give, where that begins with a word.
+fn arms(text: &str) -> impl Iterator<Item = String> {
+    text.split("=>").skip(1).filter_map(|arm| word(arm.trim_start_matches(['{', '(', ' ', '\n'])))
+}
+
+/// Tables that give a code for a cause: the file, and the function that holds one.
+const TABLES: [(&str, &str); 4] = [
+    ("daemon/words.rs", "pub(super) fn robot("),
+    ("daemon/words.rs", "pub(super) fn trouble("),
+    ("path/reach/obstacle.rs", "pub fn code("),
+    ("cli/robot.rs", "fn judgement("),
+];
+
+/// Calls whose first word is a code, in all files or in those that end so.
+const CALLS: [(&str, &str); 9] = [
+    (".rs", "Reason::new("),
+    (".rs", ".bound("),
+    (".rs", ".doubt("),
+    (".rs", " reason("),
+    (".rs", "sight::reason("),
+    (".rs", "refused("),
+    ("locate/gate.rs", "against.reject("),
+    ("locate/gate.rs", "against.review("),
+    ("locate/refine/judge.rs", "beyond(refined"),
+];
+
+/// The codes that a file names: behind the calls that make a reason, and in the tables.
 fn codes(path: &Path, text: &str) -> BTreeSet<String> {
-    const CALLS: [&str; 6] = ["Reason::new(", ".bound(", ".doubt(", " reason(", "sight::reason(", "refused("];
     let text = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
-    let mut found: BTreeSet<String> =
-        CALLS.iter().flat_map(|call| text.split(call).skip(1).filter_map(word)).collect();
     let name = path.display().to_string();
-    let of = |ending: &str| name.ends_with(ending);
-    let arguments = |at: usize, call: &str| -> Vec<String> {
-        text.split(call).skip(1).filter_map(|rest| word(rest.split(", ").nth(at)?)).collect()
-    };
-    let arrows = || {
-        text.split("=>")
-            .skip(1)
-            .filter_map(|rest| word(rest.trim_start().trim_start_matches(['{', '(', ' ', '\n'])))
-    };
-    if of("locate/gate.rs") {
-        for call in ["against.reject(", "against.review("] {
-            found.extend((1..4).flat_map(|at| arguments(at, call)));
-        }
-    }
-    if of("locate/refine/judge.rs") {
-        found.extend(
-            text.split("beyond(refined").skip(1).filter_map(|rest| rest.split(", ").take(6).find_map(word)),
-        );
-    }
-    if of("daemon/words.rs") {
-        let tables = text.split("fn robot(").nth(1).unwrap_or_default().split("\n}").take(1);
-        let tables: String =
-            tables.chain(text.split("fn trouble(").nth(1).unwrap_or_default().split("\n}").take(1)).collect();
-        found.extend(
-            tables
-                .split("=>")
-                .skip(1)
-                .filter_map(|rest| word(rest.trim_start().trim_start_matches(['{', '(', ' ', '\n']))),
-        );
-    }
-    if of("path/reach/obstacle.rs") {
-        let table = text.split("fn code(").nth(1).unwrap_or_default().split("\n    }").next().unwrap_or_default();
-        found.extend(table.split("=>").skip(1).filter_map(word));
-    }
-    if of("inspect/quality.rs") {
-        let table = text.split("fn word(").nth(1).unwrap_or_default().split("\n    }").next().unwrap_or_default();
-        found.extend(table.split("=>").skip(1).filter_map(word));
-    }
-    if of("cli/robot.rs") {
-        found.extend(
-            arrows().filter(|code| ["no_controller", "robot", "link_lost", "late"].contains(&code.as_str())),
-        );
-    }
-    found
+    let of = |ending: &&str| name.ends_with(*ending);
+    let called = CALLS.iter().filter(|(file, _)| of(file)).flat_map(|(file, call)| {
+        // Where the code is not the first argument it is the first that is a word.
+        let most = if *file == ".rs" { 1 } else { 6 };
+        text.split(call).skip(1).filter_map(move |rest| rest.split(", ").take(most).find_map(word))
+    });
+    let given = TABLES.iter().filter(|(file, _)| of(file)).flat_map(|(_, table)| arms(function(text, table)));
+    let flaws = if of(&"inspect/quality.rs") { function(text, "pub fn word(") } else { "" };
+    called.chain(given).chain(arms(flaws)).collect()
 }
 
 /// Every code that the sources name has its row, and no row has a code that nothing gives.

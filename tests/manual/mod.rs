@@ -7,14 +7,16 @@ mod installed;
 mod messages;
 mod pages;
 mod person;
+mod scenery;
 
 use super::walk::fit_for_people;
 use crate::zivid::stub;
-use cell::{Cell, Stands};
+use cell::Cell;
 use installed::Computer;
 use pages::Step;
 use panelprep::cell::Cell as CellFile;
 use panelprep::devices::world::contact_errors;
+use scenery::Stands;
 use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;

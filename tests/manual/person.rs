@@ -2,10 +2,9 @@
 //! two files that the manual says are to be edited.
 
 use super::cell::{Cell, PORTS, SERIAL};
+use crate::teach_page;
 use panelprep::geometry::Joints;
 use std::fs;
-use std::io::{Read, Write};
-use std::net::TcpStream;
 use std::path::Path;
 use toml_edit::{Array, DocumentMut, Item, Table, value};
 
@@ -80,19 +79,9 @@ fn draw(cell: &Cell, url: &str) {
     ask(&url, "POST", "done", "");
 }
 
+/// The body of a good answer.
 fn ask(url: &str, method: &str, page: &str, body: &str) -> String {
-    let (host, key) =
-        url.trim_start_matches("http://").trim_end_matches('/').split_once('/').expect("host and key");
-    let mut stream = TcpStream::connect(host).expect("it listens");
-    let request = format!(
-        "{method} /{key}/{page} HTTP/1.1\r\nhost: {host}\r\nconnection: close\r\ncontent-type: application/json\r\n\
-         content-length: {}\r\n\r\n{body}",
-        body.len()
-    );
-    stream.write_all(request.as_bytes()).expect("sent");
-    let mut answer = Vec::new();
-    stream.read_to_end(&mut answer).expect("answered");
-    let answer = String::from_utf8_lossy(&answer).into_owned();
+    let answer = teach_page::ask(url, method, page, body);
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
     answer.split_once("\r\n\r\n").expect("a body").1.to_owned()
 }
