@@ -39,9 +39,14 @@ impl Service {
 
     /// The same with more in its environment.
     pub fn start_with(folder: &Path, environment: &[(&str, &str)]) -> Self {
+        Service::start_from(env!("CARGO_BIN_EXE_panelprep").as_ref(), folder, environment)
+    }
+
+    /// The same from a file of its own.
+    pub fn start_from(program: &Path, folder: &Path, environment: &[(&str, &str)]) -> Self {
         let log =
             std::fs::OpenOptions::new().create(true).append(true).open(folder.join("run.log")).expect("a log");
-        let child = Command::new(env!("CARGO_BIN_EXE_panelprep"))
+        let child = Command::new(program)
             .args(["run", "--cell", "cell/cell.toml", "--seed", "3"])
             .current_dir(folder)
             .envs(environment.iter().copied())

@@ -16,6 +16,10 @@ pub const LIBRARY: &str = "libpanelprep_zivid.so";
 /// The worker's role on the command line.
 pub const ROLE: &str = "zivid-worker";
 
+/// This program as the kernel holds it: the same one after an upgrade has replaced its file, so that a worker that is started
+/// again by a running service speaks the service's version of their protocol.
+pub const THIS_PROGRAM: &str = "/proc/self/exe";
+
 /// Begins to start the camera that the cell's file names; `camera` is its calibration.
 ///
 /// # Errors
@@ -38,10 +42,9 @@ pub fn scanner(cell: &Cell, zivid: &ZividCamera, camera: &PinholeCamera) -> Resu
         restarts: Restarts::default(),
         patience: Patience::default(),
     };
-    let program = std::env::current_exe().map_err(Fault::stage)?;
     let library = zivid.library.clone().unwrap_or_else(|| PathBuf::from(LIBRARY));
     let arguments = [ROLE.into(), "--library".into(), library.into()];
-    ZividScanner::start(setup, launcher(program, arguments.into())).map_err(Fault::stage)
+    ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into())).map_err(Fault::stage)
 }
 
 /// The camera's settings as a cycle keeps them: what each is for, and its text. None of another camera, or where the

@@ -33,12 +33,16 @@ fn with_zivid(folder: &Path) {
 }
 
 /// Three kills are mended, each told in the log; the fourth stays down, and the reset says so. The service goes on and ends
-/// as it should.
+/// as it should. That an upgrade replaces the program's file meanwhile changes nothing.
 #[test]
 fn the_service_outlives_its_camera() {
     let folder = rendered("good");
     with_zivid(folder.path());
-    let service = Service::start(folder.path());
+    let program = folder.path().join("panelprep");
+    std::fs::copy(env!("CARGO_BIN_EXE_panelprep"), &program).expect("copied");
+    let service = Service::start_from(&program, folder.path(), &[]);
+    let upgrade = folder.path().join("upgrade");
+    std::fs::copy("/bin/false", &upgrade).and_then(|_| std::fs::rename(&upgrade, &program)).expect("replaced");
     service.reset();
     let log = || std::fs::read_to_string(folder.path().join("run.log")).unwrap_or_default();
     let readies = || log().matches("the 3D camera is ready").count();

@@ -1,6 +1,6 @@
 //! What answers at the cell: cameras and the controller. Nothing is set and nothing is moved.
 
-use super::super::zivid::{LIBRARY, ROLE};
+use super::super::zivid::{LIBRARY, ROLE, THIS_PROGRAM};
 use crate::devices::gige;
 use crate::devices::zivid::{Patience, Restarts, Setup, Size, Source, ZividFault, ZividScanner, launcher};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -52,10 +52,9 @@ fn only_zivid() -> Result<String, String> {
         restarts: Restarts::default(),
         patience: Patience::default(),
     };
-    let program = std::env::current_exe().map_err(|error| error.to_string())?;
     let arguments = [ROLE.into(), "--library".into(), LIBRARY.into()];
-    let camera =
-        ZividScanner::start(setup, launcher(program, arguments.into())).map_err(|error| error.to_string())?;
+    let camera = ZividScanner::start(setup, launcher(THIS_PROGRAM.into(), arguments.into()))
+        .map_err(|error| error.to_string())?;
     match camera.ready(Patience::default().start()) {
         Err(ZividFault::WrongCamera { found, .. }) => Ok(found),
         Err(fault) => Err(fault.to_string()),

@@ -31,6 +31,7 @@ pub fn launcher(program: PathBuf, arguments: Vec<OsString>) -> Launcher {
     Box::new(move || {
         let (ours, theirs) = UnixStream::pair()?;
         let child = Command::new(&program)
+            .arg0(env!("CARGO_PKG_NAME"))
             .args(&arguments)
             .stdin(Stdio::from(OwnedFd::from(theirs)))
             .stdout(Stdio::from(io::stderr().as_fd().try_clone_to_owned()?))
