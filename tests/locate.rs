@@ -213,10 +213,15 @@ fn tried(trial: &Trial) -> (Judgement, Option<Fit>) {
 }
 
 fn learnt(trial: &Trial) -> (TaughtPanel, Recipe) {
+    learnt_with(trial, "")
+}
+
+/// With further keys of the recipe's panel.
+fn learnt_with(trial: &Trial, keys: &str) -> (TaughtPanel, Recipe) {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
-        "panel = \"trial\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
+        "panel = {{ name = \"trial\"{keys} }}\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
          turn_limit_deg = 180.0\nmax_tilt_deg = 35.0\n\
          [region]\ncorners_px = {corners:?}\nrows = 1\ncolumns = 1\n"
     );
@@ -239,6 +244,47 @@ fn panels_of_many_shapes_are_found_wherever_they_stand() {
         judgement.verdict == Verdict::Accept
     });
     assert!(accepted.count() >= 19);
+}
+
+/// A flat plate is held sideways by its outline alone. A holder in its own plane, which was not there at teaching, makes no step of
+/// depth: where the recipe names the place, the plate is found within what is stated; where it does not, it is not accepted.
+#[test]
+fn a_holder_in_the_panels_plane_is_left_out_where_it_is_named() {
+    for seed in [1, 6] {
+        let (alone, held) = (Trial::flat(seed, 2), Trial::flat(seed, 2).held());
+        let place: Vec<[[f64; 2]; 4]> =
+            held.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
+        let (scan, camera, base_from_camera) = (held.scan(), held.camera(), held.base_from_camera());
+        let view = View { scan: &scan, camera, base_from_camera };
+        let located = |keys: &str| {
+            let (taught, recipe) = learnt_with(&alone, keys);
+            let fit = locate::locate(&taught, &view, recipe.locate()).expect("found");
+            (gate::judge(&fit, recipe.locate()), fit)
+        };
+        let (judgement, fit) = located(&format!(", held_px = {place:?}"));
+        let error = held.error_mm(&fit.base_from_panel);
+        assert_eq!(judgement.verdict, Verdict::Accept, "seed {seed}: {judgement:?}");
+        assert!(error.max_mm < fit.uncertainty_mm, "seed {seed}: {error:?} {}", fit.uncertainty_mm);
+        let (judgement, _) = located("");
+        assert_ne!(judgement.verdict, Verdict::Accept, "seed {seed}: the holder is taken for nothing");
+    }
+}
+
+/// A drawn outline, one pixel off at its corners, teaches the same panel: the edges beside it are measured. A corner of the region
+/// that lies among missing points is on the panel then.
+#[test]
+fn a_drawn_outline_stands_in_for_missing_points() {
+    let trial = Trial::flat(3, 2).patchy(0.4);
+    let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
+    let (drawn, recipe) = learnt_with(&trial, &format!(", outline_px = {corners:?}"));
+    let (whole, _) = learnt(&Trial::flat(3, 2));
+    let (area, of) = (drawn.mask.count() as f64, whole.mask.count() as f64);
+    assert!((0.5..0.7).contains(&(area / of)), "{area} of {of} points");
+    let (scan, base_from_camera) = (Trial::flat(3, 2).taught_scan(), trial.base_from_camera());
+    let view = View { scan: &scan, camera: trial.camera(), base_from_camera };
+    let prepared = Prepared::new(&drawn, &view, recipe.locate()).expect("a model");
+    let seen = prepared.outline_seen();
+    assert!(seen.by_colour > 0.5 && seen.unseen < 0.45, "{seen:?}");
 }
 
 /// At a quarter of the size the fixture's edges, plate and posts, hold the camera's place to a fraction of a millimetre.

@@ -17,6 +17,7 @@ use crate::recipe::Recipe;
 use crate::report::{self, View};
 use crate::store::{TaughtCorner, Teaching};
 use crate::verdict::{Judgement, Reason};
+use crate::words;
 use serde_json::json;
 use std::error::Error;
 use std::path::Path;
@@ -135,7 +136,11 @@ fn say_how_it_is_held(
     outcome: &mut Outcome,
 ) -> Vec<String> {
     let mut warnings: Vec<String> = Vec::new();
-    match locate::locate(&taught.panel, view, recipe.locate()) {
+    let prepared = locate::Prepared::new(&taught.panel, view, recipe.locate());
+    if let Ok(prepared) = &prepared {
+        say_what_shows_the_outline(&prepared.outline_seen(), outcome, &mut warnings);
+    }
+    match prepared.and_then(|prepared| prepared.locate()) {
         Ok(fit) => {
             let weakest = fit.weakest.words();
             outcome.say(format!(
@@ -164,6 +169,29 @@ fn say_how_it_is_held(
     let seen: Vec<f64> = taught.corners.iter().map(crate::panel::TaughtCorner::normal_seen).collect();
     outcome.put("normal_seen", json!(seen));
     warnings
+}
+
+/// Less of the outline that is seen holds a panel badly sideways, above all a flat one.
+const MIN_OUTLINE_SEEN: f64 = 0.6;
+
+fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome, warnings: &mut Vec<String>) {
+    let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
+    let percent = |share: f64| words::fixed(100.0 * share, 0);
+    outcome.say(format!(
+        "its outline: {} % is seen by colour, {} % by depth, {} % is held and left out, {} % is not seen",
+        percent(by_colour),
+        percent(by_depth),
+        percent(held),
+        percent(unseen)
+    ));
+    outcome.put("outline", json!({"by_colour": by_colour, "by_depth": by_depth, "held": held, "unseen": unseen}));
+    if by_colour + by_depth < MIN_OUTLINE_SEEN {
+        let [seen, needed] = words::percent_apart(by_colour + by_depth, MIN_OUTLINE_SEEN, 0);
+        warnings.push(format!(
+            "the scan shows {seen} % of the panel's outline, {needed} % are wanted: nothing else holds a flat panel sideways; \
+             give the panel a background of another brightness, or scan again with fewer missing points at its edge"
+        ));
+    }
 }
 
 fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome, warnings: &mut Vec<String>) {

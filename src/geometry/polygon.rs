@@ -20,6 +20,39 @@ pub fn signed_area_px2(polygon: &[Pixel]) -> f64 {
     edges(polygon).map(|(a, b)| (a.u * b.v - b.u * a.v) / 2.0).sum()
 }
 
+/// Two sides that meet elsewhere than in a common corner, by the number of the corner from which each runs, from 0; `None` for
+/// a simple polygon.
+pub fn crossing_sides(polygon: &[Pixel]) -> Option<[usize; 2]> {
+    let count = polygon.len();
+    let side = |i: usize| (polygon[i], polygon[(i + 1) % count]);
+    let pairs = (0..count).flat_map(|i| (i + 2..count).map(move |j| [i, j]));
+    pairs.filter(|[i, j]| (j + 1) % count != *i).find(|&[i, j]| cross(side(i), side(j)))
+}
+
+/// How far a point is from the nearest side, px.
+pub fn distance_to_side_px(polygon: &[Pixel], point: Pixel) -> f64 {
+    let to_side = |(a, b): (Pixel, Pixel)| {
+        let (du, dv) = (b.u - a.u, b.v - a.v);
+        let length2 = du * du + dv * dv;
+        let share = ((point.u - a.u) * du + (point.v - a.v) * dv) / length2;
+        let share = if length2 > 0.0 { share.clamp(0.0, 1.0) } else { 0.0 };
+        point.distance_px(Pixel::at(a.u + share * du, a.v + share * dv))
+    };
+    edges(polygon).map(to_side).fold(f64::INFINITY, f64::min)
+}
+
+/// Do two lines from point to point have a point in common?
+fn cross((a, b): (Pixel, Pixel), (c, d): (Pixel, Pixel)) -> bool {
+    let side = |p: Pixel, q: Pixel, r: Pixel| (q.u - p.u) * (r.v - p.v) - (q.v - p.v) * (r.u - p.u);
+    let [c_side, d_side, a_side, b_side] = [side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)];
+    let beside = |p: Pixel, q: Pixel, r: Pixel| {
+        (p.u.min(q.u)..=p.u.max(q.u)).contains(&r.u) && (p.v.min(q.v)..=p.v.max(q.v)).contains(&r.v)
+    };
+    let touches = [(c_side, a, b, c), (d_side, a, b, d), (a_side, c, d, a), (b_side, c, d, b)];
+    c_side * d_side < 0.0 && a_side * b_side < 0.0
+        || touches.into_iter().any(|(side, p, q, r)| side == 0.0 && beside(p, q, r))
+}
+
 fn edges(polygon: &[Pixel]) -> impl Iterator<Item = (Pixel, Pixel)> + '_ {
     polygon.iter().copied().zip(polygon.iter().copied().cycle().skip(1))
 }
@@ -35,5 +68,21 @@ mod tests {
         assert!((signed_area_px2(&triangle) - 4.0).abs() < 1e-12);
         assert!(contains(&triangle, Pixel::at(1.0, 0.5)));
         assert!(!contains(&triangle, Pixel::at(3.0, 1.5)));
+    }
+
+    /// By hand: an hourglass crosses in its middle, sides 0 and 2; a point that touches another side counts as a crossing; (2, 1)
+    /// is 1 px from the upper side of a rectangle of 4 × 4 px, and (6, 7) is √(2² + 3²) px from its corner.
+    #[test]
+    fn sides_cross_or_are_so_far_away() {
+        let of = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
+        let square = of(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]]);
+        assert_eq!(crossing_sides(&square), None);
+        assert_eq!(crossing_sides(&of(&[[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]])), Some([0, 2]));
+        assert_eq!(
+            crossing_sides(&of(&[[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 0.0], [0.0, 4.0]])),
+            Some([0, 2])
+        );
+        assert!((distance_to_side_px(&square, Pixel::at(2.0, 1.0)) - 1.0).abs() < 1e-12);
+        assert!((distance_to_side_px(&square, Pixel::at(6.0, 7.0)) - 13f64.sqrt()).abs() < 1e-12);
     }
 }

@@ -114,6 +114,17 @@ impl Tangent {
     }
 }
 
+/// The edge beside a place of a picture whose surface has this point and normal there, in the camera's frame; `across` leads off
+/// the panel.
+pub(super) fn beside(
+    camera: &PinholeCamera,
+    scan: &Scan,
+    (pixel, across): (Pixel, Vector2<f64>),
+    (point, normal): (&Vector3<f64>, &Vector3<f64>),
+) -> Edge {
+    edge(scan, pixel, across, &Tangent::of(camera, pixel, point, normal))
+}
+
 fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, tangent: &Tangent) -> Edge {
     let reach = REACH as i32;
     let margin = f64::from(reach) + 1.0;

@@ -236,6 +236,11 @@ impl Motion {
     pub fn point(&self, point: &Vector3<f64>) -> Vector3<f64> {
         self.turn * point + self.shift
     }
+
+    pub fn inverse(&self) -> Motion {
+        let back = self.turn.transpose();
+        Motion { turn: back, shift: -(back * self.shift) }
+    }
 }
 
 /// Which blocks lie in the search box.

@@ -30,12 +30,14 @@ mod search;
 mod shadow;
 mod shares;
 mod solve;
+mod taught_outline;
 
 pub use camera_check::CameraCheck;
 pub use error::LocateError;
 pub use evidence::{Fit, Rival, Weakest};
 pub use point_to_point::thesis_icp;
 pub use refine::refine;
+pub use taught_outline::OutlineSeen;
 
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, PinholeCamera, Rigid};
 use crate::panel::TaughtPanel;
@@ -101,6 +103,11 @@ impl<'a> Prepared<'a> {
         let inside = grid::in_box(&grid, &view.base_from_camera, settings.box_min_mm(), settings.box_max_mm());
         let pieces = pieces::pieces(&grid, &inside);
         Ok(Prepared { taught, view: *view, settings, model: model?, grid, inside, pieces })
+    }
+
+    /// What the taught scan shows of the panel's outline.
+    pub fn outline_seen(&self) -> OutlineSeen {
+        self.model.outline_seen
     }
 
     fn seen(&self) -> Seen<'_> {

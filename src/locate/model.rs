@@ -1,48 +1,24 @@
 //! The taught panel as the search and the fit use it: points with normals, an outline in space, and its own grid.
 //!
-//! A point of the outline is where the ray through the edge in the taught picture, found to a fraction of a pixel, meets
-//! the surface beside it. Where colour shows no edge, the border of the measured points takes its place.
+//! The outline is found in the taught scan's colours and depths (`taught_outline`).
 
 use super::LocateError;
 use super::grid::{Grid, Motion, camera_point};
-use super::profile;
-use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector, median, polygon};
+use super::taught_outline::{OutlinePoint, OutlineSeen, TaughtOutline};
+use crate::geometry::{Camera, OrganizedCloud, Panel, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtPanel;
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 use rayon::prelude::*;
 
 /// Half the width of the neighbourhood that gives a normal, blocks.
 const NORMAL_REACH: usize = 2;
-/// Half the length of outline that is averaged to say where and which way it runs, px of the contour.
-const CONTOUR_REACH: usize = 5;
-/// Every so many pixels of the contour is a point of the outline.
-const CONTOUR_STEP: usize = 2;
 /// The surface at an edge is read from blocks no farther than this, of which there must be so many and one near, blocks.
 const EDGE_REACH: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;
-/// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
-const MASK_INSET_PX: f64 = 1.0;
 /// Fewer points hold no panel.
 const MIN_SURFACE: usize = 200;
-const MIN_OUTLINE: usize = 60;
-
-/// A point of the outline.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct OutlinePoint {
-    /// Where, in the panel's frame, mm.
-    pub point: Vector3<f64>,
-    /// The direction along the outline.
-    pub along: Vector3<f64>,
-    /// The surface's normal beside it.
-    pub normal: Vector3<f64>,
-    /// The direction in the surface that leads off the panel.
-    pub outward: Vector3<f64>,
-    /// Length of outline that it stands for, mm.
-    pub length_mm: f64,
-    /// Was its edge found by colour?
-    pub by_colour: bool,
-}
+pub(super) const MIN_OUTLINE: usize = 60;
 
 /// The taught panel.
 pub(super) struct Model {
@@ -64,6 +40,10 @@ pub(super) struct Model {
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// How many pixels a step of brightness at the outline took, median.
     pub edge_width_px: f64,
+    /// What shows the outline, and what does not.
+    pub outline_seen: OutlineSeen,
+    /// Where something holds the panel, in the taught picture.
+    pub held_px: Vec<[Pixel; 4]>,
 }
 
 impl Model {
@@ -80,7 +60,8 @@ impl Model {
         };
         let grid = Grid::of_depths((panel.scan.width(), panel.scan.height()), &panel.camera, depth);
         let surface = Surface::of(&grid);
-        let (outline, edge_width_px) = outline(panel, &grid, &surface);
+        let TaughtOutline { points: outline, edge_width_px, seen: outline_seen } =
+            TaughtOutline::of(panel, &grid, &surface);
         let few = LocateError::Degenerate { surface: surface.samples.len(), outline: outline.len() };
         if surface.samples.len() < MIN_SURFACE || outline.len() < MIN_OUTLINE {
             return Err(few);
@@ -104,6 +85,8 @@ impl Model {
             grid,
             camera_from_panel,
             edge_width_px,
+            outline_seen,
+            held_px: panel.held_px.clone(),
         })
     }
 
@@ -141,7 +124,7 @@ struct Sample {
 }
 
 /// The surface block by block.
-struct Surface {
+pub(super) struct Surface {
     samples: Vec<Sample>,
     /// The sample of each block.
     of_block: Vec<Option<u32>>,
@@ -172,7 +155,7 @@ impl Surface {
 
     /// Depth and normal of the surface at a place beside it: its inverse depth goes on as a polynomial of second order, for
     /// planes alone would leave a bent surface on one side of it.
-    fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
+    pub fn beside(&self, grid: &Grid, pixel: Pixel) -> Option<(f64, Vector3<f64>)> {
         let [x, y] = grid.place(pixel);
         let (column, row) = (x.round() as isize, y.round() as isize);
         let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
@@ -232,71 +215,6 @@ fn tangent(grid: &Grid, points: &[Option<Vector3<f64>>], index: usize, middle: V
     let normal = across.try_normalize(1e-9)?;
     let normal = if normal.dot(&middle) > 0.0 { -normal } else { normal };
     Some(Sample { point: middle, normal, area_mm2: across.norm() })
-}
-
-/// The outline in space, and how wide its edges are in the picture.
-fn outline(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> (Vec<OutlinePoint>, f64) {
-    let contour = &panel.outline_px;
-    let count = contour.len();
-    if count < 8 * CONTOUR_REACH {
-        return (Vec::new(), 0.0);
-    }
-    // On a screen, v down, a clockwise contour has its inside to the right: outward is (t_v, −t_u).
-    let side = polygon::signed_area_px2(contour).signum();
-    let mean = |from: usize, length: usize| {
-        let sum = (from..from + length).map(|i| contour[i % count]).fold([0.0; 2], |s, p| [s[0] + p.u, s[1] + p.v]);
-        sum.map(|sum| sum / length as f64)
-    };
-    let place = |k: usize| {
-        let from = k + count - CONTOUR_REACH;
-        let [u, v] = mean(from, 2 * CONTOUR_REACH + 1);
-        let (before, after) = (mean(from, CONTOUR_REACH), mean(k + 1, CONTOUR_REACH));
-        let (du, dv) = (after[0] - before[0], after[1] - before[1]);
-        let length = du.hypot(dv);
-        (length > 1e-6).then(|| (Pixel::at(u, v), [side * dv / length, -side * du / length]))
-    };
-    let edge = |k: usize| {
-        let (middle, outward) = place(k)?;
-        let step = profile::line(&panel.scan, middle, outward).and_then(|line| profile::step(&line, MASK_INSET_PX));
-        let offset_px = step.map_or(MASK_INSET_PX, |step| step.offset_px);
-        let pixel = Pixel::at(middle.u + offset_px * outward[0], middle.v + offset_px * outward[1]);
-        let ray = panel.camera.unproject::<Camera>(pixel)?.mm;
-        let (depth_mm, normal) = surface.beside(grid, pixel)?;
-        Some((ray * depth_mm, normal, step.map(|step| step.width_px)))
-    };
-    let edges: Vec<Option<(Vector3<f64>, Vector3<f64>, Option<f64>)>> = (0..count.div_ceil(CONTOUR_STEP))
-        .into_par_iter()
-        .with_min_len(64)
-        .map(|k| edge(k * CONTOUR_STEP))
-        .collect();
-    let edges: Vec<_> = edges.into_iter().flatten().collect();
-    let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.2).collect();
-    let width = median(&mut widths).unwrap_or(0.0);
-    let panel_from_camera = Motion::of(&panel.panel_from_camera);
-    let count = edges.len();
-    let point = |k: usize| {
-        let (here, normal, width_px) = edges[k];
-        let mean = |from: usize| (from..from + 3).map(|i| edges[i % count].0).sum::<Vector3<f64>>() / 3.0;
-        let along = mean(k + 1) - mean(k + count - 3);
-        let apart_mm =
-            ((edges[(k + 1) % count].0 - here).norm() + (edges[(k + count - 1) % count].0 - here).norm()) / 2.0;
-        let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
-        // In the camera's frame v is down as well: the same side.
-        let outward = along.cross(&normal) * -side;
-        let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
-        Some(OutlinePoint {
-            point: panel_from_camera.point(&here),
-            along: turned(along),
-            normal: turned(normal),
-            outward: turned(outward),
-            length_mm: apart_mm.min(10.0),
-            by_colour: width_px.is_some(),
-        })
-    };
-    if count < MIN_OUTLINE {
-        return (Vec::new(), width);
-    }
-    ((0..count).filter_map(point).collect(), width)
 }
 
 /// Centroid, and the direction in which the points scatter least; `None` for no points.

@@ -295,13 +295,7 @@ pub(super) fn sight(motion: &Motion, model: &Model, grid: &Grid, sample: usize) 
 
 /// The share of a piece's points that the taught panel has at a placement.
 pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
-    let back = Motion::of(&Rigid::<Panel, Camera>::claim(
-        Isometry3::from_parts(
-            Translation3::from(motion.shift),
-            UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(motion.turn)),
-        )
-        .inverse(),
-    ));
+    let back = motion.inverse();
     let taught = Motion::of(&model.camera_from_panel);
     let (mut asked, mut held) = (0usize, 0usize);
     for point in points(grid, piece, piece.blocks.len() / wanted) {

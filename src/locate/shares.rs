@@ -8,10 +8,10 @@ use super::edges::Edge;
 use super::fit::{Residuals, Seen};
 use super::grid::{Motion, camera_point};
 use super::model::Model;
-use super::pieces::Piece;
+use super::pieces::{self, Piece};
 use super::search::{Sight, covered, sight};
 use super::shadow;
-use crate::geometry::median;
+use crate::geometry::{median, polygon};
 use rayon::prelude::*;
 
 /// A point of the outline is found where the edge is this near, px.
@@ -108,17 +108,42 @@ impl OutlineShares {
     }
 }
 
-/// Of the pieces that are part of the panel, the share that the taught panel has.
+/// Of the pieces that are part of the panel, the share that the taught panel has. What hangs on the panel where it is held is
+/// another piece.
 pub(super) fn scan_found(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
-    let (mut held, mut whole) = (0.0, 0.0);
+    if !seen.model.held_px.is_empty() {
+        return share_of(motion, seen, &cut_where_held(motion, seen, pieces));
+    }
+    share_of(motion, seen, pieces)
+}
+
+fn share_of(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> f64 {
+    let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
         let share = covered(motion, seen.model, seen.grid, piece, 1_500);
         if share >= PART_OF_PANEL {
-            held += share * piece.area_mm2;
+            found += share * piece.area_mm2;
             whole += piece.area_mm2;
         }
     }
-    held / f64::max(whole, 1.0)
+    found / f64::max(whole, 1.0)
+}
+
+/// The pieces without the blocks that the taught picture shows where something holds the panel.
+fn cut_where_held(motion: &Motion, seen: Seen<'_>, pieces: &[Piece]) -> Vec<Piece> {
+    let Seen { model, grid, .. } = seen;
+    let (back, taught) = (motion.inverse(), Motion::of(&model.camera_from_panel));
+    let is_held = |block: usize| {
+        let point = grid.point(block % grid.columns, block / grid.columns);
+        let pixel =
+            point.and_then(|point| model.grid.camera.project(camera_point(&taught.point(&back.point(&point)))));
+        pixel.is_some_and(|pixel| model.held_px.iter().any(|held| polygon::contains(held, pixel)))
+    };
+    let mut free = vec![false; grid.columns * grid.rows];
+    for &block in pieces.iter().flat_map(|piece| &piece.blocks) {
+        free[block as usize] = !is_held(block as usize);
+    }
+    pieces::pieces(grid, &free)
 }
 
 /// Share of the panel's pixels that are overexposed.

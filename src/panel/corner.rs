@@ -59,7 +59,7 @@ impl TaughtPanel {
         let nearest = self
             .outline_px
             .iter()
-            .filter_map(|pixel| Some((*pixel, self.scan.point(pixel.u as usize, pixel.v as usize)?)))
+            .filter_map(|pixel| Some((*pixel, self.outline_at(*pixel)?)))
             .min_by(|a, b| distance_mm(&a.1).total_cmp(&distance_mm(&b.1)))
             .filter(|(_, point)| distance_mm(point) <= MAX_DISTANCE_MM);
         let (pixel, _) = nearest.ok_or_else(|| off.clone())?;

@@ -5,27 +5,37 @@
 //! scan. Decides nothing about where the panel is now.
 
 mod corner;
+mod extent;
 mod region;
 pub mod segment;
+mod sheet;
 
 pub use corner::{CornerTeaching, TaughtCorner};
+pub use extent::OutlineFrom;
 pub use region::{GridId, GridIdError, Region};
 
 use crate::geometry::{
-    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of,
+    Base, Camera, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Plane, Point, Rigid, local_plane_of, polygon,
 };
-use crate::imaging::{ImagingError, outer_contours};
+use crate::imaging::ImagingError;
 use crate::recipe::Recipe;
+use extent::Extent;
 use nalgebra::{Isometry3, Point2};
 
 /// Half the width of the neighbourhood from which a point on the surface is taken, px.
 const SURFACE_HALF_WIDTH_PX: usize = 5;
+/// Where points are missing, the neighbourhood is doubled up to this, px: some 15 mm, over which a panel is nearly flat.
+const WIDEST_HALF_WIDTH_PX: usize = 40;
 
 /// Why a scan does not teach a panel.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LearnError {
     /// Corners of the region that are not on the panel: all of them.
-    #[error("{}; choose all four corners of the region inside the panel's outline", list(corners))]
+    #[error(
+        "{}; choose all four corners of the region inside the panel's outline; where points of the panel are missing, give \
+             the outline yourself, `outline_px` in [panel]",
+        list(corners)
+    )]
     WrongCorners {
         /// The wrong ones.
         corners: Vec<WrongCorner>,
@@ -58,8 +68,26 @@ pub enum LearnError {
         /// Points needed.
         needed: usize,
     },
-    /// A grid has a hole where its edge should be.
-    #[error("grid {grid} has no scan points at its edge, ({u:.0}, {v:.0}) px; scan again or move the region")]
+    /// A corner of the recipe's outline is not in the picture.
+    #[error(
+        "outline_px in [panel]: the corner ({u:.0}, {v:.0}) px lies outside of the picture, {width}×{height} px; was it drawn \
+         on another picture?"
+    )]
+    OutlineOutside {
+        /// Column, px.
+        u: f64,
+        /// Row, px.
+        v: f64,
+        /// The picture's width, px.
+        width: usize,
+        /// Its height, px.
+        height: usize,
+    },
+    /// A grid has a hole where its edge should be, and no surface around it.
+    #[error(
+        "grid {grid} has no scan points within {WIDEST_HALF_WIDTH_PX} px around its edge at ({u:.0}, {v:.0}) px; scan again, at a \
+         steeper angle or with a longer exposure, or move the region"
+    )]
     GridWithoutPoints {
         /// The grid.
         grid: GridId,
@@ -73,7 +101,8 @@ pub enum LearnError {
     EmptyRegion,
     /// No panel lies where a corner picture looks.
     #[error(
-        "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel; is the flange pose right?"
+        "the corner at ({u:.1}, {v:.1}) px of the flange picture is not near the panel's outline; is the flange pose right, \
+         and where the recipe has outline_px, does that follow the panel's edge?"
     )]
     CornerOffPanel {
         /// Column, px.
@@ -136,6 +165,10 @@ pub struct TaughtPanel {
     pub mask: Mask,
     /// The panel's outline in the taught picture, px, closed.
     pub outline_px: Vec<Pixel>,
+    /// Who says where that runs.
+    pub outline_from: OutlineFrom,
+    /// Places in the taught picture where something holds the panel.
+    pub held_px: Vec<[Pixel; 4]>,
     /// The outline's points on the surface.
     pub outline: Vec<Point<Panel>>,
     /// The region in the taught picture.
@@ -149,8 +182,6 @@ pub fn panel_from_base_at_teaching() -> Rigid<Panel, Base> {
     Rigid::claim(Isometry3::identity())
 }
 
-/// Fewer points are no panel.
-const MIN_PANEL_POINTS: usize = 2_000;
 /// Points on each side of a grid's edge.
 const EDGE_STEPS: usize = 8;
 
@@ -168,12 +199,20 @@ impl TaughtPanel {
         let panel_from_camera = panel_from_base_at_teaching() * base_from_camera;
         let scan = scan.moved(&panel_from_camera);
         let region = Region::new(recipe.region()).ok_or(LearnError::EmptyRegion)?;
-        let mask = panel_mask(&scan, &region, recipe)?;
-        let outline_px = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
-        let outline =
-            outline_px.iter().filter_map(|pixel| scan.point(pixel.u as usize, pixel.v as usize)).collect();
-        let mut panel =
-            TaughtPanel { scan, camera, panel_from_camera, mask, outline_px, outline, region, grids: Vec::new() };
+        let Extent { mask, outline_px, outline_from, held_px } = Extent::of(&scan, &region, recipe)?;
+        let mut panel = TaughtPanel {
+            scan,
+            camera,
+            panel_from_camera,
+            mask,
+            outline_px,
+            outline_from,
+            held_px,
+            outline: Vec::new(),
+            region,
+            grids: Vec::new(),
+        };
+        panel.outline = panel.outline_px.iter().filter_map(|pixel| panel.outline_at(*pixel)).collect();
         panel.grids = panel.region.ids().map(|id| panel.grid(id)).collect::<Result<_, _>>()?;
         Ok(panel)
     }
@@ -182,7 +221,7 @@ impl TaughtPanel {
         let at = |unit: Point2<f64>| {
             let pixel = self.region.pixel(unit);
             let missing = LearnError::GridWithoutPoints { grid: id, u: pixel.u, v: pixel.v };
-            self.surface_at(pixel).ok_or(missing)
+            self.surface_around(pixel).ok_or(missing)
         };
         let edge = self.region.edge(id, EDGE_STEPS).into_iter().map(at).collect::<Result<Vec<_>, _>>()?;
         let corners = [edge[0], edge[EDGE_STEPS], edge[2 * EDGE_STEPS], edge[3 * EDGE_STEPS]];
@@ -196,6 +235,30 @@ impl TaughtPanel {
         let viewer = self.panel_from_camera.origin();
         let plane = self.plane_at(at, SURFACE_HALF_WIDTH_PX)?;
         plane.meet(viewer, self.panel_from_camera * self.camera.unproject(pixel)?)
+    }
+
+    /// The same where points are missing around the pixel, from a neighbourhood as wide as is needed.
+    fn surface_around(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        let at = pixel.whole(self.scan.width(), self.scan.height())?;
+        let ray = self.panel_from_camera * self.camera.unproject(pixel)?;
+        let widths = std::iter::successors(Some(SURFACE_HALF_WIDTH_PX), |half_width_px| Some(2 * half_width_px));
+        let planes = widths.take_while(|&half_width_px| half_width_px <= WIDEST_HALF_WIDTH_PX);
+        let plane = planes.filter_map(|half_width_px| self.plane_at(at, half_width_px)).next()?;
+        plane.meet(self.panel_from_camera.origin(), ray)
+    }
+
+    /// A point of the outline on the surface.
+    fn outline_at(&self, pixel: Pixel) -> Option<Point<Panel>> {
+        match self.outline_from {
+            OutlineFrom::Scan => self.scan.point(pixel.u as usize, pixel.v as usize),
+            OutlineFrom::Recipe => self.surface_around(pixel),
+        }
+    }
+
+    /// Does something hold the panel within so many pixels of this place of the taught picture?
+    pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
+        let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
+        extent::is_held(&self.held_px, pixel) || self.held_px.iter().any(near)
     }
 
     /// The plane through the panel's points around a pixel, seen from the camera; what is not panel has no part in it.
@@ -226,46 +289,4 @@ fn elsewhere(largest: usize) -> String {
         0 => "nor does any other".to_owned(),
         points => format!("though elsewhere a piece of {points} points does"),
     }
-}
-
-/// The piece of scan in the search box under the region's centre; all four corners must lie on it.
-fn panel_mask(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Mask, LearnError> {
-    let (width, height) = (scan.width(), scan.height());
-    let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| region.pixel(Point2::new(s, t)));
-    let wrong = |which: &dyn Fn(&Pixel) -> bool, outside_of: Option<[usize; 2]>| -> Vec<WrongCorner> {
-        let numbered = corners.iter().enumerate().filter(|(_, pixel)| which(pixel));
-        numbered.map(|(index, &at)| WrongCorner { corner: index + 1, at, outside_of }).collect()
-    };
-    let is_outside = |pixel: &Pixel| pixel.whole(width, height).is_none();
-    let mut wrong_corners = wrong(&is_outside, Some([width, height]));
-    let (low, high) = (recipe.locate().box_min_mm(), recipe.locate().box_max_mm());
-    let in_box =
-        |index: usize| scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])));
-    let pieces = segment::pieces(scan, in_box);
-    let centre = region.pixel(Point2::new(0.5, 0.5));
-    let (u, v) = (centre.u, centre.v);
-    let is_there = |piece: &&Vec<usize>| {
-        piece.iter().any(|&i| Pixel::at((i % width) as f64, (i / width) as f64).distance_px(centre) < 3.0)
-    };
-    let piece = match pieces.iter().find(is_there) {
-        Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
-        // Corners outside of the picture move the centre: they are what has to be mended first.
-        _ if !wrong_corners.is_empty() => return Err(LearnError::WrongCorners { corners: wrong_corners }),
-        Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
-        None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
-    };
-    let mask = segment::mask_of(scan, piece);
-    wrong_corners.extend(wrong(&|pixel| !is_outside(pixel) && !near_mask(&mask, *pixel), None));
-    if !wrong_corners.is_empty() {
-        wrong_corners.sort_by_key(|wrong| wrong.corner);
-        return Err(LearnError::WrongCorners { corners: wrong_corners });
-    }
-    Ok(mask)
-}
-
-/// Is a pixel, or one beside it, in the mask? A single missing point must not push a corner off the panel.
-fn near_mask(mask: &Mask, pixel: Pixel) -> bool {
-    let Some((column, row)) = pixel.whole(mask.width, mask.height) else { return false };
-    let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);
-    (row.saturating_sub(1)..=(row + 1).min(mask.height - 1)).any(|v| columns.clone().any(|u| mask.contains(u, v)))
 }

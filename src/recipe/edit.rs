@@ -16,6 +16,10 @@ pub struct Drawn {
     pub columns: u32,
     /// What is not inspected: quadrilaterals.
     pub masked_px: Vec<[[f64; 2]; 4]>,
+    /// The panel's outline, corner by corner; none where the scan shows it.
+    pub outline_px: Vec<[f64; 2]>,
+    /// Where something holds the panel: quadrilaterals.
+    pub held_px: Vec<[[f64; 2]; 4]>,
 }
 
 /// Why nothing could be put in.
@@ -38,17 +42,41 @@ pub enum EditError {
 /// Where the text is no TOML, or `region` or `inspect` is no table.
 pub fn drawn_into(text: &str, drawn: &Drawn) -> Result<String, EditError> {
     let mut document: DocumentMut = text.parse()?;
-    let quadrilateral =
-        |corners: &[[f64; 2]; 4]| corners.iter().map(|corner| array(corner.map(number))).collect::<Array>();
-    put(&mut document, "region", "corners_px", quadrilateral(&drawn.corners_px))?;
+    put(&mut document, "region", "corners_px", polygon(&drawn.corners_px))?;
     put(&mut document, "region", "rows", i64::from(drawn.rows))?;
     put(&mut document, "region", "columns", i64::from(drawn.columns))?;
-    let masked: Array = drawn.masked_px.iter().map(|corners| Value::from(quadrilateral(corners))).collect();
-    let has_masks = document.get("inspect").and_then(|inspect| inspect.get("masked_px")).is_some();
-    if has_masks || !masked.is_empty() {
-        put(&mut document, "inspect", "masked_px", masked)?;
-    }
+    let all =
+        |shapes: &[[[f64; 2]; 4]]| shapes.iter().map(|corners| Value::from(polygon(corners))).collect::<Array>();
+    put_where_any(&mut document, "inspect", "masked_px", all(&drawn.masked_px))?;
+    put_where_any(&mut document, "panel", "outline_px", polygon(&drawn.outline_px))?;
+    put_where_any(&mut document, "panel", "held_px", all(&drawn.held_px))?;
     Ok(document.to_string())
+}
+
+fn polygon(corners: &[[f64; 2]]) -> Array {
+    corners.iter().map(|corner| array(corner.map(number))).collect()
+}
+
+/// Sets a list where it holds something, or the text has one already.
+fn put_where_any(document: &mut DocumentMut, table: &'static str, key: &str, list: Array) -> Result<(), EditError> {
+    let has_one = document.get(table).and_then(|table| table.get(key)).is_some();
+    if has_one || !list.is_empty() {
+        put(document, table, key, list)?;
+    }
+    Ok(())
+}
+
+/// `panel = "name"` as `panel.name = "name"`, so that it takes more keys. What stands before it, comments too, stays before it.
+fn lengthen(document: &mut DocumentMut, key: &'static str) {
+    let Some((written, item)) = document.as_table_mut().get_key_value_mut(key) else { return };
+    let Some(name) = item.as_value().filter(|value| value.is_str()).cloned() else { return };
+    let mut table = Table::new();
+    table.set_dotted(true);
+    table.insert("name", Item::Value(name));
+    if let Some(mut inner) = table.key_mut("name") {
+        *inner.leaf_decor_mut() = written.leaf_decor().clone();
+    }
+    *item = Item::Table(table);
 }
 
 /// A number as a person would write it.
@@ -68,6 +96,7 @@ fn put(
     key: &str,
     value: impl Into<Value>,
 ) -> Result<(), EditError> {
+    lengthen(document, table);
     let item = document.entry(table).or_insert_with(|| Item::Table(Table::new()));
     set_value(item.as_table_like_mut().ok_or(EditError::NotATable { key: table })?, key, value);
     Ok(())
@@ -83,6 +112,8 @@ mod tests {
         rows: 3,
         columns: 5,
         masked_px: vec![],
+        outline_px: vec![],
+        held_px: vec![],
     };
 
     #[test]
@@ -108,6 +139,25 @@ mod tests {
         assert!(with.starts_with("region = { corners_px = [[700, 350]"), "{with}");
         assert!(drawn_into(&with, &DRAWN).expect("a recipe").contains("masked_px = []"));
         assert!(!drawn_into(text, &DRAWN).expect("a recipe").contains("masked"), "none were, none are");
+    }
+
+    /// The short form of the panel's name grows into a table where it stands.
+    #[test]
+    fn an_outline_and_held_edges_come_beside_the_panels_name() {
+        let text = "# the door\npanel = \"door\" # the left one\nregion = { corners_px = [[1, 2], [3, 2], [3, 4], [1, 4]], rows = 1, columns = 1 }\n";
+        let outline_px = vec![[600.0, 300.0], [1300.0, 300.0], [950.25, 900.0]];
+        let held_px = vec![[[900.0, 290.0], [1000.0, 290.0], [1000.0, 310.0], [900.0, 310.0]]];
+        let with = drawn_into(text, &Drawn { outline_px, held_px, ..DRAWN }).expect("a recipe");
+        let (head, _) = with.split_once("region =").expect("the region");
+        let expected = "# the door\npanel.name = \"door\" # the left one\npanel.outline_px = [[600, 300], [1300, 300], [950.3, 900]]\n\
+                        panel.held_px = [[[900, 290], [1000, 290], [1000, 310], [900, 310]]]\n";
+        assert_eq!(head, expected);
+        let without = drawn_into(&with, &DRAWN).expect("a recipe");
+        assert!(without.contains("panel.outline_px = []\npanel.held_px = []\n"), "{without}");
+        let table = "[panel]\nname = \"door\" # the left one\n";
+        let outline_px = vec![[6.0, 3.0], [13.0, 3.0], [9.0, 9.0]];
+        let with = drawn_into(table, &Drawn { outline_px, ..DRAWN }).expect("a recipe");
+        assert!(with.starts_with(&format!("{table}outline_px = [[6, 3], [13, 3], [9, 9]]\n")), "{with}");
     }
 
     #[test]

@@ -11,7 +11,8 @@ mod tests;
 
 pub use edit::{Drawn, EditError, drawn_into};
 pub use tables::{
-    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Path, Pattern, Process, Region, Surface,
+    Corner, CornerName, CornerNames, FitMethod, Inspect, Locate, Method, Panel, Path, Pattern, Process, Region,
+    Surface,
 };
 
 use crate::config::{self, Problems, Section};
@@ -19,7 +20,7 @@ use crate::config::{self, Problems, Section};
 /// A checked recipe.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recipe {
-    panel: String,
+    panel: Panel,
     process: Process,
     locate: Locate,
     corner: Corner,
@@ -42,7 +43,7 @@ impl Recipe {
     }
 
     fn take(top: &Section<'_, '_>) -> Option<Self> {
-        let panel = top.take::<String>("panel", (), None);
+        let panel = tables::take_panel(top);
         let process = Process::take(&top.section("process"));
         let locate = tables::take_locate(&top.section("locate"));
         let corner = tables::take_corner(&top.section("corner"));
@@ -65,6 +66,11 @@ impl Recipe {
 
     /// The panel's name, under which the store keeps what was taught.
     pub fn panel(&self) -> &str {
+        self.panel.name_text()
+    }
+
+    /// What a person says of the panel's outline.
+    pub fn outline(&self) -> &Panel {
         &self.panel
     }
 

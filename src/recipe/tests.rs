@@ -31,6 +31,42 @@ fn the_least_recipe_names_panel_box_and_region() {
     );
 }
 
+/// The panel's table names it and says what a person knows of its outline.
+#[test]
+fn a_panel_may_have_an_outline_and_held_edges() {
+    let rest = LEAST.split_once('\n').map_or("", |(_, rest)| rest);
+    let with = |keys: &str| Recipe::check("f", &format!("panel = {{ name = 'door', {keys} }}\n{rest}"));
+    let told = with("outline_px = [[1, 1], [90, 1], [90, 70]], held_px = [[[40, 0], [50, 0], [50, 9], [40, 9]]]");
+    let recipe = told.unwrap_or_else(|problems| panic!("{problems}"));
+    assert_eq!(
+        (recipe.panel(), recipe.outline().outline_px().len(), recipe.outline().held_px().len()),
+        ("door", 3, 1)
+    );
+    for (keys, words) in [
+        ("outline_px = [[1, 1], [90, 1]]", "panel.outline_px: found 2 corners, allowed are 3 to 200, or none"),
+        (
+            "outline_px = [[0, 0], [9, 9], [9, 0], [0, 9]]",
+            "panel.outline_px: the outline crosses itself: the sides from corner 1 and from corner 3",
+        ),
+        (
+            "outline_px = [[0, 0], [9, 0], [9, 1]]",
+            "panel.outline_px: the outline encloses 4.5 px², at least 16.0 px² are needed",
+        ),
+        (
+            "held_px = [[[0, 0], [9, 9], [9, 0], [0, 9]]]",
+            "panel.held_px: item 1: the held place crosses itself: the sides from corner 1 and from corner 3",
+        ),
+        ("outlin_px = []", "panel.outlin_px: unknown key; did you mean outline_px?"),
+    ] {
+        let problems = with(keys).expect_err("refused").to_string();
+        assert!(problems.contains(words), "{keys}: {problems}");
+    }
+    assert_eq!(
+        says(&format!("panel = {{ outline_px = [] }}\n{rest}")),
+        ["1: panel.name: is missing; this key has no default"]
+    );
+}
+
 /// One word holds for every taught picture; a list names each.
 #[test]
 fn corners_are_named_for_each_picture() {

@@ -118,8 +118,13 @@ impl View<'_> {
         for pixel in self.pixels(corners) {
             canvas.cross(pixel, 14.0, Pen { ink: Ink::ORANGE, width_px: self.line_px() })?;
         }
-        let legend = [(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids"), (Ink::ORANGE, "taught corner")];
-        self.framed(canvas, panel, &legend[..if corners.is_empty() { 2 } else { 3 }])
+        for held in &panel.held_px {
+            canvas.polyline(held, true, Pen { ink: Ink::VERMILLION, width_px: self.line_px() })?;
+        }
+        let mut legend = vec![(Ink::BLUE, "taught panel"), (Ink::WHITE, "grids")];
+        legend.extend((!corners.is_empty()).then_some((Ink::ORANGE, "taught corner")));
+        legend.extend((!panel.held_px.is_empty()).then_some((Ink::VERMILLION, "held: left out")));
+        self.framed(canvas, panel, &legend)
     }
 
     /// Where the panel was found: its taught outline and grids at the place found, over the new picture.

@@ -55,6 +55,11 @@ impl Panel {
         Panel { relief, corners, cuts: Vec::new(), size_mm: [length, width] }
     }
 
+    /// The same outline on a flat plate.
+    pub fn flattened(&self) -> Panel {
+        Panel { relief: Relief::FLAT, ..self.clone() }
+    }
+
     /// The renderer's shape.
     pub fn shape(&self) -> Shape {
         let mut outline = Outline::new(self.corners.clone(), ROUNDING_MM);

@@ -1,6 +1,6 @@
 //! Localization against the renderer's truth: panels of many shapes anywhere in a search box, scenes that must not be
 //! accepted, wet verifications, and some of the scans through the libraries that others use. All at full size and with the
-//! true calibration. `cargo bench --bench locate -- [good|bad|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
+//! true calibration. `cargo bench --bench locate -- [good|bad|held|wet|memory|peers]… [SEEDS|FIRST-LAST]`; `make bench-locate`
 //! sets up the peers and names their Python in `PANELPREP_PEERS`.
 
 use panelprep::locate::{self, Fit, View, gate};
@@ -12,6 +12,8 @@ use std::ops::RangeInclusive;
 use std::process::ExitCode;
 use std::time::Instant;
 
+#[path = "locate/held.rs"]
+mod held;
 #[path = "locate/memory.rs"]
 mod memory;
 #[path = "locate/peers.rs"]
@@ -24,6 +26,7 @@ mod wet;
 /// Seeds of a part unless the command line says otherwise.
 const GOOD_SEEDS: u64 = 200;
 const BAD_SCENES: u64 = 500;
+const HELD_SEEDS: u64 = 25;
 const WET_SEEDS: u64 = 100;
 const PEER_SCANS: u64 = 20;
 /// What must be reached.
@@ -55,6 +58,9 @@ fn main() -> ExitCode {
     }
     if asked("bad") {
         missed += bad(seeds(BAD_SCENES));
+    }
+    if asked("held") {
+        missed += held::scenes(seeds(HELD_SEEDS));
     }
     if asked("wet") {
         missed += wet::verifications(seeds(WET_SEEDS));
@@ -89,11 +95,12 @@ struct Tried {
     elapsed_ms: f64,
 }
 
-fn recipe(trial: &Trial) -> Recipe {
+/// The recipe of a trial, with further keys of its panel.
+fn recipe(trial: &Trial, keys: &str) -> Recipe {
     let corners = trial.region_px().map(|pixel| [pixel.u, pixel.v]);
     let [low, high] = TRIAL_BOX_MM;
     let text = format!(
-        "panel = \"trial\"\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
+        "panel = {{ name = \"trial\"{keys} }}\n[locate]\nbox_min_mm = {low:?}\nbox_max_mm = {high:?}\nmax_shift_mm = 900.0\n\
          turn_limit_deg = 180.0\nmax_tilt_deg = 35.0\n\
          [region]\ncorners_px = {corners:?}\nrows = 1\ncolumns = 1\n"
     );
@@ -101,14 +108,29 @@ fn recipe(trial: &Trial) -> Recipe {
 }
 
 fn taught(trial: &Trial) -> (TaughtPanel, Recipe) {
-    let recipe = recipe(trial);
+    let recipe = recipe(trial, "");
     let scan = trial.taught_scan();
     let panel = TaughtPanel::learn(&scan, *trial.camera(), trial.base_from_camera(), &recipe).expect("a panel");
     (panel, recipe)
 }
 
 fn tried(trial: &Trial) -> Tried {
-    let (panel, recipe) = taught(trial);
+    located(trial, taught(trial))
+}
+
+/// The same with further keys of the recipe's panel; `None`, and why, where it cannot be taught.
+fn tried_with(trial: &Trial, keys: &str) -> Option<Tried> {
+    let recipe = recipe(trial, keys);
+    match TaughtPanel::learn(&trial.taught_scan(), *trial.camera(), trial.base_from_camera(), &recipe) {
+        Ok(panel) => Some(located(trial, (panel, recipe))),
+        Err(error) => {
+            println!("not taught: {error}");
+            None
+        }
+    }
+}
+
+fn located(trial: &Trial, (panel, recipe): (TaughtPanel, Recipe)) -> Tried {
     let scan = trial.scan();
     let view = View { scan: &scan, camera: trial.camera(), base_from_camera: trial.base_from_camera() };
     let begun = Instant::now();

@@ -1,13 +1,16 @@
 //! The tables of a recipe: every key with its range, default and meaning.
 
 mod film;
+mod panel;
 mod path;
 mod place;
 
 pub use film::{Inspect, Method, Process, Region};
+pub use panel::Panel;
 pub use path::{FitMethod, Path, Pattern, Surface};
 pub use place::{Corner, CornerName, CornerNames, Locate};
 
 pub(super) use film::{take_inspect, take_region};
+pub(super) use panel::take_panel;
 pub(super) use path::take_path;
 pub(super) use place::{take_corner, take_locate};

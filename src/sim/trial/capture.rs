@@ -1,6 +1,7 @@
 //! A trial's scan: the panel among things, with glints, water or smear.
 
 use super::Trial;
+use super::held::Patches;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
 use crate::sim::cast::{Sight, View};
@@ -20,6 +21,7 @@ pub(super) struct Things<'a> {
     pub glints: &'a [([f64; 2], f64)],
     pub wet: bool,
     pub smear_px: usize,
+    pub patches: Option<&'a Patches>,
 }
 
 impl Trial {
@@ -27,7 +29,7 @@ impl Trial {
         &self,
         panel: Option<(&Shape, &Rigid<Base, Panel>)>,
         base_from_camera: &Rigid<Base, Camera>,
-        Things { slabs, glints, wet, smear_px }: Things<'_>,
+        Things { slabs, glints, wet, smear_px, patches }: Things<'_>,
         shot: u64,
     ) -> OrganizedCloud<Camera> {
         let view = View::new(&self.camera, &self.rays, base_from_camera, panel);
@@ -72,6 +74,9 @@ impl Trial {
                     } else if film > -0.4 {
                         point = point.map(|p| p.map(|x| x * (1.0 + 0.002 * film as f32)));
                     }
+                }
+                if sight.panel.is_some_and(|panel| patches.is_some_and(|patches| patches.has(panel.place))) {
+                    point = None;
                 }
                 points[column] = point.unwrap_or([f32::NAN; 3]);
             });

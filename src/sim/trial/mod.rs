@@ -5,6 +5,7 @@
 //! at most 20 % without points: behind things, in their shadow, outside of the camera's picture or the projector's. Glints leave points out and overexpose the picture.
 
 mod capture;
+mod held;
 mod placement;
 mod wrong;
 
@@ -40,12 +41,24 @@ pub struct Trial {
     rays: Rays,
     pixels: PixelNoise,
     hidden: f64,
+    is_held: bool,
+    /// Share of the panel without points, in patches.
+    missing: f64,
 }
 
 impl Trial {
     /// A good scene, with camera pictures `reduction` times smaller than the real ones.
     pub fn good(seed: u64, reduction: usize) -> Trial {
         Trial::new(Seed(seed), None, reduction)
+    }
+
+    /// A good scene with a flat plate, which its outline alone holds sideways.
+    pub fn flat(seed: u64, reduction: usize) -> Trial {
+        let mut trial = Trial::good(seed, reduction);
+        let panel = variety::Panel::any(&mut generator(Seed(seed), 0)).flattened();
+        (trial.taught, trial.present) = (panel.shape(), Some(panel.shape()));
+        trial.put(&mut generator(Seed(seed), 1), None);
+        trial
     }
 
     /// A scene with something wrong.
@@ -76,6 +89,8 @@ impl Trial {
             rays: Rays::new(&camera),
             pixels: PixelNoise::new(seed),
             hidden: 0.0,
+            is_held: false,
+            missing: 0.0,
         };
         trial.put(&mut generator(seed, 1), wrong);
         if let Some(wrong) = wrong {
@@ -129,13 +144,24 @@ impl Trial {
     /// The scan that teaches the panel, at its nominal place and without clutter.
     pub fn taught_scan(&self) -> OrganizedCloud<Camera> {
         let taught = Some((&self.taught, &scene::nominal()));
-        self.capture(taught, &scene::base_from_camera(), Things::default(), 0)
+        let holder: Vec<Slab> = self.holder(&scene::nominal()).into_iter().collect();
+        let patches = self.patches(0);
+        let things = Things { slabs: &holder, patches: patches.as_ref(), ..Things::default() };
+        self.capture(taught, &scene::base_from_camera(), things, 0)
     }
 
     /// The scan of the scene.
     pub fn scan(&self) -> OrganizedCloud<Camera> {
         let present = self.present.as_ref().map(|shape| (shape, &self.place));
-        let things = Things { slabs: &self.slabs, glints: &self.glints, wet: self.wet, smear_px: self.smear_px };
+        let slabs: Vec<Slab> = self.slabs.iter().copied().chain(self.holder(&self.place)).collect();
+        let patches = self.patches(1);
+        let things = Things {
+            slabs: &slabs,
+            glints: &self.glints,
+            wet: self.wet,
+            smear_px: self.smear_px,
+            patches: patches.as_ref(),
+        };
         self.capture(present, &self.camera_now, things, 1)
     }
 }

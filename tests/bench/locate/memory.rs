@@ -32,7 +32,7 @@ pub fn measured() -> usize {
 pub fn alone(folder: &Path) {
     let trial = Trial::good(SEED, super::reduction());
     let read = |name: &str| cloud(&std::fs::read(folder.join(name)).expect("a scan"), trial.camera());
-    let recipe = super::recipe(&trial);
+    let recipe = super::recipe(&trial, "");
     let (camera, base_from_camera) = (trial.camera(), trial.base_from_camera());
     let panel = TaughtPanel::learn(&read("taught"), *camera, base_from_camera, &recipe).expect("a panel");
     let scan = read("scan");

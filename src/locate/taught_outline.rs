@@ -1,0 +1,219 @@
+//! The taught outline in space: where the ray through the edge in the taught picture, found to a fraction of a pixel, meets the
+//! surface beside it.
+//!
+//! The contour of the scan's points runs beside the edge; colour says exactly where it is, and where colour shows no edge the
+//! border of the points takes its place. An outline that a person drew is looked at as a scan is when the panel is located
+//! (`edges`): what neither colour nor depth shows there is no measurement, and takes no part. Nor does what something holds.
+
+use super::edges::{self, Edge};
+use super::grid::{Grid, Motion};
+use super::model::{MIN_OUTLINE, Scan, Surface};
+use super::profile;
+use crate::geometry::{Camera, Pixel, median, polygon};
+use crate::panel::{OutlineFrom, TaughtPanel};
+use nalgebra::{Vector2, Vector3};
+use rayon::prelude::*;
+
+/// Half the length of outline that is averaged to say where and which way it runs, px of the contour.
+const CONTOUR_REACH: usize = 5;
+/// Every so many pixels of the contour is a point of the outline.
+const CONTOUR_STEP: usize = 2;
+/// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
+const MASK_INSET_PX: f64 = 1.0;
+/// A place of the contour whose mean takes in what is this near to a held one says nothing, px.
+const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
+/// The direction of the outline is taken from so many points to each side.
+const ALONG_REACH: usize = 3;
+
+/// A point of the outline.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct OutlinePoint {
+    /// Where, in the panel's frame, mm.
+    pub point: Vector3<f64>,
+    /// The direction along the outline.
+    pub along: Vector3<f64>,
+    /// The surface's normal beside it.
+    pub normal: Vector3<f64>,
+    /// The direction in the surface that leads off the panel.
+    pub outward: Vector3<f64>,
+    /// Length of outline that it stands for, mm.
+    pub length_mm: f64,
+    /// Was its edge found by colour?
+    pub by_colour: bool,
+}
+
+/// What shows the taught outline: shares of its places, 0…1.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutlineSeen {
+    /// Its edge is seen by colour.
+    pub by_colour: f64,
+    /// By depth alone.
+    pub by_depth: f64,
+    /// Something holds the panel there.
+    pub held: f64,
+    /// Neither colour nor depth shows the edge, or no surface was measured beside it.
+    pub unseen: f64,
+}
+
+/// The outline as it was taught.
+pub(super) struct TaughtOutline {
+    pub points: Vec<OutlinePoint>,
+    /// How many pixels a step of brightness takes at its edges, median.
+    pub edge_width_px: f64,
+    pub seen: OutlineSeen,
+}
+
+/// An edge beside a place of the contour.
+#[derive(Clone, Copy)]
+struct Found {
+    /// In the camera's frame.
+    point: Vector3<f64>,
+    normal: Vector3<f64>,
+    /// By colour: how wide it is.
+    width_px: Option<f64>,
+}
+
+/// What the edges are looked for in.
+struct Looked<'a> {
+    panel: &'a TaughtPanel,
+    grid: &'a Grid,
+    surface: &'a Surface,
+    /// The taught scan in its camera's frame, where a person drew the outline.
+    scan: Option<Scan>,
+    /// Positive where the contour runs clockwise on a screen.
+    side: f64,
+}
+
+impl TaughtOutline {
+    /// Of a taught panel whose depths and surface are these.
+    pub fn of(panel: &TaughtPanel, grid: &Grid, surface: &Surface) -> TaughtOutline {
+        let contour = &panel.outline_px;
+        if contour.len() < 8 * CONTOUR_REACH {
+            return TaughtOutline::nothing();
+        }
+        let is_drawn = panel.outline_from == OutlineFrom::Recipe;
+        let scan = is_drawn.then(|| panel.scan.moved::<Camera>(&panel.panel_from_camera.inverse()));
+        let side = polygon::signed_area_px2(contour).signum();
+        let looked = Looked { panel, grid, surface, scan, side };
+        let steps = contour.len().div_ceil(CONTOUR_STEP);
+        let is_held: Vec<bool> =
+            (0..steps).map(|k| panel.is_held_near(contour[k * CONTOUR_STEP], HELD_NEAR_PX)).collect();
+        // A point beside a held stretch would take its direction from across it.
+        let is_used =
+            |k: usize| (k + steps - ALONG_REACH..=k + steps + ALONG_REACH).all(|near| !is_held[near % steps]);
+        let found: Vec<Option<Found>> = (0..steps)
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|k| if is_used(k) { looked.edge(k * CONTOUR_STEP) } else { None })
+            .collect();
+        let held = (0..steps).filter(|&k| !is_used(k)).count();
+        let edges: Vec<Found> = found.into_iter().flatten().collect();
+        let mut widths: Vec<f64> = edges.iter().filter_map(|edge| edge.width_px).collect();
+        let share = |count: usize| count as f64 / steps as f64;
+        let seen = OutlineSeen {
+            by_colour: share(widths.len()),
+            by_depth: share(edges.len() - widths.len()),
+            held: share(held),
+            unseen: share(steps - held - edges.len()),
+        };
+        let edge_width_px = median(&mut widths).unwrap_or(0.0);
+        if edges.len() < MIN_OUTLINE {
+            return TaughtOutline { edge_width_px, seen, ..TaughtOutline::nothing() };
+        }
+        let points = (0..edges.len()).filter_map(|k| looked.point(&edges, k)).collect();
+        TaughtOutline { points, edge_width_px, seen }
+    }
+
+    fn nothing() -> TaughtOutline {
+        let seen = OutlineSeen { by_colour: 0.0, by_depth: 0.0, held: 0.0, unseen: 1.0 };
+        TaughtOutline { points: Vec::new(), edge_width_px: 0.0, seen }
+    }
+}
+
+impl Looked<'_> {
+    /// The middle of the contour about a place, and the unit vector of the picture that leads off the panel there.
+    fn place(&self, k: usize) -> Option<(Pixel, Vector2<f64>)> {
+        let contour = &self.panel.outline_px;
+        let count = contour.len();
+        let mean = |from: usize, length: usize| {
+            let sum =
+                (from..from + length).map(|i| contour[i % count]).fold([0.0; 2], |s, p| [s[0] + p.u, s[1] + p.v]);
+            sum.map(|sum| sum / length as f64)
+        };
+        let from = k + count - CONTOUR_REACH;
+        let [u, v] = mean(from, 2 * CONTOUR_REACH + 1);
+        let (before, after) = (mean(from, CONTOUR_REACH), mean(k + 1, CONTOUR_REACH));
+        let (du, dv) = (after[0] - before[0], after[1] - before[1]);
+        let length = du.hypot(dv);
+        // On a screen, v down, a clockwise contour has its inside to the right: outward is (t_v, −t_u).
+        let outward = || Vector2::new(self.side * dv / length, -self.side * du / length);
+        (length > 1e-6).then(|| (Pixel::at(u, v), outward()))
+    }
+
+    /// The edge beside a place of the contour, on the surface; `None` where no surface was measured, or nothing shows an edge
+    /// that a person drew.
+    fn edge(&self, k: usize) -> Option<Found> {
+        let (middle, outward) = self.place(k)?;
+        let (offset_px, width_px) = match &self.scan {
+            None => self.at_the_border(middle, outward),
+            Some(scan) => self.at_the_line(scan, middle, outward)?,
+        };
+        let pixel = Pixel::at(middle.u + offset_px * outward.x, middle.v + offset_px * outward.y);
+        let (point, normal) = self.on_surface(pixel)?;
+        Some(Found { point, normal, width_px })
+    }
+
+    fn on_surface(&self, pixel: Pixel) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let ray = self.panel.camera.unproject::<Camera>(pixel)?.mm;
+        let (depth_mm, normal) = self.surface.beside(self.grid, pixel)?;
+        Some((ray * depth_mm, normal))
+    }
+
+    fn step(&self, middle: Pixel, outward: Vector2<f64>, expected_px: f64) -> Option<profile::Step> {
+        let line = profile::line(&self.panel.scan, middle, [outward.x, outward.y])?;
+        profile::step(&line, expected_px)
+    }
+
+    /// From the border of the scan's points outwards to the edge, px, and the edge's width where colour shows it.
+    fn at_the_border(&self, middle: Pixel, outward: Vector2<f64>) -> (f64, Option<f64>) {
+        let step = self.step(middle, outward, MASK_INSET_PX);
+        (step.map_or(MASK_INSET_PX, |step| step.offset_px), step.map(|step| step.width_px))
+    }
+
+    /// From a person's line outwards to the edge that the scan shows beside it.
+    fn at_the_line(&self, scan: &Scan, middle: Pixel, outward: Vector2<f64>) -> Option<(f64, Option<f64>)> {
+        let (point, normal) = self.on_surface(middle)?;
+        match edges::beside(&self.panel.camera, scan, (middle, outward), (&point, &normal)) {
+            Edge::Colour { offset_px, width_px } => Some((offset_px, Some(width_px))),
+            Edge::Depth { offset_px } => Some((offset_px, None)),
+            // Where something goes on in the panel's own plane, depth shows no edge, and colour may.
+            Edge::Absent => self.step(middle, outward, 0.0).map(|step| (step.offset_px, Some(step.width_px))),
+            Edge::Hidden | Edge::OutOfView => None,
+        }
+    }
+
+    /// An edge with its directions; `None` where its neighbours say nothing of them.
+    fn point(&self, edges: &[Found], k: usize) -> Option<OutlinePoint> {
+        let count = edges.len();
+        let Found { point: here, normal, width_px } = edges[k];
+        let mean = |from: usize| {
+            (from..from + ALONG_REACH).map(|i| edges[i % count].point).sum::<Vector3<f64>>() / ALONG_REACH as f64
+        };
+        let along = mean(k + 1) - mean(k + count - ALONG_REACH);
+        let (next, last) = (edges[(k + 1) % count].point, edges[(k + count - 1) % count].point);
+        let apart_mm = ((next - here).norm() + (last - here).norm()) / 2.0;
+        let along = (along - normal * normal.dot(&along)).try_normalize(1e-9)?;
+        // In the camera's frame v is down as well: the same side.
+        let outward = along.cross(&normal) * -self.side;
+        let panel_from_camera = Motion::of(&self.panel.panel_from_camera);
+        let turned = |direction: Vector3<f64>| panel_from_camera.turn * direction;
+        Some(OutlinePoint {
+            point: panel_from_camera.point(&here),
+            along: turned(along),
+            normal: turned(normal),
+            outward: turned(outward),
+            length_mm: apart_mm.min(10.0),
+            by_colour: width_px.is_some(),
+        })
+    }
+}

@@ -1,0 +1,166 @@
+//! Which pixels of the taught scan are the panel, and where its outline runs.
+//!
+//! Without an outline in the recipe, the panel is the connected piece of scan in the search box under the region's centre.
+//! With one, it is what lies inside of that polygon and on the surface there, however many points are missing. Where
+//! something holds the panel, neither surface nor outline counts.
+
+use super::segment;
+use super::{LearnError, Region, WrongCorner};
+use crate::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
+use crate::imaging::outer_contours;
+use crate::recipe::Recipe;
+use nalgebra::Point2;
+
+/// Fewer points are no panel.
+const MIN_PANEL_POINTS: usize = 2_000;
+/// A piece of scan inside of a drawn outline that is smaller than this share of the largest is a flying patch.
+const LEAST_PART: f64 = 0.002;
+/// Distance between the points of a drawn outline, px: that of a contour of pixels.
+const OUTLINE_STEP_PX: f64 = 1.0;
+
+/// Who says where the outline runs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum OutlineFrom {
+    /// The border of the scan's points.
+    Scan,
+    /// The recipe: a person drew it.
+    Recipe,
+}
+
+/// The panel in the taught picture.
+pub(super) struct Extent {
+    pub mask: Mask,
+    pub outline_px: Vec<Pixel>,
+    pub outline_from: OutlineFrom,
+    pub held_px: Vec<[Pixel; 4]>,
+}
+
+/// The places of a scan's picture among which the panel is looked for.
+struct Looked<'a> {
+    scan: &'a OrganizedCloud<Panel>,
+    region: &'a Region,
+    /// In the search box and held by nothing, by pixel.
+    free: Vec<bool>,
+    corners: [Pixel; 4],
+}
+
+impl Extent {
+    /// The panel's extent in a scan of its nominal place.
+    ///
+    /// # Errors
+    /// Where no panel lies under the recipe's region, or a corner of the region is not on it.
+    pub fn of(scan: &OrganizedCloud<Panel>, region: &Region, recipe: &Recipe) -> Result<Extent, LearnError> {
+        let pixels = |corners: &[[f64; 2]]| corners.iter().map(|&[u, v]| Pixel::at(u, v)).collect::<Vec<_>>();
+        let held_px: Vec<[Pixel; 4]> =
+            recipe.outline().held_px().iter().map(|corners| corners.map(|[u, v]| Pixel::at(u, v))).collect();
+        let (low, high) = (recipe.locate().box_min_mm(), recipe.locate().box_max_mm());
+        let in_box = |index: usize| {
+            scan.point_at(index).is_some_and(|p| (0..3).all(|a| (low[a]..=high[a]).contains(&p.mm[a])))
+        };
+        let is_held = |index: usize| is_held(&held_px, at(index, scan.width()));
+        let free = (0..scan.width() * scan.height()).map(|index| in_box(index) && !is_held(index)).collect();
+        let corners =
+            [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)].map(|(s, t)| region.pixel(Point2::new(s, t)));
+        let looked = Looked { scan, region, free, corners };
+        let drawn = pixels(&recipe.outline().outline_px());
+        let (mask, outline_px, outline_from) = if drawn.is_empty() {
+            let mask = looked.piece()?;
+            let outline_px = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
+            (mask, outline_px, OutlineFrom::Scan)
+        } else {
+            (looked.inside(&drawn)?, walked(&drawn), OutlineFrom::Recipe)
+        };
+        Ok(Extent { mask, outline_px, outline_from, held_px })
+    }
+}
+
+/// Does something hold the panel at this place of the taught picture?
+pub(super) fn is_held(held_px: &[[Pixel; 4]], pixel: Pixel) -> bool {
+    held_px.iter().any(|held| polygon::contains(held, pixel))
+}
+
+fn at(index: usize, width: usize) -> Pixel {
+    Pixel::at((index % width) as f64, (index / width) as f64)
+}
+
+/// A polygon as a contour of points one pixel apart.
+fn walked(corners: &[Pixel]) -> Vec<Pixel> {
+    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
+    let along = |(a, b): (&Pixel, &Pixel)| {
+        let (a, b) = (*a, *b);
+        let steps = (a.distance_px(b) / OUTLINE_STEP_PX).ceil().max(1.0) as usize;
+        (0..steps).map(move |step| {
+            let share = step as f64 / steps as f64;
+            Pixel::at(a.u + share * (b.u - a.u), a.v + share * (b.v - a.v))
+        })
+    };
+    sides.flat_map(along).collect()
+}
+
+impl Looked<'_> {
+    /// Corners of the region that are outside of the picture, or are not where `is_on` says.
+    fn wrong_corners(&self, is_on: &dyn Fn(Pixel) -> bool) -> Vec<WrongCorner> {
+        let (width, height) = (self.scan.width(), self.scan.height());
+        let wrong = |(index, &at): (usize, &Pixel)| {
+            let outside_of = at.whole(width, height).is_none().then_some([width, height]);
+            (outside_of.is_some() || !is_on(at)).then_some(WrongCorner { corner: index + 1, at, outside_of })
+        };
+        self.corners.iter().enumerate().filter_map(wrong).collect()
+    }
+
+    fn centre(&self) -> Pixel {
+        self.region.pixel(Point2::new(0.5, 0.5))
+    }
+
+    /// The piece of scan under the region's centre; all four corners must lie on it.
+    fn piece(&self) -> Result<Mask, LearnError> {
+        let outside = self.wrong_corners(&|_| true);
+        let pieces = segment::pieces(self.scan, |index| self.free[index]);
+        let centre = self.centre();
+        let (u, v) = (centre.u, centre.v);
+        let is_there =
+            |piece: &&Vec<usize>| piece.iter().any(|&i| at(i, self.scan.width()).distance_px(centre) < 3.0);
+        let piece = match pieces.iter().find(is_there) {
+            Some(piece) if piece.len() >= MIN_PANEL_POINTS => piece,
+            // Corners outside of the picture move the centre: they are what has to be mended first.
+            _ if !outside.is_empty() => return Err(LearnError::WrongCorners { corners: outside }),
+            Some(piece) => return Err(LearnError::NoPanel { u, v, found: piece.len(), needed: MIN_PANEL_POINTS }),
+            None => return Err(LearnError::NothingThere { u, v, largest: pieces.first().map_or(0, Vec::len) }),
+        };
+        let mask = segment::mask_of(self.scan, piece);
+        // A hole is missing points, not the panel's end.
+        let filled = outer_contours(&mask)?.into_iter().next().unwrap_or_default();
+        let corners = self.wrong_corners(&|pixel| near_mask(&mask, pixel) || polygon::contains(&filled, pixel));
+        if corners.is_empty() { Ok(mask) } else { Err(LearnError::WrongCorners { corners }) }
+    }
+
+    /// What of the scan lies inside of a drawn outline, on one surface; all four corners of the region must lie inside, too.
+    fn inside(&self, drawn: &[Pixel]) -> Result<Mask, LearnError> {
+        let (width, height) = (self.scan.width(), self.scan.height());
+        if let Some(&Pixel { u, v }) = drawn.iter().find(|pixel| pixel.whole(width, height).is_none()) {
+            return Err(LearnError::OutlineOutside { u, v, width, height });
+        }
+        let corners = self.wrong_corners(&|pixel| polygon::contains(drawn, pixel));
+        if !corners.is_empty() {
+            return Err(LearnError::WrongCorners { corners });
+        }
+        let pieces =
+            segment::pieces(self.scan, |index| self.free[index] && polygon::contains(drawn, at(index, width)));
+        let Some(largest) = pieces.first().filter(|piece| piece.len() >= MIN_PANEL_POINTS) else {
+            let Pixel { u, v } = self.centre();
+            let found = pieces.first().map_or(0, Vec::len);
+            return Err(LearnError::NoPanel { u, v, found, needed: MIN_PANEL_POINTS });
+        };
+        let least = (LEAST_PART * largest.len() as f64) as usize;
+        let parts = pieces.iter().filter(|piece| piece.len() >= least);
+        let on_one_surface = super::sheet::on_one_surface(self.scan, largest, parts);
+        Ok(segment::mask_of(self.scan, &on_one_surface))
+    }
+}
+
+/// Is a pixel, or one beside it, in the mask? A single missing point must not push a corner off the panel.
+fn near_mask(mask: &Mask, pixel: Pixel) -> bool {
+    let Some((column, row)) = pixel.whole(mask.width, mask.height) else { return false };
+    let columns = column.saturating_sub(1)..=(column + 1).min(mask.width - 1);
+    (row.saturating_sub(1)..=(row + 1).min(mask.height - 1)).any(|v| columns.clone().any(|u| mask.contains(u, v)))
+}

@@ -1,0 +1,109 @@
+//! Which pieces of scan are parts of one sheet: missing points part a panel, and things before or behind it are no part of it.
+//!
+//! Heights over the plane of least scatter are a polynomial of second order in the two directions of that plane, fitted to
+//! the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A piece belongs where its median
+//! height differs from that by no more than [`MAX_AWAY_MM`].
+
+use crate::geometry::{OrganizedCloud, Panel, median};
+use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
+
+/// A piece is another thing from this far off the sheet, mm: a clamp or a mark glued on is thicker, and a panel of second order
+/// is met by less at the ends of a gap.
+const MAX_AWAY_MM: f64 = 4.0;
+/// Points that a fit, and the height of a piece, take at most.
+const FIT_POINTS: usize = 4_000;
+const PIECE_POINTS: usize = 200;
+
+/// The pixels of all pieces that lie on the sheet of the largest.
+pub(super) fn on_one_surface<'a>(
+    scan: &OrganizedCloud<Panel>,
+    largest: &[usize],
+    pieces: impl Iterator<Item = &'a Vec<usize>>,
+) -> Vec<usize> {
+    let pieces: Vec<&Vec<usize>> = pieces.collect();
+    let mut joined = largest.to_vec();
+    // Pieces near the first widen the sheet, so that far ones are met as well.
+    for _ in 0..2 {
+        let Some(sheet) = Sheet::through(scan, &joined) else { return joined };
+        joined =
+            pieces.iter().filter(|piece| sheet.has(scan, piece)).flat_map(|piece| piece.iter().copied()).collect();
+    }
+    joined
+}
+
+struct Sheet {
+    centre: Point3<f64>,
+    /// Two directions in the plane, and its normal.
+    axes: Matrix3<f64>,
+    height: Vector6<f64>,
+    /// The points' reach, mm, by which places are scaled.
+    scale_mm: f64,
+}
+
+impl Sheet {
+    /// Through the points at these pixels; `None` for too few, or points on a line.
+    fn through(scan: &OrganizedCloud<Panel>, pixels: &[usize]) -> Option<Sheet> {
+        let points: Vec<Point3<f64>> =
+            some(pixels, FIT_POINTS).filter_map(|i| scan.point_at(i)).map(|p| p.mm).collect();
+        let centre =
+            Point3::from(points.iter().map(|p| p.coords).sum::<Vector3<f64>>() / points.len().max(1) as f64);
+        let scatter: Matrix3<f64> = points.iter().map(|p| (p - centre) * (p - centre).transpose()).sum();
+        let eigen = scatter.symmetric_eigen();
+        let thinnest = eigen.eigenvalues.imin();
+        let columns =
+            [(thinnest + 1) % 3, (thinnest + 2) % 3, thinnest].map(|i| eigen.eigenvectors.column(i).into_owned());
+        let scale_mm = points.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max).max(1e-9);
+        let mut sheet = Sheet { centre, axes: Matrix3::from_columns(&columns), height: Vector6::zeros(), scale_mm };
+        let (mut squares, mut sums) = (Matrix6::zeros(), Vector6::zeros());
+        for point in &points {
+            let (terms, height) = sheet.terms(point);
+            squares += terms * terms.transpose();
+            sums += terms * height;
+        }
+        sheet.height = squares.try_inverse()? * sums;
+        Some(sheet)
+    }
+
+    fn terms(&self, point: &Point3<f64>) -> (Vector6<f64>, f64) {
+        let at = self.axes.transpose() * (point - self.centre);
+        let (s, t) = (at.x / self.scale_mm, at.y / self.scale_mm);
+        (Vector6::new(1.0, s, t, s * s, s * t, t * t), at.z)
+    }
+
+    fn has(&self, scan: &OrganizedCloud<Panel>, piece: &[usize]) -> bool {
+        let away = |i: usize| {
+            let (terms, height) = self.terms(&scan.point_at(i)?.mm);
+            Some(height - self.height.dot(&terms))
+        };
+        let mut heights: Vec<f64> = some(piece, PIECE_POINTS).filter_map(away).collect();
+        median(&mut heights).is_some_and(|height| height.abs() <= MAX_AWAY_MM)
+    }
+}
+
+/// Evenly chosen ones of these, about so many at most.
+fn some(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
+    pixels.iter().copied().step_by(pixels.len().div_ceil(wanted).max(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A bent sheet in two parts, with a thing 20 mm before it: the thing is left out. The far part lies 8 mm above the near
+    /// one's plane (x²/1000 at x = 90 mm), and on its sheet.
+    #[test]
+    fn parts_of_a_bent_sheet_belong_together() {
+        let point = |i: usize| {
+            let (x, y) = ((i % 100) as f32, (i / 100) as f32);
+            let lift = if (40..50).contains(&(i % 100)) { 20.0 } else { 0.0 };
+            [x, y, 500.0 + x * x / 1_000.0 - lift]
+        };
+        let scan = OrganizedCloud::<Panel>::new(100, 50, (0..5_000).map(point).collect(), vec![[0; 3]; 5_000]);
+        let scan = scan.expect("counts agree");
+        let columns =
+            |from: usize, to: usize| (0..5_000).filter(|i| (from..to).contains(&(i % 100))).collect::<Vec<_>>();
+        let pieces = [columns(50, 90), columns(0, 40), columns(40, 50), columns(92, 100)];
+        let joined = on_one_surface(&scan, &pieces[0], pieces.iter());
+        assert_eq!(joined.len(), 50 * (40 + 40 + 8), "all but the thing");
+    }
+}

@@ -1,0 +1,110 @@
+//! Panels as real scans have them: held by a thing in their own plane, with a third of their points missing in patches that
+//! differ from scan to scan, bent or flat; with and without what a person can say of them in the recipe.
+
+use super::{RIGHT_MM, Tried, reduction, row, share, tried_with, words};
+use panelprep::sim::Trial;
+use panelprep::verdict::Verdict;
+use std::ops::RangeInclusive;
+
+/// Share of the panel without points.
+const MISSING: f64 = 0.33;
+/// Accepted, of scenes whose keys are given and whose points are not missing.
+const ACCEPTED: f64 = 0.9;
+/// Accepted poses within what they state.
+const STATED_SHARE: f64 = 0.9;
+
+/// What a person says of the panel.
+#[derive(Clone, Copy, PartialEq)]
+enum Said {
+    Nothing,
+    Held,
+    Outline,
+    Both,
+}
+
+struct Kind {
+    words: &'static str,
+    trial: fn(u64, usize) -> Trial,
+    said: Said,
+    /// The share that must be accepted.
+    floor: f64,
+}
+
+const KINDS: [Kind; 7] = [
+    Kind { words: "flat", trial: Trial::flat, said: Said::Nothing, floor: ACCEPTED },
+    Kind { words: "flat, outline drawn", trial: Trial::flat, said: Said::Outline, floor: ACCEPTED },
+    Kind {
+        words: "flat, held, nothing said",
+        trial: |s, r| Trial::flat(s, r).held(),
+        said: Said::Nothing,
+        floor: 0.0,
+    },
+    Kind { words: "flat, held", trial: |s, r| Trial::flat(s, r).held(), said: Said::Held, floor: ACCEPTED },
+    Kind {
+        words: "flat, held, outline drawn",
+        trial: |s, r| Trial::flat(s, r).held(),
+        said: Said::Both,
+        floor: ACCEPTED,
+    },
+    Kind { words: "bent, held", trial: |s, r| Trial::good(s, r).held(), said: Said::Held, floor: ACCEPTED },
+    Kind {
+        words: "flat, held, points missing, outline drawn",
+        trial: |s, r| Trial::flat(s, r).held().patchy(MISSING),
+        said: Said::Both,
+        floor: 0.0,
+    },
+];
+
+/// The keys of the recipe's `[panel]` with what a person says.
+fn keys(trial: &Trial, said: Said) -> String {
+    let mut keys = String::new();
+    if matches!(said, Said::Outline | Said::Both) {
+        let corners: Vec<[f64; 2]> = trial.outline_px().iter().map(|pixel| [pixel.u, pixel.v]).collect();
+        keys += &format!(", outline_px = {corners:?}");
+    }
+    if matches!(said, Said::Held | Said::Both) {
+        let held: Vec<[[f64; 2]; 4]> =
+            trial.held_px().iter().map(|held| held.map(|pixel| [pixel.u, pixel.v])).collect();
+        keys += &format!(", held_px = {held:?}");
+    }
+    keys
+}
+
+/// Each kind over these seeds; how many floors were missed.
+pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
+    let mut missed = 0;
+    for kind in &KINDS {
+        let (mut accepted, mut wrong, mut stated, mut untaught) = (0, 0, 0, 0);
+        let count = seeds.clone().count();
+        for seed in seeds.clone() {
+            let trial = (kind.trial)(seed, reduction());
+            let Some(Tried { judgement, fit, error, .. }) = tried_with(&trial, &keys(&trial, kind.said)) else {
+                untaught += 1;
+                continue;
+            };
+            let (stated_mm, max_mm) = (fit.as_ref().map(|fit| fit.uncertainty_mm), error.map(|error| error.max_mm));
+            println!(
+                "{}: {seed:3} {:6} {max_mm:.3?} {stated_mm:.3?} {}",
+                kind.words,
+                judgement.verdict.word(),
+                words(&judgement)
+            );
+            if judgement.verdict == Verdict::Accept {
+                accepted += 1;
+                wrong += usize::from(max_mm.is_none_or(|mm| mm > RIGHT_MM));
+                stated += usize::from(max_mm.zip(stated_mm).is_some_and(|(max, stated)| max <= stated));
+            }
+        }
+        let told = format!(
+            "{}: {accepted} of {count} are accepted, {wrong} of them wrong by more than {RIGHT_MM} mm, {stated} within what is \
+             stated; {untaught} could not be taught",
+            kind.words
+        );
+        let is_good = share(accepted, count) >= kind.floor
+            && wrong == 0
+            && share(stated, accepted) >= STATED_SHARE
+            && untaught == 0;
+        missed += row(is_good, &told);
+    }
+    missed
+}
