@@ -98,7 +98,42 @@ fn a_panel_is_taught_by_what_is_taken_and_drawn_now() {
         assert!(folder.join("shots").join(file).is_file(), "{file}");
     }
 
-    // On files that are there, the person leaves the page as it was.
+    // On files that are there, a place where something holds the panel is drawn at its upper edge, and an outline that goes again.
+    let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
+    let corners: Vec<Vec<f64>> = serde_json::from_value(drawn["corners_px"].clone()).expect("four corners");
+    let at = |across: f64, down: f64| -> Vec<f64> {
+        (0..2)
+            .map(|i| {
+                let mix = |a: usize, b: usize| corners[a][i] + (corners[b][i] - corners[a][i]) * across;
+                mix(0, 1) + (mix(3, 2) - mix(0, 1)) * down
+            })
+            .collect()
+    };
+    drawn["held_px"] = serde_json::json!([[at(0.4, -0.3), at(0.6, -0.3), at(0.6, -0.02), at(0.4, -0.02)]]);
+    drawn["outline_px"] = serde_json::json!([at(-0.1, -0.1), at(1.1, -0.1), at(1.1, 1.1)]);
+    assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
+    if let Some(page) = browsed(&url, folder) {
+        let count = |what: &str| page.matches(what).count();
+        assert_eq!(
+            (count("class=\"corner outline"), count("class=\"corner held"), count("class=\"area held")),
+            (3, 4, 1)
+        );
+    }
+    drawn["outline_px"] = serde_json::json!([]);
+    assert!(ask(&url, "POST", "save", &drawn.to_string()).starts_with("HTTP/1.1 200"));
+    ask(&url, "POST", "done", "");
+    let ended = child.wait_with_output().expect("it ends");
+    told.read_to_string(&mut words).expect("it tells");
+    let found: serde_json::Value = serde_json::from_slice(&ended.stdout).expect("JSON");
+    let held = found["outline"]["held"].as_f64().expect("a share");
+    assert!(ended.status.success() && (0.02..0.2).contains(&held), "{found} {words}");
+    let recipe = std::fs::read_to_string(folder.join("cell/recipe.toml")).expect("a recipe");
+    assert!(
+        recipe.contains("panel.name = \"simulated-panel\"") && recipe.contains("panel.outline_px = []"),
+        "{recipe}"
+    );
+
+    // The person leaves the page as it was.
     let (child, mut told, url) = opened(folder, &format!("{TEACH} --draw"));
     ask(&url, "POST", "done", "");
     let ended = child.wait_with_output().expect("it ends");

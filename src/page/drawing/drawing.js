@@ -1,16 +1,32 @@
-// The region, its grids and the masks, drawn over the taught scan's picture. Places are pixels of the picture.
+// The region, its grids, the masks, the panel's outline and what holds it, drawn over the taught scan's picture. Places are pixels of the picture.
 
 const SVG = "http://www.w3.org/2000/svg";
+const NOTHING_SELECTED = "None. Drag a corner, or select it and use the arrow keys: 1 px, with Shift 10 px.";
 const at = (id) => document.getElementById(id);
 const overlay = at("overlay");
 
 let size = [1, 1];
 let drawn = null;
-// Which corner is selected: -1 is the region, 0 … the masks.
+// Which corner is selected: the shape's kind, its place among those of its kind, and the corner.
 let chosen = null;
 let dragged = null;
 
-const shape = (index) => (index < 0 ? drawn.corners_px : drawn.masked_px[index]);
+const KINDS = {
+  region: { name: () => "the region", label: (index, corner) => `${corner + 1}` },
+  mask: { name: (index) => `mask ${index + 1}`, label: (index) => `m${index + 1}` },
+  outline: { name: () => "the outline", label: () => "" },
+  held: { name: (index) => `held place ${index + 1}`, label: (index) => `h${index + 1}` },
+};
+
+// Every shape: the region last, so that its corners lie on top.
+const shapes = () => [
+  ...(drawn.outline_px.length > 0 ? [{ kind: "outline", index: 0, corners: drawn.outline_px }] : []),
+  ...drawn.held_px.map((corners, index) => ({ kind: "held", index, corners })),
+  ...drawn.masked_px.map((corners, index) => ({ kind: "mask", index, corners })),
+  { kind: "region", index: 0, corners: drawn.corners_px },
+];
+const shapeOf = (place) => shapes().find((one) => one.kind === place.kind && one.index === place.index);
+const isSame = (a, b) => a && b && a.kind === b.kind && a.index === b.index && a.corner === b.corner;
 
 function element(name, attributes, parent) {
   const made = document.createElementNS(SVG, name);
@@ -34,25 +50,21 @@ function draw() {
   overlay.replaceChildren();
   overlay.setAttribute("viewBox", `0 0 ${size[0]} ${size[1]}`);
   const scale = perScreenPixel();
-  const all = [[-1, drawn.corners_px], ...drawn.masked_px.map((mask, index) => [index, mask])];
-  for (const [index, corners] of all) {
-    const kind = index < 0 ? "region" : "mask";
+  for (const { kind, corners } of shapes()) {
     element("polygon", { class: `area ${kind}`, points: points(corners) }, overlay);
-    if (index < 0) grids(corners);
+    if (kind === "region") grids(corners);
   }
-  for (const [index, corners] of all) {
-    const kind = index < 0 ? "region" : "mask";
+  for (const { kind, index, corners } of shapes()) {
     corners.forEach(([u, v], corner) => {
-      const isChosen = chosen && chosen[0] === index && chosen[1] === corner;
-      const name = index < 0 ? `corner ${corner + 1} of the region` : `corner ${corner + 1} of mask ${index + 1}`;
+      const place = { kind, index, corner };
       const dot = element("circle", {
-        class: `corner ${kind}${isChosen ? " chosen" : ""}`, cx: u, cy: v, r: 9 * scale, tabindex: 0,
-        "aria-label": name, "data-shape": index, "data-corner": corner,
+        class: `corner ${kind}${isSame(chosen, place) ? " chosen" : ""}`, cx: u, cy: v, r: 9 * scale, tabindex: 0,
+        "aria-label": `corner ${corner + 1} of ${KINDS[kind].name(index)}`,
+        "data-kind": kind, "data-index": index, "data-corner": corner,
       }, overlay);
-      dot.addEventListener("focus", () => choose(index, corner));
-      const label = index < 0 ? `${corner + 1}` : `m${index + 1}`;
+      dot.addEventListener("focus", () => choose(place));
       const text = element("text", { class: "name", x: u + 12 * scale, y: v - 8 * scale, "font-size": 16 * scale }, overlay);
-      text.textContent = label;
+      text.textContent = KINDS[kind].label(index, corner);
     });
   }
   describe();
@@ -69,27 +81,40 @@ function grids(corners) {
 }
 
 function describe() {
-  at("remove").disabled = !chosen || chosen[0] < 0;
-  if (!chosen) return;
-  const [u, v] = shape(chosen[0])[chosen[1]];
-  const of = chosen[0] < 0 ? "the region" : `mask ${chosen[0] + 1}`;
-  at("selected").textContent = `Corner ${chosen[1] + 1} of ${of}: (${u.toFixed(1)}, ${v.toFixed(1)}) px`;
+  const kind = chosen?.kind;
+  at("remove").disabled = !chosen || kind === "region";
+  at("insert").disabled = kind !== "outline";
+  at("cut").disabled = kind !== "outline" || drawn.outline_px.length <= 3;
+  at("outline").disabled = drawn.outline_px.length > 0;
+  if (!chosen) {
+    at("selected").textContent = NOTHING_SELECTED;
+    return;
+  }
+  const [u, v] = shapeOf(chosen).corners[chosen.corner];
+  at("selected").textContent =
+    `Corner ${chosen.corner + 1} of ${KINDS[kind].name(chosen.index)}: (${u.toFixed(1)}, ${v.toFixed(1)}) px`;
 }
 
-function choose(index, corner) {
-  if (chosen && chosen[0] === index && chosen[1] === corner) return;
-  chosen = [index, corner];
-  for (const dot of overlay.querySelectorAll(".corner")) {
-    dot.classList.toggle("chosen", Number(dot.dataset.shape) === index && Number(dot.dataset.corner) === corner);
-  }
+function choose(place) {
+  if (isSame(chosen, place)) return;
+  chosen = place;
+  for (const dot of overlay.querySelectorAll(".corner")) dot.classList.toggle("chosen", isSame(placeOf(dot), place));
   describe();
 }
 
-function move([index, corner], u, v) {
-  const within = (value, most) => Math.min(Math.max(value, 0), most - 1);
-  shape(index)[corner] = [within(u, size[0]), within(v, size[1])];
+const placeOf = (dot) =>
+  ({ kind: dot.dataset.kind, index: Number(dot.dataset.index), corner: Number(dot.dataset.corner) });
+
+function changed() {
   draw();
   tell("Not saved yet.", false);
+}
+
+const within = (value, most) => Math.min(Math.max(value, 0), most - 1);
+
+function move(place, u, v) {
+  shapeOf(place).corners[place.corner] = [within(u, size[0]), within(v, size[1])];
+  changed();
 }
 
 function place(event) {
@@ -99,8 +124,8 @@ function place(event) {
 
 overlay.addEventListener("pointerdown", (event) => {
   if (!event.target.dataset?.corner) return;
-  dragged = [Number(event.target.dataset.shape), Number(event.target.dataset.corner)];
-  choose(...dragged);
+  dragged = placeOf(event.target);
+  choose(dragged);
   overlay.setPointerCapture(event.pointerId);
   event.preventDefault();
 });
@@ -116,40 +141,77 @@ document.addEventListener("keydown", (event) => {
   if (!step || !chosen || event.target.tagName === "INPUT") return;
   event.preventDefault();
   const times = event.shiftKey ? 10 : 1;
-  const [u, v] = shape(chosen[0])[chosen[1]];
-  const kept = chosen;
-  move(kept, u + step[0] * times, v + step[1] * times);
-  overlay.querySelector(`[data-shape="${kept[0]}"][data-corner="${kept[1]}"]`)?.focus();
+  const [u, v] = shapeOf(chosen).corners[chosen.corner];
+  move(chosen, u + step[0] * times, v + step[1] * times);
+  focusOn(chosen);
 });
+
+function focusOn({ kind, index, corner }) {
+  overlay.querySelector(`[data-kind="${kind}"][data-index="${index}"][data-corner="${corner}"]`)?.focus();
+}
 
 for (const key of ["rows", "columns"]) {
   at(key).addEventListener("input", () => {
     const number = Number.parseInt(at(key).value, 10);
     if (Number.isInteger(number) && number >= 1 && number <= 50) {
       drawn[key] = number;
-      draw();
-      tell("Not saved yet.", false);
+      changed();
     }
   });
 }
 
-at("add").addEventListener("click", () => {
-  const middle = inside(drawn.corners_px, 0.5, 0.5);
+// A small rectangle about a place.
+function rectangle([u, v]) {
   const half = [size[0] / 20, size[1] / 20];
-  const corner = (x, y) => [middle[0] + x * half[0], middle[1] + y * half[1]];
-  drawn.masked_px.push([corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)]);
-  chosen = [drawn.masked_px.length - 1, 0];
-  draw();
-  tell("Not saved yet.", false);
+  const corner = (x, y) => [within(u + x * half[0], size[0]), within(v + y * half[1], size[1])];
+  return [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
+}
+
+at("add").addEventListener("click", () => {
+  drawn.masked_px.push(rectangle(inside(drawn.corners_px, 0.5, 0.5)));
+  chosen = { kind: "mask", index: drawn.masked_px.length - 1, corner: 0 };
+  changed();
+});
+
+at("hold").addEventListener("click", () => {
+  drawn.held_px.push(rectangle(inside(drawn.corners_px, 0.5, -0.25)));
+  chosen = { kind: "held", index: drawn.held_px.length - 1, corner: 0 };
+  changed();
+});
+
+// The outline begins as the region made larger.
+at("outline").addEventListener("click", () => {
+  const larger = [[-0.2, -0.2], [1.2, -0.2], [1.2, 1.2], [-0.2, 1.2]];
+  drawn.outline_px = larger
+    .map(([across, down]) => inside(drawn.corners_px, across, down))
+    .map(([u, v]) => [within(u, size[0]), within(v, size[1])]);
+  chosen = { kind: "outline", index: 0, corner: 0 };
+  changed();
+});
+
+at("insert").addEventListener("click", () => {
+  const next = (chosen.corner + 1) % drawn.outline_px.length;
+  const [a, b] = [drawn.outline_px[chosen.corner], drawn.outline_px[next]];
+  drawn.outline_px.splice(chosen.corner + 1, 0, [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
+  chosen = { ...chosen, corner: chosen.corner + 1 };
+  changed();
+  focusOn(chosen);
+});
+
+at("cut").addEventListener("click", () => {
+  drawn.outline_px.splice(chosen.corner, 1);
+  chosen = { ...chosen, corner: chosen.corner % drawn.outline_px.length };
+  changed();
+  focusOn(chosen);
 });
 
 at("remove").addEventListener("click", () => {
-  if (!chosen || chosen[0] < 0) return;
-  drawn.masked_px.splice(chosen[0], 1);
+  const { kind, index } = chosen;
+  if (kind === "mask") drawn.masked_px.splice(index, 1);
+  if (kind === "held") drawn.held_px.splice(index, 1);
+  if (kind === "outline") drawn.outline_px = [];
   chosen = null;
-  at("selected").textContent = "None.";
-  draw();
-  tell("Not saved yet.", false);
+  changed();
 });
 
 at("whole").addEventListener("change", () => {

@@ -1,4 +1,4 @@
-//! The page on which a person draws the region, its grids and what is masked, on the taught scan's picture.
+//! The page on which a person draws the region, its grids, what is masked, the panel's outline and what holds it, on the taught scan's picture.
 //!
 //! `GET .` the page · `GET drawing.json` what the recipe says · `GET picture.png` · `POST save` what was drawn: it is put into the
 //! recipe's file where the recipe's own check accepts it, else the problems come back · `POST done` ends the page.
@@ -97,6 +97,8 @@ async fn drawing(State(inside): State<Arc<Inside>>) -> Response {
                     rows: u32::try_from(region.rows()).unwrap_or(u32::MAX),
                     columns: u32::try_from(region.columns()).unwrap_or(u32::MAX),
                     masked_px: recipe.inspect().masked_px(),
+                    outline_px: recipe.outline().outline_px(),
+                    held_px: recipe.outline().held_px(),
                 },
             });
             Json(told).into_response()
@@ -120,7 +122,8 @@ fn put(sheet: &Sheet, drawn: &Drawn) -> Result<(), Vec<String>> {
     let (text, _) = read(sheet)?;
     let [width, height] = sheet.size_px.map(|size| size as f64);
     let outside = |[u, v]: &[f64; 2]| !(0.0..=width - 1.0).contains(u) || !(0.0..=height - 1.0).contains(v);
-    let all = drawn.masked_px.iter().flatten().chain(&drawn.corners_px);
+    let quadrilaterals = drawn.masked_px.iter().chain(&drawn.held_px).flatten();
+    let all = quadrilaterals.chain(&drawn.outline_px).chain(&drawn.corners_px);
     if let Some([u, v]) = all.into_iter().find(|corner| outside(corner)) {
         return Err(vec![format!("({u:.1}, {v:.1}) px is outside of the picture, {width}×{height} px")]);
     }

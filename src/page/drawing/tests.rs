@@ -56,7 +56,7 @@ impl Open {
     }
 }
 
-const DRAWN: &str = r#"{"corners_px":[[12,10],[90,10],[90.26,60],[10,60]],"rows":4,"columns":3,"masked_px":[[[20,20],[30,20],[30,30],[20,30]]]}"#;
+const DRAWN: &str = r#"{"corners_px":[[12,10],[90,10],[90.26,60],[10,60]],"rows":4,"columns":3,"masked_px":[[[20,20],[30,20],[30,30],[20,30]]],"outline_px":[[2,2],[97,2],[97,70],[2,70]],"held_px":[[[40,0],[60,0],[60,6],[40,6]]]}"#;
 
 #[test]
 fn what_a_person_draws_comes_into_the_recipe() {
@@ -71,7 +71,9 @@ fn what_a_person_draws_comes_into_the_recipe() {
     assert!(status == 200 && told.contains("door.toml"), "{status} {told}");
     let expected = RECIPE
         .replace("[[10, 10], [90, 10], [90, 60], [10, 60]]", "[[12, 10], [90, 10], [90.3, 60], [10, 60]]")
-        .replace("rows = 2", "rows = 4");
+        .replace("rows = 2", "rows = 4")
+        .replace("panel = \"door\" # the left one\n", "panel.name = \"door\" # the left one\n\
+                 panel.outline_px = [[2, 2], [97, 2], [97, 70], [2, 70]]\npanel.held_px = [[[40, 0], [60, 0], [60, 6], [40, 6]]]\n");
     assert!(page.recipe().starts_with(&expected), "{}", page.recipe());
     assert!(page.recipe().contains("masked_px = [[[20, 20], [30, 20], [30, 30], [20, 30]]]"));
     assert_eq!(page.ask("POST", "done", "").0, 200);
@@ -82,8 +84,13 @@ fn what_a_person_draws_comes_into_the_recipe() {
 fn what_is_no_region_changes_nothing() {
     let page = open();
     let crossed = DRAWN.replace("[12,10],[90,10]", "[90,10],[12,10]");
+    let twisted = DRAWN.replace("[2,2],[97,2]", "[97,2],[2,2]");
     let outside = DRAWN.replace("[12,10]", "[100,10]");
-    for (body, words) in [(&*crossed, "must go round"), (&outside, "outside of the picture, 100×80 px")] {
+    for (body, words) in [
+        (&*crossed, "must go round"),
+        (&twisted, "the outline crosses itself"),
+        (&outside, "outside of the picture, 100×80 px"),
+    ] {
         let (status, told) = page.ask("POST", "save", body);
         assert!(status == 422 && told.contains(words), "{status} {told}");
     }
