@@ -80,7 +80,8 @@ pub(super) fn look(
     let edge = if looks_away {
         Edge::Hidden
     } else {
-        edge(scan, pixel, across, &Tangent::of(camera, pixel, &point, &(motion.turn * sample.normal)))
+        let tangent = Tangent::of(camera, pixel, &point, &(motion.turn * sample.normal));
+        edge(scan, (pixel, across), &tangent, model.is_patchy())
     };
     Some(Looked { point, gradient, edge })
 }
@@ -122,10 +123,10 @@ pub(super) fn beside(
     (pixel, across): (Pixel, Vector2<f64>),
     (point, normal): (&Vector3<f64>, &Vector3<f64>),
 ) -> Edge {
-    edge(scan, pixel, across, &Tangent::of(camera, pixel, point, normal))
+    edge(scan, (pixel, across), &Tangent::of(camera, pixel, point, normal), true)
 }
 
-fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, tangent: &Tangent) -> Edge {
+fn edge(scan: &Scan, (pixel, across): (Pixel, Vector2<f64>), tangent: &Tangent, is_patchy: bool) -> Edge {
     let reach = REACH as i32;
     let margin = f64::from(reach) + 1.0;
     let (width, height) = (scan.width() as f64, scan.height() as f64);
@@ -156,12 +157,29 @@ fn edge(scan: &Scan, pixel: Pixel, across: Vector2<f64>, tangent: &Tangent) -> E
         Rough::Not(edge) => return edge,
     };
     let line = profile::line(scan, pixel, [across.x, across.y]);
-    let step = line.and_then(|line| profile::step(&line, rough_px));
-    match step.filter(|step| (step.offset_px - rough_px).abs() <= COLOUR_NEAR_PX) {
+    let near = |expected_px: f64| {
+        let step = profile::step(line.as_ref()?, expected_px)?;
+        ((step.offset_px - expected_px).abs() <= COLOUR_NEAR_PX).then_some(step)
+    };
+    match near(rough_px).or_else(|| if is_patchy { strongest(&depths, near) } else { None }) {
         Some(step) => Edge::Colour { offset_px: step.offset_px, width_px: step.width_px },
         None if known => Edge::Depth { offset_px: rough_px },
         None => Edge::Absent,
     }
+}
+
+/// The strongest step of brightness where points are missing over more than a rim: the panel's own may be among them, so that its
+/// edge is anywhere between the last point on the surface and the first one behind it.
+fn strongest(depths: &[Depth], near: impl Fn(f64) -> Option<profile::Step>) -> Option<profile::Step> {
+    let middle = depths.len() as i32 / 2;
+    let missing = |i: &i32| depths.get(*i as usize) == Some(&Depth::Missing);
+    let before = (0..middle).rev().take_while(missing).last().unwrap_or(middle);
+    let beyond = (middle..depths.len() as i32).take_while(missing).last().unwrap_or(middle - 1);
+    if beyond - before < MAX_OPEN_PX {
+        return None;
+    }
+    let steps = (before..=beyond).step_by(2).filter_map(|i| near(f64::from(i - middle)));
+    steps.max_by(|a, b| a.contrast.abs().total_cmp(&b.contrast.abs()))
 }
 
 /// What depths say of an edge, px from the middle of the line outwards.

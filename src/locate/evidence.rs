@@ -30,7 +30,8 @@ pub struct Fit {
     pub outline_rms_mm: f64,
     /// The same in pixels of the 3D camera.
     pub outline_rms_px: f64,
-    /// Share of the taught points that the scan has, 0…1.
+    /// Share of the taught points that the scan has, 0…1; this and the next share, and `measured`, of what a scan with as many
+    /// points missing as the taught one would have.
     pub taught_found: f64,
     /// Share of the scan's piece that the taught panel has, 0…1.
     pub scan_found: f64,
@@ -170,6 +171,8 @@ pub(super) fn weigh(
         })?;
     let surface = SurfaceShares::of(&motion, seen);
     let outline = OutlineShares::of(&residuals, model);
+    // Where points were missing at teaching and now is independent of each other.
+    let of_expected = |share: f64| (share / model.given).min(1.0);
     let base_from_panel = base_from_camera * placed;
     let (shift_mm, turn, tilt) = displacement(base_from_panel, model);
     let (px_per_mm, _) = grid.camera.px_per_mm_at(residuals.centre.z);
@@ -178,12 +181,12 @@ pub(super) fn weigh(
         rms_mm: surface.rms_mm,
         outline_rms_mm: outline.rms_px / px_per_mm,
         outline_rms_px: outline.rms_px,
-        taught_found: surface.found,
-        scan_found: scan_found(&motion, seen, pieces),
+        taught_found: of_expected(surface.found),
+        scan_found: of_expected(scan_found(&motion, seen, pieces)),
         outline_found: outline.found,
         seen_through: surface.through,
         outline_absent: outline.absent,
-        measured: surface.measured,
+        measured: of_expected(surface.measured),
         edge_width_px: outline.width_px,
         taught_edge_width_px: model.edge_width_px,
         saturated: saturated(&motion, seen),

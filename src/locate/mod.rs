@@ -62,8 +62,6 @@ pub struct View<'a> {
     pub base_from_camera: Rigid<Base, Camera>,
 }
 
-/// Placements that are fitted to the end; the others explain the scan much worse.
-const FITTED: usize = 4;
 /// Samples of a fit that only weighs a placement, and of the independent starts.
 const WEIGHING_SAMPLES: usize = 3_000;
 /// How far the independent starts are from the end: a shift as a share of the panel's reach, and a turn, rad.
@@ -150,7 +148,7 @@ fn choose(
     let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
     let fitted: Vec<Option<(Rigid<Camera, Panel>, Votes)>> = placements
         .par_iter()
-        .take(FITTED)
+        .take(search::kept(seen.model) - 1)
         .map(|placement| {
             let end = fit::fit(&placement.camera_from_panel, seen, &samples)?.camera_from_panel;
             Some((end, Votes::of(&end, seen)))

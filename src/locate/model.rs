@@ -16,6 +16,8 @@ const NORMAL_REACH: usize = 2;
 const EDGE_REACH: isize = 7;
 const MIN_BESIDE: usize = 25;
 const MAX_BESIDE: f64 = 4.0;
+/// A panel of which so much gave points is whole.
+const WHOLE: f64 = 0.9;
 /// Fewer points hold no panel.
 const MIN_SURFACE: usize = 200;
 pub(super) const MIN_OUTLINE: usize = 60;
@@ -40,6 +42,8 @@ pub(super) struct Model {
     pub camera_from_panel: Rigid<Camera, Panel>,
     /// How many pixels a step of brightness at the outline took, median.
     pub edge_width_px: f64,
+    /// Share of the panel that gave points at teaching, 0…1, where a person drew its outline; else 1.
+    pub given: f64,
     /// What shows the outline, and what does not.
     pub outline_seen: OutlineSeen,
     /// Where something holds the panel, in the taught picture.
@@ -85,9 +89,15 @@ impl Model {
             grid,
             camera_from_panel,
             edge_width_px,
+            given: panel.given(),
             outline_seen,
             held_px: panel.held_px.clone(),
         })
+    }
+
+    /// Did large parts of the panel give no points at teaching, so that they may be missing now as well, others perhaps?
+    pub fn is_patchy(&self) -> bool {
+        self.given < WHOLE
     }
 
     /// The middle as a point of the panel.

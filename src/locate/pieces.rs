@@ -2,7 +2,8 @@
 //! their edge.
 //!
 //! Neighbouring blocks belong together where their depths do not jump. A piece's border is true where something farther
-//! or nothing is seen beyond it; it is not where something nearer hides what goes on behind, or where the picture ends.
+//! or nothing is seen beyond it; it is not where something nearer hides what goes on behind, where the picture ends, or
+//! where missing points part a piece from itself that may have holes.
 //! The nearest true border of every block comes from two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
 //! Process. 14, 1980).
 
@@ -14,6 +15,8 @@ use nalgebra::Vector3;
 pub(super) const MIN_BLOCKS: usize = 40;
 /// Depth is compared this far beyond the border, blocks: between, pixels have no depth or a flying one.
 const BEYOND: isize = 3;
+/// Patches of missing points are no wider than this, blocks.
+const WIDEST_HOLE: isize = 80;
 const NONE: u32 = u32::MAX;
 
 /// A connected smooth piece.
@@ -102,8 +105,8 @@ pub(super) struct Border {
 }
 
 impl Border {
-    /// Of a piece.
-    pub fn of(grid: &Grid, piece: &Piece) -> Border {
+    /// Of a piece, which may have holes where points are missing.
+    pub fn of(grid: &Grid, piece: &Piece, may_have_holes: bool) -> Border {
         let (columns, rows) = (grid.columns, grid.rows);
         let mut inside = vec![false; columns * rows];
         for &block in &piece.blocks {
@@ -111,7 +114,7 @@ impl Border {
         }
         let mut nearest = vec![NONE; columns * rows];
         for &block in &piece.blocks {
-            if is_true_border(grid, &inside, block as usize) {
+            if is_true_border(grid, &inside, block as usize, may_have_holes) {
                 nearest[block as usize] = block;
             }
         }
@@ -176,8 +179,19 @@ impl Border {
     }
 }
 
+/// Are there missing points in this direction, with the same piece beyond them?
+fn ends_in_a_hole(
+    grid: &Grid,
+    inside: &[bool],
+    at: &dyn Fn(isize, isize) -> Option<usize>,
+    (i, j): (isize, isize),
+) -> bool {
+    let places = (1..=WIDEST_HOLE).map_while(|far| at(i * far, j * far));
+    places.into_iter().find(|&place| grid.depth_mm(place).is_some()).is_some_and(|met| inside[met])
+}
+
 /// Is a block on the piece's border, with something farther or nothing beyond it?
-fn is_true_border(grid: &Grid, inside: &[bool], block: usize) -> bool {
+fn is_true_border(grid: &Grid, inside: &[bool], block: usize, may_have_holes: bool) -> bool {
     let (column, row) = ((block % grid.columns) as isize, (block / grid.columns) as isize);
     let Some(here_mm) = grid.depth_mm(block) else { return false };
     let at = |i: isize, j: isize| {
@@ -199,7 +213,7 @@ fn is_true_border(grid: &Grid, inside: &[bool], block: usize) -> bool {
         if nearer {
             return false;
         }
-        border = true;
+        border |= !(may_have_holes && ends_in_a_hole(grid, inside, &at, (i, j)));
     }
     border
 }

@@ -38,12 +38,15 @@ const LAST_REACH_BLOCKS: f64 = 3.0;
 /// A taught point lies on the scan within this, mm; a point of the outline on a border within this, blocks.
 const ON_MM: f64 = 1.5;
 const ON_BLOCKS: f64 = 1.8;
+/// Whether points are missing inside of the outline is looked at this far from it, mm.
+const BESIDE_MM: f64 = 3.0;
 /// Placements nearer than this are one, as a share of the panel's reach.
 const SAME: f64 = 0.06;
 /// So much worse than the best, of 3, a placement is none.
 const WORSE: f64 = 1.2;
-/// Placements that are kept.
+/// Placements that are kept; and where so much of the taught panel is missing that pieces and borders say less of it, so many.
 const KEPT: usize = 5;
+const KEPT_OF_PATCHES: usize = 20;
 /// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
 const ALONE: f64 = 0.3;
 const PART: f64 = 0.05;
@@ -55,6 +58,11 @@ const TOO_LARGE: f64 = 3.5;
 pub(super) struct Placement {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub score: f64,
+}
+
+/// How many placements are worth a fit.
+pub(super) fn kept(model: &Model) -> usize {
+    if model.is_patchy() { KEPT_OF_PATCHES } else { KEPT }
 }
 
 /// Evenly spread places of a list: multiples of the golden section, which leave no rows out.
@@ -97,7 +105,7 @@ pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Placem
     let reach_mm = reach_mm(model);
     let mut found: Vec<Placement> = Vec::new();
     for piece in pieces {
-        let border = Border::of(grid, piece);
+        let border = Border::of(grid, piece, model.is_patchy());
         let of_piece: Vec<Option<Placement>> = (0..TURNS)
             .into_par_iter()
             .map(|turn| {
@@ -115,7 +123,7 @@ pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<Placem
         let far = |other: &Placement| {
             model.largest_distance_mm(&other.camera_from_panel, &placement.camera_from_panel) > SAME * reach_mm
         };
-        if distinct.len() < KEPT && placement.score > best - WORSE && distinct.iter().all(far) {
+        if distinct.len() < kept(model) && placement.score > best - WORSE && distinct.iter().all(far) {
             distinct.push(placement);
         }
     }
@@ -233,6 +241,13 @@ pub(super) fn outward_px(
     Some(if across.dot(outward) < 0.0 { -across } else { across })
 }
 
+/// Are points missing just inside of the outline, so that the scan does not say whether the panel ends here?
+fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> bool {
+    let sample = &model.outline[k];
+    let inside = motion.point(&(sample.point - sample.outward * BESIDE_MM));
+    grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == Look::Nothing)
+}
+
 /// How a placement explains the scan, both ways.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, border: &Border) -> f64 {
     let motion = Motion::of(placed);
@@ -248,6 +263,8 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
         border_at(&motion, model, grid, border, k).map_or(0.0, |at| {
             if at.residual.abs() <= ON_BLOCKS {
                 1.0
+            } else if model.is_patchy() && is_unknown_beside(&motion, model, grid, k) {
+                0.0
             } else if at.residual > 0.0 {
                 -1.0
             } else {

@@ -255,6 +255,17 @@ impl TaughtPanel {
         }
     }
 
+    /// The share of the panel inside of a drawn outline that gave points, 0…1; 1 where the points themselves are the outline.
+    pub fn given(&self) -> f64 {
+        if self.outline_from == OutlineFrom::Scan {
+            return 1.0;
+        }
+        let held_px2: f64 = self.held_px.iter().map(|held| polygon::signed_area_px2(held).abs()).sum();
+        let whole_px2 = polygon::signed_area_px2(&self.outline_px).abs();
+        // A held place may reach beyond the outline: at most half of it is taken for panel.
+        (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
+    }
+
     /// Does something hold the panel within so many pixels of this place of the taught picture?
     pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
         let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;

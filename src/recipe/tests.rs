@@ -50,7 +50,7 @@ fn a_panel_may_have_an_outline_and_held_edges() {
         ),
         (
             "outline_px = [[0, 0], [9, 0], [9, 1]]",
-            "panel.outline_px: the outline encloses 4.5 px², at least 16.0 px² are needed",
+            "panel.outline_px: the outline encloses 4.5 px², at least 16 px² are needed",
         ),
         (
             "held_px = [[[0, 0], [9, 9], [9, 0], [0, 9]]]",

@@ -122,7 +122,8 @@ impl Walk {
         let told = format!("{page}: {line}\n{}\n{}", texts[0], texts[1]);
         let worst = i32::from(MAY_FIND_FAULT.iter().any(|command| line.starts_with(command)));
         assert!(output.status.code().is_some_and(|code| (0..=worst).contains(&code)), "{}: {told}", output.status);
-        let is_review = ["review", "warning", "WRONG"].iter().any(|word| texts.iter().any(|text| text.contains(word)));
+        let is_review =
+            ["review", "warning", "WRONG"].iter().any(|word| texts.iter().any(|text| text.contains(word)));
         assert!(output.status.success() || is_review, "neither good nor for a person to look at: {told}");
         if line.starts_with("panelprep") {
             texts.iter().for_each(|text| fit_for_people(line, text));

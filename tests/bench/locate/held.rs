@@ -10,6 +10,10 @@ use std::ops::RangeInclusive;
 const MISSING: f64 = 0.33;
 /// Accepted, of scenes whose keys are given and whose points are not missing.
 const ACCEPTED: f64 = 0.9;
+/// The same with a third of the points missing at teaching and another third now; the others must be for a person.
+const MISSING_ACCEPTED: f64 = 0.5;
+/// What of these cannot be taught, because a patch is as wide as a grid.
+const UNTAUGHT: f64 = 0.15;
 /// Accepted poses within what they state.
 const STATED_SHARE: f64 = 0.9;
 
@@ -51,7 +55,7 @@ const KINDS: [Kind; 7] = [
         words: "flat, held, points missing, outline drawn",
         trial: |s, r| Trial::flat(s, r).held().patchy(MISSING),
         said: Said::Both,
-        floor: 0.0,
+        floor: MISSING_ACCEPTED,
     },
 ];
 
@@ -103,7 +107,7 @@ pub fn scenes(seeds: RangeInclusive<u64>) -> usize {
         let is_good = share(accepted, count) >= kind.floor
             && wrong == 0
             && share(stated, accepted) >= STATED_SHARE
-            && untaught == 0;
+            && share(untaught, count) <= UNTAUGHT;
         missed += row(is_good, &told);
     }
     missed
