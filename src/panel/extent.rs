@@ -4,8 +4,9 @@
 //! With one, it is what lies inside of that polygon and on the surface there, however many points are missing. Where
 //! something holds the panel, neither surface nor outline counts.
 
+use super::error::{LearnError, WrongCorner};
+use super::region::Region;
 use super::segment;
-use super::{LearnError, Region, WrongCorner};
 use crate::geometry::{Mask, OrganizedCloud, Panel, Pixel, polygon};
 use crate::imaging::outer_contours;
 use crate::recipe::Recipe;
