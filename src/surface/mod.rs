@@ -7,7 +7,9 @@
 mod banded;
 mod basis;
 mod bspline;
+mod derivatives;
 mod equations;
+mod error;
 mod fit;
 mod map;
 mod patch;
@@ -20,7 +22,9 @@ mod tests;
 mod thesis;
 
 pub use basis::{Basis, KnotError, KnotVector, Local, MAX_DEGREE, SpanFunctions};
-pub use bspline::{BSplineSurface, Derivatives, Parameter, SurfaceError, Tangents};
-pub use fit::{Deviation, Fit, FitError, Refusal, examine, fit};
+pub use bspline::{BSplineSurface, SurfaceError};
+pub use derivatives::{Derivatives, Parameter, Tangents};
+pub use error::FitError;
+pub use fit::{Deviation, Fit, Refusal, examine, fit};
 pub use map::{DeviationMap, Holes, MapPixel};
 pub use patch::Patch;
