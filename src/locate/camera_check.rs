@@ -6,8 +6,8 @@
 //! are outliers. A direction that the fixture does not show is said to be unseen, not unmoved.
 
 use super::covariance::{WITHIN_95_PERCENT, worst_mm};
-use super::grid::{self, Grid, Look, Motion, camera_point};
-use super::model::{Model, Scan};
+use super::grid::{self, Grid, Look, Motion, Scan, camera_point};
+use super::model::Model;
 use super::profile;
 use super::search::spread_over;
 use super::solve::{Constraint, Sums, Weighing, spread, twisted};

@@ -6,7 +6,6 @@
 //! f_k is how much larger the n cells' means are than that, which ν cells' worth of trust in the stated noise steadies:
 //! a small panel has few cells. A point x of the panel then has the covariance A C Aᵀ with A = [−[x − c]×  I].
 
-use super::evidence::Weakest;
 use super::fit::{EDGE_CORRELATION_MM, RANGE_CORRELATION_MM, Residuals};
 use super::grid::Motion;
 use super::model::Model;
@@ -20,6 +19,28 @@ pub(super) const WITHIN_95_PERCENT: f64 = 1.96;
 const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
+
+/// The direction in which a pose is held least.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Weakest {
+    /// A shift along the panel's normal, or a tilt of it.
+    Normal,
+    /// A shift in the panel's plane.
+    Sideways,
+    /// A turn in the panel's plane.
+    Turn,
+}
+
+impl Weakest {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Weakest::Normal => "along the panel's normal",
+            Weakest::Sideways => "sideways in the panel's plane",
+            Weakest::Turn => "turned in the panel's plane",
+        }
+    }
+}
 
 /// (1), and the direction in which it is largest.
 pub(super) fn covariance(

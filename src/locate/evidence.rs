@@ -5,7 +5,7 @@
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
-use super::covariance::{covariance, worst_mm};
+use super::covariance::{Weakest, covariance, worst_mm};
 use super::fit::{Fitted, Residuals, Samples, Seen};
 use super::grid::Motion;
 use super::model::Model;
@@ -78,28 +78,6 @@ pub struct Fit {
     pub tilt: Degrees,
     /// Taught points that took part.
     pub points: usize,
-}
-
-/// The direction in which a pose is held least.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Weakest {
-    /// A shift along the panel's normal, or a tilt of it.
-    Normal,
-    /// A shift in the panel's plane.
-    Sideways,
-    /// A turn in the panel's plane.
-    Turn,
-}
-
-impl Weakest {
-    /// In words.
-    pub fn words(self) -> &'static str {
-        match self {
-            Weakest::Normal => "along the panel's normal",
-            Weakest::Sideways => "sideways in the panel's plane",
-            Weakest::Turn => "turned in the panel's plane",
-        }
-    }
 }
 
 /// Another placement, and what tells the two apart.

@@ -5,9 +5,10 @@
 //! Gauss–Newton iteration (`solve`), each kind weighed by its noise and by how many neighbours share one error: a scanner's
 //! range noise is alike over centimetres, so that thousands of points tell no more than a few dozen would.
 
-use super::edges::{self, Edge};
-use super::grid::{Grid, Motion};
-use super::model::{Model, Scan};
+use super::edges::Edge;
+use super::grid::{Grid, Motion, Scan};
+use super::model::Model;
+use super::outline_edges;
 use super::search::{spread_over, surface_residual};
 use super::solve::{Constraint, Sums, Weighing, spread, twisted};
 use crate::geometry::{Camera, Panel, Rigid};
@@ -87,11 +88,11 @@ impl Residuals {
             .with_min_len(1_024)
             .map(|&sample| surface_residual(&motion, model, grid, sample))
             .collect();
-        let looked: Vec<Option<edges::Looked>> = samples
+        let looked: Vec<Option<outline_edges::EdgeObservation>> = samples
             .outline
             .par_iter()
             .with_min_len(64)
-            .map(|&k| edges::look(&motion, model, &grid.camera, scan, k))
+            .map(|&k| outline_edges::observe(&motion, model, &grid.camera, scan, k))
             .collect();
         let (mut colour, mut depth, mut edges) = (Vec::new(), Vec::new(), Vec::new());
         for (&sample, looked) in samples.outline.iter().zip(looked) {

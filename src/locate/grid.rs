@@ -23,6 +23,9 @@ const MIN_SHARE: f64 = 0.9;
 /// Neighbouring blocks at depths that differ by more than this many sides of a block are not one surface: 73° of slope.
 const STEP_SIDES: f64 = 3.3;
 
+/// The scan at full size, with its colours.
+pub(super) type Scan = OrganizedCloud<Camera>;
+
 /// What a scan shows where a point projects to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Look {

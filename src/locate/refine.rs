@@ -15,11 +15,13 @@
 //! What the corners leave of their own errors says whether they are corners of one rigid panel; what they ask for, whether
 //! they agree with the 3D scan. Neither is averaged away: see [`judge`] and [`disagreement`].
 
+mod correction;
 mod judge;
 
+pub use correction::{CornerReport, Refined};
 pub use judge::{MAX_LEFT_MM, disagreement, judge, judge_stands};
 
-use crate::geometry::{Base, Degrees, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
+use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;
 use nalgebra::{Isometry3, Matrix4, Translation3, UnitQuaternion, Vector3, Vector4};
 
@@ -60,43 +62,6 @@ pub enum RefineError {
         /// Depth of the expected corner, mm.
         depth_mm: f64,
     },
-}
-
-/// What one corner says.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CornerReport {
-    /// Its number among the taught ones, from 0.
-    pub corner: usize,
-    /// Where the corner was expected.
-    pub expected_px: Pixel,
-    /// Found minus expected, px.
-    pub error_px: f64,
-    /// The shift that this corner alone asks for, along its camera's X and Y, mm.
-    pub shift_mm: [f64; 2],
-    /// What is left of it after the common correction, mm.
-    pub left_mm: f64,
-}
-
-impl CornerReport {
-    /// How far this corner alone asks the panel to be shifted, mm.
-    pub fn asked_mm(&self) -> f64 {
-        self.shift_mm[0].hypot(self.shift_mm[1])
-    }
-}
-
-/// A corrected pose with what it rests on.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Refined {
-    /// Where the panel stands.
-    pub base_from_panel: Rigid<Base, Panel>,
-    /// The correction along X and Y of the first camera, mm.
-    pub shift_mm: [f64; 2],
-    /// How far the panel was turned, with corners that lie apart.
-    pub turned: Degrees,
-    /// The largest distance between found and expected corner, px.
-    pub error_px: f64,
-    /// Each corner, in the order of the views.
-    pub corners: Vec<CornerReport>,
 }
 
 /// Corrects a pose by one or more corner pictures.

@@ -8,7 +8,7 @@ use super::edges::Edge;
 use super::fit::Seen;
 use super::grid::Motion;
 use super::search::{Sight, sight, spread_over};
-use super::{edges, model::Model};
+use super::{model::Model, outline_edges};
 use crate::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;
 
@@ -31,7 +31,7 @@ impl Votes {
         let motion = Motion::of(placed);
         let Seen { model, grid, scan } = seen;
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
-            match edges::look(&motion, model, &grid.camera, scan, k).map(|looked| looked.edge)? {
+            match outline_edges::observe(&motion, model, &grid.camera, scan, k).map(|observed| observed.edge)? {
                 Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
                 Edge::Absent => Some(false),
                 Edge::Hidden | Edge::OutOfView => None,

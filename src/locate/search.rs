@@ -8,6 +8,7 @@
 
 use super::grid::{Grid, Look, Motion, camera_point};
 use super::model::Model;
+use super::outline_edges::outward_px;
 use super::pieces::{Border, Piece, points, seen_from};
 use super::solve::{Constraint, Sums, Weighing, twisted};
 use crate::geometry::{Camera, Panel, Rigid};
@@ -230,15 +231,6 @@ fn border_at(motion: &Motion, model: &Model, grid: &Grid, border: &Border, k: us
     let residual = -(way[0] * across.x + way[1] * across.y);
     let gradient = slope.transpose() * across / grid.factor as f64;
     Some(Constraint { point, gradient, residual, sample: k })
-}
-
-/// The unit vector of the picture across an outline's direction, outwards.
-pub(super) fn outward_px(
-    along: &nalgebra::Vector2<f64>,
-    outward: &nalgebra::Vector2<f64>,
-) -> Option<nalgebra::Vector2<f64>> {
-    let across = nalgebra::Vector2::new(along.y, -along.x).try_normalize(1e-9)?;
-    Some(if across.dot(outward) < 0.0 { -across } else { across })
 }
 
 /// Are points missing just inside of the outline, so that the scan does not say whether the panel ends here?

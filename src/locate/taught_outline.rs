@@ -6,9 +6,9 @@
 //! (`edges`): what neither colour nor depth shows there is no measurement, and takes no part. Nor does what something holds.
 
 use super::edges::{self, Edge};
-use super::grid::{Grid, Motion};
-use super::model::{MIN_OUTLINE, Scan, Surface};
+use super::grid::{Grid, Motion, Scan};
 use super::profile;
+use super::taught_surface::Surface;
 use crate::geometry::{Camera, Pixel, median, polygon};
 use crate::panel::{OutlineFrom, TaughtPanel};
 use nalgebra::{Vector2, Vector3};
@@ -24,6 +24,8 @@ const MASK_INSET_PX: f64 = 1.0;
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
 /// The direction of the outline is taken from so many points to each side.
 const ALONG_REACH: usize = 3;
+/// Fewer points of the outline hold no panel.
+pub(super) const MIN_OUTLINE: usize = 60;
 
 /// A point of the outline.
 #[derive(Debug, Clone, Copy)]

@@ -2,7 +2,7 @@
 //! Every corner is held to its limit by itself and named by its number among the taught ones; what is not a number keeps none.
 
 use super::super::gate::exceeds;
-use super::{CornerReport, Refined};
+use super::correction::{CornerReport, Refined};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason};
 use crate::words::{apart, fixed};

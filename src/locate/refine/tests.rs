@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::Degrees;
 use crate::panel::CornerTeaching;
 use crate::recipe;
 use crate::verdict::Verdict;
