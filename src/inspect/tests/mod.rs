@@ -6,6 +6,7 @@ mod pipeline;
 use super::*;
 use crate::geometry::{Camera, ColorPicture, Mask, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid};
 use crate::panel::TaughtPanel;
+use crate::phase::Phase;
 use crate::recipe::{self, Recipe};
 use crate::verdict::Verdict;
 use nalgebra::{Isometry3, Translation3};
