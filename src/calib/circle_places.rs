@@ -1,9 +1,8 @@
 //! The circles of a board placed by their print (`print`) and the smooth surface through all (`surface`).
 
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::crossings::noise;
 use super::foreign;
-use super::placing::Corners;
 use super::print::{Print, View, likest};
 use super::surface::{BLUR_CORNERS, KNOWN_TOGETHER_PX, PRINT_PX, Placed, START_PX, Surface, doubted, surface_of};
 use crate::geometry::{GrayPicture, Pixel};

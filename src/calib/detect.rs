@@ -3,13 +3,14 @@
 //! `chessboard` and `charuco` find them to about a pixel, `placing` makes that a hundredth; `circles` does both.
 
 use super::board::Board;
+pub use super::board::Corners;
 use super::chain::Seen;
 use super::charuco;
 use super::chessboard::{self, Search};
 use super::circles;
 use super::error::CalibError;
 use super::placing;
-pub use super::placing::{Corners, Detected};
+pub use super::placing::Detected;
 use super::print::Print;
 use crate::geometry::{Frame, GrayPicture, OrganizedCloud, Pixel, Point, Vector, local_plane};
 

@@ -5,19 +5,16 @@
 //! shortest distance between neighbours, 3 to 11. Where N is given, the corners are those of `cornerSubPix`, as OpenCV's
 //! users know them.
 
-use super::board::Board;
+use super::board::{Board, Corners};
 use super::crossings::noise;
 use super::foreign;
 use super::print::Print;
 use super::saddle;
-use super::surface::{KNOWN_TOGETHER_PX, PRINT_SQUARES, Placed, TERMS, WELL_PX, doubted, surface_of};
+use super::surface::{KNOWN_PX, KNOWN_TOGETHER_PX, PRINT_SQUARES, Placed, TERMS, WELL_PX, doubted, surface_of};
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point};
 use crate::imaging::ImagingError;
 use nalgebra::{Vector2, Vector3};
 use std::collections::BTreeMap;
-
-/// Corners of the board with their pixels.
-pub type Corners = Vec<(Point<BoardFrame>, Pixel)>;
 
 /// Corners and the window that refined them.
 #[derive(Debug, Clone, PartialEq)]
@@ -129,9 +126,6 @@ fn one_by_one(found: Detected, placed: Vec<Option<Placed>>, is_seen: &[bool]) ->
     });
     Detected { corners: kept.collect(), modelled, ..found }
 }
-
-/// The noise lets a corner be known to so much, each way, px, where it is alone.
-pub(super) const KNOWN_PX: f64 = 0.2;
 
 /// The model of the grey levels around corners whose neighbours tell the directions of their edges.
 struct Model<'a> {

@@ -1,7 +1,7 @@
 //! The smooth surface through the corners of a board as a picture shows them, and how a corner stands to it.
 
+use super::board::Corners;
 use super::foreign;
-use super::placing::{Corners, KNOWN_PX};
 use super::print::{Matched, Print, View};
 use super::saddle::Saddle;
 use crate::geometry::{Board as BoardFrame, GrayPicture, Pixel, Point, median};
@@ -14,6 +14,8 @@ const STANDS_APART: f64 = 5.0;
 const UNCERTAIN: f64 = 5.0;
 /// … and so far there in any case, px: at a board's outer corners a lens bends by more than a third degree.
 const WELL_APART_PX: f64 = 0.9;
+/// The noise lets a corner be known to so much, each way, px, where it is alone.
+pub(super) const KNOWN_PX: f64 = 0.2;
 /// The noise lets a corner be known to so much, each way, px, where a surface through all of them helps.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// … and after that, px.
