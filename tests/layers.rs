@@ -3,7 +3,14 @@
 //! Paragraphs of `pub mod` lines are layers, top to bottom; a module may name only modules of earlier paragraphs.
 //! Modules before `store` name no disk, socket, process, clock or database. The code is parsed, so that grouped
 //! imports, aliases and `super` chains are seen; the insides of macros are read as tokens.
+//!
+//! Inside of each room no file names, directly or through others, a file that names it (`circles`).
 
+mod circles;
+mod known_circles;
+
+use circles::Crate;
+use known_circles::KNOWN_CIRCLES;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use syn::visit::{self, Visit};
@@ -187,5 +194,75 @@ fn planted_faults_are_found() {
     ];
     for (code, module) in allowed {
         assert_eq!(wrongs(code, module, &layers), Vec::<String>::new(), "{code}");
+    }
+}
+
+#[test]
+fn files_of_a_room_name_each_other_one_way_only() {
+    let all = Crate::read(&Path::new(env!("CARGO_MANIFEST_DIR")).join("src"));
+    let rooms = all.rooms();
+    assert!(rooms.len() > 20, "{rooms:?}");
+    let circles: Vec<_> = rooms.iter().flat_map(|room| all.circles(room)).collect();
+    for circle in &circles {
+        let (members, edges) = (&circle.members, circle.edges.join("\n  "));
+        assert!(KNOWN_CIRCLES.contains(&members.as_str()), "these files name each other: {members}\n  {edges}");
+    }
+    for known in KNOWN_CIRCLES {
+        let exists = circles.iter().any(|circle| circle.members == *known);
+        assert!(exists, "take this circle from the list, it is gone: {known}");
+    }
+}
+
+/// The circles of a crate of these files: a module's path and its code.
+fn circles_of(files: &[(&str, &str)]) -> Vec<String> {
+    let mut all = Crate::default();
+    for (path, code) in files {
+        let module: Vec<String> = path.split("::").filter(|part| !part.is_empty()).map(str::to_owned).collect();
+        all.add(code, &module);
+    }
+    all.circles("room").into_iter().map(|circle| circle.members).collect()
+}
+
+#[test]
+fn planted_circles_are_found() {
+    let parent = ("room", "mod a; mod b; pub use a::A; pub struct Own;");
+    let circles = [
+        (
+            "siblings",
+            "use super::b::B; pub struct A;",
+            "fn f() { crate::room::a::run() } pub struct B;",
+            "room::a, room::b",
+        ),
+        ("a re-export", "use super::b::B; pub struct A;", "use super::A; pub struct B;", "room::a, room::b"),
+        ("inside a macro", "use super::b::B; pub struct A;", "fn f() { vec![super::a::A] }", "room::a, room::b"),
+        ("parent and child", "use super::Own; pub struct A;", "", "room, room::a"),
+        ("a glob", "use super::b::*; pub struct A;", "use super::*; pub struct B(A);", "room, room::a, room::b"),
+    ];
+    for (what, a, b, expected) in circles {
+        let found = circles_of(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
+        assert_eq!(found, [expected], "{what}");
+    }
+}
+
+#[test]
+fn what_is_no_circle_is_allowed() {
+    let parent = ("room", "mod a; mod b; pub use a::A;");
+    let allowed = [
+        ("one way", "pub struct A;", "use super::A; pub struct B;"),
+        (
+            "tests",
+            "pub struct A; #[cfg(test)] mod tests { use super::super::b::B; }",
+            "use super::a::A; pub struct B;",
+        ),
+        ("visibility", "pub(super) struct A;", "use super::a::A; pub(in crate::room) struct B;"),
+        (
+            "the room as a way",
+            "use crate::room::b; fn f() { b::run() } pub struct A;",
+            "use crate::room; pub fn run() {}",
+        ),
+    ];
+    for (what, a, b) in allowed {
+        let found = circles_of(&[("", "pub mod room;"), parent, ("room::a", a), ("room::b", b)]);
+        assert_eq!(found, Vec::<String>::new(), "{what}");
     }
 }
