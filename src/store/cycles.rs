@@ -1,6 +1,6 @@
 //! Cycles: what each ran with, what its phases found, how it ended.
 
-use super::Store;
+use super::database::Store;
 use super::error::StoreError;
 use crate::record::{Budget, CycleId, CycleRecord, Finding, KeptFile, RecordingFile};
 use crate::verdict::{Judgement, Reason, Verdict};

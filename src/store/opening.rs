@@ -1,18 +1,18 @@
 //! Opening and closing a store.
 
 use super::blobs::Blobs;
-use super::chain::{self, Hash, Place};
-use super::commit::Steps;
+use super::chain::{self, Place};
+use super::database::{DATABASE, Store};
+use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
+use super::fullness::Fullness;
 use super::head::{self, Head, HeadFile};
 use super::lease::Lease;
-use super::reserve::{self, Fullness, Reserve};
-use super::{DATABASE, Store, copy, schema};
+use super::reserve::{self, Reserve};
+use super::steps::Steps;
+use super::{copy, schema};
 use rusqlite::{Connection, OpenFlags, TransactionBehavior};
-use sha2::{Digest, Sha256};
-use std::fs::File;
-use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::SystemTime;
 
 impl Store {
@@ -161,24 +161,6 @@ impl Drop for Store {
         let database = if log_of(&path).exists() { None } else { file_hash(&path).ok() };
         // Without it the head says the same of the chain.
         let _ = head.take_turn().and_then(|_turn| head.close(last, database));
-    }
-}
-
-/// SQLite's log beside a database.
-pub(super) fn log_of(database: &Path) -> PathBuf {
-    let mut log = database.as_os_str().to_owned();
-    log.push("-wal");
-    PathBuf::from(log)
-}
-
-/// SHA-256 of a file.
-pub(super) fn file_hash(path: &Path) -> Result<Hash, std::io::Error> {
-    let (mut file, mut hasher, mut buffer) = (File::open(path)?, Sha256::new(), vec![0; 1 << 20]);
-    loop {
-        match file.read(&mut buffer)? {
-            0 => return Ok(hasher.finalize().into()),
-            count => hasher.update(&buffer[..count]),
-        }
     }
 }
 

@@ -1,8 +1,10 @@
 //! Is everything in the store what was written? Names what was changed, deleted, put in, reordered or rolled back.
 
 use super::chain::{self, Hash, PARTS, Part, Place, hex};
+use super::database::{DATABASE, Store};
+use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
-use super::{DATABASE, Store, head, opening, prune, schema};
+use super::{head, prune, schema};
 use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -58,8 +60,8 @@ impl Store {
     pub fn verify(folder: &Path, files: bool) -> Result<Verified, StoreError> {
         let path = folder.join(DATABASE);
         // Before a connection is open: closing a file takes the locks of one along.
-        let log = std::fs::metadata(opening::log_of(&path)).map_or(0, |log| log.len());
-        let hash = if log == 0 { opening::file_hash(&path).ok() } else { None };
+        let log = std::fs::metadata(log_of(&path)).map_or(0, |log| log.len());
+        let hash = if log == 0 { file_hash(&path).ok() } else { None };
         let store = match Store::open(folder) {
             Ok(store) => store,
             Err(StoreError::Damaged { problem, .. }) => {

@@ -1,8 +1,8 @@
 //! What is changed behind the program's back is found; what a crash leaves is no alarm.
 
 use super::super::chain::{self, PARTS};
-use super::super::commit::Step;
 use super::super::head;
+use super::super::steps::Step;
 use super::journal::progress;
 use super::*;
 use crate::cycle::{At, Cause, Event, Motion, Outcome, Path as MotionPath, Report, Request};
