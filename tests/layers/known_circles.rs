@@ -28,18 +28,6 @@ pub const KNOWN_CIRCLES: &[&str] = &[
      daemon::recording, daemon::replay, daemon::replay::player, daemon::replay::queue, \
      daemon::replay::taped, daemon::replay::taping, daemon::run, daemon::sight, daemon::single, \
      daemon::single_interlocks, daemon::socket, daemon::waiting, daemon::wiring, daemon::words",
-    "devices::cameras, devices::cameras::bayer, devices::cameras::gige, devices::cameras::recorded, \
-     devices::cameras::simulated, devices::world, devices::world::follow",
-    "devices::gige, devices::gige::camera, devices::gige::link",
-    "devices::mock::answer, devices::mock::channels, devices::mock::fault, devices::mock::fault::inject, \
-     devices::mock::fault::spec, devices::mock::interpreted, devices::mock::interpreted::around, \
-     devices::mock::interpreted::ethernet, devices::mock::interpreted::lock_step, \
-     devices::mock::interpreted::schedule, devices::mock::interpreted::states, \
-     devices::mock::interpreted::values, devices::mock::model, devices::mock::safety, \
-     devices::mock::setup, devices::mock::submit",
-    "devices::mock::legs, devices::mock::mover",
-    "devices::robot, devices::robot::blocking, devices::robot::connect, devices::robot::run",
-    "devices::zivid::host, devices::zivid::host::asking, devices::zivid::host::losing",
     "eki::ack, eki::command, eki::state, eki::wire",
     "eki::session, eki::session::flow",
     "krl::code, krl::condense",
@@ -51,8 +39,5 @@ pub const KNOWN_CIRCLES: &[&str] = &[
      path::reach::things",
     "record, record::contact",
     "report::cycle, report::cycle::happened",
-    "store, store::blobs, store::checkpoints, store::commit, store::contacts, store::copy, store::cycles, \
-     store::discs, store::incidents, store::journal, store::motions, store::opening, store::prune, \
-     store::requests, store::reserve, store::schema, store::teaching, store::verifications, store::verify",
     "tape, tape::error, tape::read, tape::write",
 ];

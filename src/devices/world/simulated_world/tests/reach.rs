@@ -9,7 +9,7 @@ use nalgebra::{Point3, Rotation3, Vector3};
 pub(super) const ARM: Arm = Arm::kr6_r700_2();
 
 fn pose(name: &str) -> Joints {
-    let text = include_str!("../../../../config/cell.toml");
+    let text = include_str!("../../../../../config/cell.toml");
     cell::Cell::check("config/cell.toml", text).expect("a shipped file").pose(name).expect("is there")
 }
 

@@ -9,6 +9,7 @@ use crate::devices::cameras::{
 };
 use crate::devices::mock::{MockServer, Ports};
 use crate::devices::robot::{Address, BlockingLink};
+use crate::devices::world::contact_errors;
 use crate::eki::{
     Command, CommandId, LinkLimits, MoveJ, MoveLin, Pace, Report, SetAccSpeed, SetTcp, Signal as Out, TcpKind,
 };
@@ -32,7 +33,7 @@ struct Bench {
 
 impl Bench {
     fn new() -> Self {
-        let text = include_str!("../../../../config/cell.toml");
+        let text = include_str!("../../../../../config/cell.toml");
         let cell = cell::Cell::check("config/cell.toml", text).expect("a shipped file");
         let sim = sim::Cell::new(1, Scene::Good, 8);
         let world = SimulatedWorld::new(sim.clone(), &cell).expect("the shipped file has all names");
