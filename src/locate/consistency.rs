@@ -5,9 +5,9 @@
 //! nothing. Both are told as a length: a square of surface counts as its side.
 
 use super::edges::Edge;
-use super::fit::Seen;
+use super::fit::FitInputs;
 use super::grid::Motion;
-use super::search::{Sight, sight, spread_over};
+use super::search::{PointObservation, observe_point, spread_over};
 use super::{model::Model, outline_edges};
 use crate::geometry::{Camera, Panel, Rigid};
 use rayon::prelude::*;
@@ -20,16 +20,16 @@ const SURFACE_NEAR_MM: f64 = 0.35;
 const SQUARE_MM: f64 = 8.0;
 
 /// What a placement says of each place of the panel: explained, contradicted, or nothing.
-pub(super) struct Votes {
+pub(super) struct ConsistencyScore {
     said: Vec<Option<bool>>,
     lengths_mm: Vec<f64>,
 }
 
-impl Votes {
+impl ConsistencyScore {
     /// At a placement.
-    pub fn of(placed: &Rigid<Camera, Panel>, seen: Seen<'_>) -> Votes {
+    pub fn of(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> ConsistencyScore {
         let motion = Motion::of(placed);
-        let Seen { model, grid, scan } = seen;
+        let FitInputs { model, grid, scan } = seen;
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
             match outline_edges::observe(&motion, model, &grid.camera, scan, k).map(|observed| observed.edge)? {
                 Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
@@ -38,20 +38,20 @@ impl Votes {
             }
         });
         let chosen = squares(model);
-        let surface = chosen.par_iter().with_min_len(512).map(|&i| match sight(&motion, model, grid, i) {
-            Sight::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
-            Sight::Through => Some(false),
-            Sight::Near | Sight::Hidden | Sight::Unknown => None,
+        let surface = chosen.par_iter().with_min_len(512).map(|&i| match observe_point(&motion, model, grid, i) {
+            PointObservation::On(residual_mm) => Some(residual_mm.abs() <= SURFACE_NEAR_MM),
+            PointObservation::Through => Some(false),
+            PointObservation::Near | PointObservation::Hidden | PointObservation::Unknown => None,
         });
         let mut said: Vec<Option<bool>> = outline.collect();
         said.extend(surface.collect::<Vec<_>>());
         let mut lengths_mm: Vec<f64> = model.outline.iter().map(|sample| sample.length_mm).collect();
         lengths_mm.resize(said.len(), SQUARE_MM);
-        Votes { said, lengths_mm }
+        ConsistencyScore { said, lengths_mm }
     }
 
     /// What speaks for these alone and what for the others alone, mm.
-    pub fn against(&self, other: &Votes) -> [f64; 2] {
+    pub fn against(&self, other: &ConsistencyScore) -> [f64; 2] {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {
             match (a, b) {
@@ -75,7 +75,10 @@ mod tests {
     /// By hand: 3 mm speak for the first alone, 5 mm for the second; what either does not see is left out.
     #[test]
     fn only_differences_count() {
-        let votes = |said: [Option<bool>; 4]| Votes { said: said.to_vec(), lengths_mm: vec![3.0, 5.0, 7.0, 9.0] };
+        let votes = |said: [Option<bool>; 4]| ConsistencyScore {
+            said: said.to_vec(),
+            lengths_mm: vec![3.0, 5.0, 7.0, 9.0],
+        };
         let first = votes([Some(true), Some(false), Some(true), Some(true)]);
         let second = votes([Some(false), Some(true), None, Some(true)]);
         assert_eq!(first.against(&second), [3.0, 5.0]);

@@ -9,7 +9,7 @@
 use super::fit::{EDGE_CORRELATION_MM, RANGE_CORRELATION_MM, Residuals};
 use super::grid::Motion;
 use super::model::Model;
-use super::solve::{Constraint, Sums, Weighing};
+use super::solve::{Constraint, ResidualWeighting, Sums};
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector3, Vector6};
 use std::collections::BTreeMap;
 
@@ -45,7 +45,7 @@ impl Weakest {
 /// (1), and the direction in which it is largest.
 pub(super) fn covariance(
     residuals: &Residuals,
-    weighing: &[Weighing; 3],
+    weighing: &[ResidualWeighting; 3],
     model: &Model,
     motion: &Motion,
 ) -> Option<(Matrix6<f64>, (f64, Weakest))> {
@@ -115,14 +115,14 @@ pub(super) fn weakest(covariance: &Matrix6<f64>, model: &Model) -> WeakestDirect
 }
 
 /// f of (1).
-fn inflation(constraints: &[Constraint], weighing: &Weighing, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
+fn inflation(constraints: &[Constraint], weighing: &ResidualWeighting, cell: impl Fn(usize) -> (i64, i64)) -> f64 {
     let mut cells: BTreeMap<(i64, i64), (f64, f64)> = BTreeMap::new();
     for constraint in constraints {
         let robust = weighing.robust(constraint.residual);
         let sums = cells.entry(cell(constraint.sample)).or_default();
         *sums = (sums.0 + robust, sums.1 + robust * constraint.residual);
     }
-    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.sharing);
+    let filled = cells.values().filter(|(weight, _)| *weight >= CELL_FILLED * weighing.correlated_count);
     let (count, squares) = filled.fold((0.0, 0.0), |(count, squares), (weight, sum)| {
         let mean = sum / weight;
         (count + 1.0, squares + mean * mean / (weighing.sigma * weighing.sigma))

@@ -268,7 +268,7 @@ pub(super) fn exceeds(measured: f64, allowed: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{CameraCheck, Rival, Weakest};
+    use super::super::{CameraCheck, CompetingPose, Weakest};
     use super::*;
     use crate::geometry::{Base, Degrees, Panel, Rigid};
     use crate::verdict::Verdict;
@@ -362,7 +362,7 @@ mod tests {
         let rival = |for_first_mm, for_rival_mm| {
             let base_from_panel = good().base_from_panel;
             judged(&Fit {
-                rival: Some(Rival { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
+                rival: Some(CompetingPose { base_from_panel, turned: Degrees(180.0), for_first_mm, for_rival_mm }),
                 ..good()
             })
         };

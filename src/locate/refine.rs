@@ -82,9 +82,9 @@ pub fn refine(
         .collect::<Result<Vec<_>, _>>()?;
     let first = seen.first().ok_or(RefineError::NoView)?;
     let base_from_base = common_motion(&seen);
-    let moved = |seen: &Seen| (base_from_base * seen.point - seen.point).mm;
-    let along = |seen: &Seen| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
-    let report = |seen: &Seen| {
+    let moved = |seen: &CornerObservation| (base_from_base * seen.point - seen.point).mm;
+    let along = |seen: &CornerObservation| [moved(seen).dot(&seen.right.mm), moved(seen).dot(&seen.down.mm)];
+    let report = |seen: &CornerObservation| {
         let [right, down] = along(seen);
         CornerReport {
             corner: seen.corner,
@@ -103,7 +103,7 @@ pub fn refine(
     })
 }
 
-struct Seen {
+struct CornerObservation {
     corner: usize,
     point: Point<Base>,
     forward: Vector<Base>,
@@ -115,14 +115,18 @@ struct Seen {
 }
 
 /// One corner by itself; the depth where that is not in view.
-fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'_>) -> Result<Seen, f64> {
+fn look(
+    located: Rigid<Base, Panel>,
+    camera: &PinholeCamera,
+    view: &CornerView<'_>,
+) -> Result<CornerObservation, f64> {
     let expected: Point<FlangeCamera> = view.base_from_camera.inverse() * (located * view.taught.point);
     let depth_mm = expected.mm.z;
     let expected_px = camera.project(expected).ok_or(depth_mm)?;
     let found: Vector<FlangeCamera> = camera.unproject(view.found_px).ok_or(depth_mm)?;
     let shift_mm = [depth_mm * found.mm.x - expected.mm.x, depth_mm * found.mm.y - expected.mm.y]; // Eq. 3.23
     let axis = |axis: Vector3<f64>| view.base_from_camera * Vector::new(axis);
-    Ok(Seen {
+    Ok(CornerObservation {
         corner: view.corner,
         point: located * view.taught.point,
         forward: axis(Vector3::z()),
@@ -136,7 +140,7 @@ fn look(located: Rigid<Base, Panel>, camera: &PinholeCamera, view: &CornerView<'
 
 /// The motion that fits all corners best; for one corner, the shift by Δ along its camera's axes (Eq. 3.24, seen from the
 /// base).
-fn common_motion(seen: &[Seen]) -> Rigid<Base, Base> {
+fn common_motion(seen: &[CornerObservation]) -> Rigid<Base, Base> {
     let count = seen.len().max(1) as f64;
     let middle = seen.iter().map(|view| view.point.mm.coords).sum::<Vector3<f64>>() / count;
     let about = seen.iter().map(|view| view.forward.mm).sum::<Vector3<f64>>().try_normalize(1e-6);
