@@ -6,7 +6,7 @@ use super::film::NEVER;
 use super::footprint::Footprint;
 use super::gate::{GridInspection, Observation, judge};
 use super::pieces::{Break, breaks};
-use super::settle::{Seen, settled};
+use super::settle::{FilmObservation, settled};
 use super::watch::Watch;
 use crate::geometry::Mask;
 use crate::verdict::Judgement;
@@ -77,7 +77,7 @@ impl Watch {
     }
 
     fn settled(&self, broke_s: Vec<f32>, inside: &[bool]) -> Vec<f32> {
-        let seen = Seen {
+        let seen = FilmObservation {
             looks_dry_since_s: &|index| self.model.looks_dry_since_s(index).filter(|_| inside[index]),
             was_open_s: &|index| self.model.was_open_s(index),
             off_dry: &|index| self.model.off_dry(index),

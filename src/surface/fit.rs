@@ -100,7 +100,7 @@ pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, B
         FitMethod::Thesis => thesis::knots(sides_mm, settings.control_spacing_mm()),
     };
     let samples = Samples::gather(panel, &knots.map_err(|error| early(error.into()))?);
-    let look = Look {
+    let look = FitInputs {
         samples: &samples,
         region: &panel.region,
         viewer: panel.panel_from_camera.origin(),
@@ -112,7 +112,7 @@ pub fn examine(panel: &TaughtPanel, settings: &recipe::Surface) -> Result<Fit, B
 }
 
 /// What one fit looks at.
-struct Look<'a> {
+struct FitInputs<'a> {
     samples: &'a Samples,
     region: &'a Region,
     viewer: Point<Panel>,
@@ -120,7 +120,7 @@ struct Look<'a> {
     settings: &'a recipe::Surface,
 }
 
-impl Look<'_> {
+impl FitInputs<'_> {
     fn fit(&self, panel: &TaughtPanel, seen: &DeviationMap) -> Result<Fit, (FitError, Option<DeviationMap>)> {
         let early = |error| (error, None);
         self.refuse_missing(0).map_err(early)?;

@@ -43,7 +43,7 @@ pub const MOST_PICTURES: usize = u16::MAX as usize;
 
 /// What one picture says of itself.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Look {
+pub struct PictureMeasurement {
     /// The light against the dry picture's; the region's median.
     pub light: f64,
     /// The share of the region whose light is as its state lets expect.
@@ -132,7 +132,7 @@ impl Model {
     }
 
     /// Looks at a picture of the wet panel, and judges nothing yet.
-    pub fn look(&mut self, picture: &ColorPicture) -> Look {
+    pub fn look(&mut self, picture: &ColorPicture) -> PictureMeasurement {
         let (frozen, sums) = if self.watching {
             self.read(picture, WIDE_Q10)
         } else {
@@ -142,7 +142,7 @@ impl Model {
             (false, self.sums(WIDE_Q10))
         };
         let light = self.light.found(&sums, &self.region.inside);
-        let look = Look {
+        let look = PictureMeasurement {
             light: light.global,
             told: light.share,
             hidden: self.hidden_under(light.global),
