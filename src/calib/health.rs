@@ -68,7 +68,7 @@ const MAX_SQUARE_SHARE: f64 = 0.02;
 
 /// Where one look at a board puts it.
 #[derive(Debug, Clone, Copy)]
-pub struct Look {
+pub struct BoardMeasurement {
     /// The board in the base.
     pub base_from_board: Rigid<Base, BoardFrame>,
     /// Distance of the corners from where that pose shows them, px rms.
@@ -78,7 +78,7 @@ pub struct Look {
 }
 
 /// Why corners seen so cannot be this board's; `None` where they can.
-pub fn no_such_board(look: &Look, board: &Board) -> Option<Reason> {
+pub fn no_such_board(look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     let rms_px = look.pnp_rms_px;
     if rms_px.is_nan() || rms_px > MAX_PNP_RMS_PX {
         let [rms, allowed] = apart(rms_px, MAX_PNP_RMS_PX, 2);
@@ -117,7 +117,7 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and turned by less
 /// than 20°.
-pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &Look, board: &Board) -> Option<Reason> {
+pub fn no_look_at(known: &Rigid<Base, BoardFrame>, look: &BoardMeasurement, board: &Board) -> Option<Reason> {
     if let Some(reason) = no_such_board(look, board) {
         return Some(reason);
     }
@@ -260,7 +260,7 @@ mod tests {
             let middle = Isometry3::translation(80.0, 60.0, 0.0);
             let turned = middle * Isometry3::rotation(Vector3::z() * turn_deg.to_radians()) * middle.inverse();
             let base_from_board = Rigid::claim(Isometry3::translation(500.0 + x_mm, 0.0, 0.0) * turned);
-            no_look_at(&known, &Look { base_from_board, pnp_rms_px, measured_square_mm }, &board)
+            no_look_at(&known, &BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm }, &board)
         };
         for (kept, refused, words) in [
             (look(99.0, 0.0, 0.1, None), look(101.0, 0.0, 0.1, None), "101 mm from its place"),

@@ -12,7 +12,7 @@ use super::in_use::InUse;
 use super::sight::Sight;
 use super::target::Target;
 use super::{files, verify};
-use crate::calib::health::{self, Look};
+use crate::calib::health::{self, BoardMeasurement};
 use crate::calib::{CalibError, Seen, board_pose};
 use crate::geometry::FlangeCamera;
 use crate::report::{self, Left};
@@ -67,7 +67,7 @@ pub fn run(
             Err(error) => return aside(error.to_string()),
         };
         let base_from_board = base_from_flange * mount.value * found.camera_from_board;
-        let look = Look { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
+        let look = BoardMeasurement { base_from_board, pnp_rms_px: found.rms, measured_square_mm: None };
         if let Some(reason) = health::no_look_at(&target.base_from_board, &look, &target.board) {
             return aside(reason.message);
         }

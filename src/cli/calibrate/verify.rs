@@ -10,7 +10,7 @@ use super::over_volume;
 use super::sight::Sight;
 use super::target::Target;
 use super::{date, files, provenance, taught_corner, tips};
-use crate::calib::health::{self, Demands, Look, Verification};
+use crate::calib::health::{self, BoardMeasurement, Demands, Verification};
 use crate::calib::{Board, CalibError, Seen, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
@@ -23,7 +23,7 @@ use std::path::Path;
 
 /// What a picture of the board says, through the calibrations in use.
 struct Looked {
-    look: Look,
+    look: BoardMeasurement,
     /// Why nothing may be measured where it shows the board.
     outside: Option<Reason>,
     picture_hash: String,
@@ -72,7 +72,7 @@ fn look(
         CameraName::Scanner => calibration_hash(&texts),
         CameraName::FlangeCamera => files.hash_with_arm(&texts),
     };
-    let look = Look { base_from_board, pnp_rms_px, measured_square_mm };
+    let look = BoardMeasurement { base_from_board, pnp_rms_px, measured_square_mm };
     Ok(Looked { look, outside, picture_hash: sight.hash, calibration_hash })
 }
 
