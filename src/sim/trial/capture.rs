@@ -4,7 +4,7 @@ use super::Trial;
 use super::contents::SceneContents;
 use crate::geometry::{Base, Camera, OrganizedCloud, Panel, Rigid};
 use crate::sim::appearance::dry_and_wet;
-use crate::sim::cast::{Sight, View};
+use crate::sim::cast::{PixelHit, View};
 use crate::sim::clutter::Met;
 use crate::sim::fixture::Background;
 use crate::sim::noise::{LEVEL, Normal, Purpose, ValueNoise, to_bytes};
@@ -91,7 +91,7 @@ fn smeared(line: &[[u16; 3]], column: usize, smear_px: usize) -> [u16; 3] {
 }
 
 /// What a pixel sees with slabs before and behind the panel; and the share that the nearest slab before it fills.
-fn among(mut sight: Sight, met: &[Met]) -> (Sight, Option<f64>) {
+fn among(mut sight: PixelHit, met: &[Met]) -> (PixelHit, Option<f64>) {
     let panel_mm = sight.panel.map_or(f64::INFINITY, |panel| panel.depth_mm);
     let paint = |under: [f64; 3], slab: &Met| {
         std::array::from_fn(|channel| under[channel] + slab.share * (slab.color[channel] - under[channel]))
