@@ -1,6 +1,6 @@
 //! A transaction: rows, their links in the chain, and the head outside, all or nothing.
 
-use super::chain::{self, Place};
+use super::chain::{self, ChainPosition};
 use super::database::Store;
 use super::error::StoreError;
 use super::reserve;
@@ -11,7 +11,7 @@ use std::ops::Deref;
 /// A transaction under way.
 pub(super) struct Writing<'t> {
     transaction: Transaction<'t>,
-    last: Place,
+    last: ChainPosition,
 }
 
 impl Deref for Writing<'_> {

@@ -1,7 +1,7 @@
 //! A copy of the database by SQLite's online backup, while a service writes to it: for a backup, and before the tables of
 //! an earlier program are changed.
 
-use super::chain::{self, Place};
+use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
 use super::database_files::file_hash;
 use super::error::StoreError;
@@ -47,7 +47,7 @@ impl Store {
             return Err(StoreError::Older { path: folder.to_owned(), found, known: schema::SCHEMA });
         }
         // A transaction for reading: from here on the rows stand still for this connection, beside the head of that moment.
-        let begin = || -> Result<Place, rusqlite::Error> {
+        let begin = || -> Result<ChainPosition, rusqlite::Error> {
             store.connection.execute_batch("BEGIN")?;
             chain::last(&store.connection)
         };

@@ -12,10 +12,10 @@ pub(super) const PICTURES_MB: u64 = 64;
 
 /// Whether the disk is full, as the store's writers found it. Clones are the same one.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Fullness(Arc<Found>);
+pub(super) struct Fullness(Arc<FullnessState>);
 
 #[derive(Debug, Default)]
-struct Found {
+struct FullnessState {
     is_full: AtomicBool,
     /// Pictures that found no place since they were last asked for.
     dropped: AtomicU64,

@@ -1,7 +1,7 @@
 //! Opening and closing a store.
 
 use super::blobs::Blobs;
-use super::chain::{self, Place};
+use super::chain::{self, ChainPosition};
 use super::database::{DATABASE, Store};
 use super::database_files::{file_hash, log_of};
 use super::error::StoreError;
@@ -109,10 +109,10 @@ impl Store {
     }
 
     /// Brings the tables up to date; where the chain was before comes back: at its beginning where there was none.
-    fn raise(&mut self, version: i64) -> Result<Result<Place, std::io::Error>, rusqlite::Error> {
-        let Some(head) = &self.head else { return Ok(Ok(Place::BEGIN)) };
+    fn raise(&mut self, version: i64) -> Result<Result<ChainPosition, std::io::Error>, rusqlite::Error> {
+        let Some(head) = &self.head else { return Ok(Ok(ChainPosition::BEGIN)) };
         let transaction = self.connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-        let before = if version < schema::CHAINED { Place::BEGIN } else { chain::last(&transaction)? };
+        let before = if version < schema::CHAINED { ChainPosition::BEGIN } else { chain::last(&transaction)? };
         let Some(after) = schema::raise(&transaction)? else { return Ok(Ok(before)) };
         // A head that says more than nothing is looked at before it is written over.
         let is_new = matches!(head::read(self.blobs.store()), Ok(None));
@@ -128,7 +128,7 @@ impl Store {
     fn unexplained(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,
-        found: Place,
+        found: ChainPosition,
     ) -> Result<Vec<String>, StoreError> {
         let mut changed = self.contradictions(told, found)?;
         changed.extend(self.changed_lately()?);
@@ -137,7 +137,7 @@ impl Store {
         Ok(changed)
     }
 
-    fn settle_head(&self, found: Place) -> Result<(), std::io::Error> {
+    fn settle_head(&self, found: ChainPosition) -> Result<(), std::io::Error> {
         let Some(head) = &self.head else { return Ok(()) };
         let _turn = head.take_turn()?;
         // A verification may have been kept beside meanwhile.

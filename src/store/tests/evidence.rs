@@ -164,7 +164,7 @@ fn a_chain_that_was_written_anew_contradicts_its_head() {
         rows.collect::<Result<_, _>>().expect("read")
     };
     connection.execute("DELETE FROM chain", []).expect("forged");
-    let mut place = chain::Place::BEGIN;
+    let mut place = chain::ChainPosition::BEGIN;
     for (part, key) in links {
         place = chain::add(&connection, place, chain::part(&part).expect("ours"), key).expect("forged");
     }
