@@ -4,7 +4,7 @@
 
 use super::board::Board;
 pub use super::board::Corners;
-use super::chain::Seen;
+use super::chain::BoardObservation;
 use super::charuco;
 use super::chessboard::{self, Search};
 use super::circles;
@@ -61,12 +61,12 @@ pub fn measured<C: Frame>(
     cloud: &OrganizedCloud<C>,
     camera: &crate::geometry::PinholeCamera,
     corners: &Corners,
-) -> Seen<C> {
+) -> BoardObservation<C> {
     let origin = Point::at(0.0, 0.0, 0.0);
     let point = |pixel: Pixel| {
         let at = pixel.whole(cloud.width(), cloud.height())?;
         let ray: Vector<C> = camera.unproject(pixel)?;
         local_plane(cloud, at, PLANE_PX, origin)?.meet(origin, ray)
     };
-    Seen::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
+    BoardObservation::Points(corners.iter().filter_map(|(q, pixel)| Some((*q, point(*pixel)?))).collect())
 }

@@ -74,7 +74,7 @@ mod tests;
 pub use adjust::{Adjusted, Noise};
 pub use arrangement::Arrangement;
 pub use board::{Board, Charuco};
-pub use chain::{Seen, Station};
+pub use chain::{BoardObservation, Station};
 pub use charuco::marker_cells;
 pub use error::CalibError;
 pub use hand_eye::{HandEye, Residual};

@@ -2,7 +2,7 @@
 
 use super::adjust::scaled_inverse;
 use super::arrangement::Twist;
-use super::chain::Seen;
+use super::chain::BoardObservation;
 use super::detect::Corners;
 use super::error::CalibError;
 use super::lens_gram::LensGram;
@@ -67,7 +67,7 @@ impl ArmView {
         camera: &PinholeCamera,
         corners: &Corners,
     ) -> Result<Self, CalibError> {
-        let found = board_pose::<Camera>(camera, &Seen::Pixels(corners.clone()))?;
+        let found = board_pose::<Camera>(camera, &BoardObservation::Pixels(corners.clone()))?;
         let unsettled = CalibError::NotSettled { what: "the board's pose" };
         let information = information(camera, corners, &found.camera_from_board, found.rms).ok_or(unsettled)?;
         let camera_from_board = *found.camera_from_board.isometry();

@@ -13,7 +13,7 @@ use super::sight::Sight;
 use super::target::Target;
 use super::{files, verify};
 use crate::calib::health::{self, BoardMeasurement};
-use crate::calib::{CalibError, Seen, board_pose};
+use crate::calib::{CalibError, BoardObservation, board_pose};
 use crate::geometry::FlangeCamera;
 use crate::report::{self, Left};
 use rayon::prelude::*;
@@ -62,7 +62,7 @@ pub fn run(
         {
             return aside(reason.message);
         }
-        let found = match board_pose::<FlangeCamera>(&lens.value, &Seen::Pixels(detected.corners)) {
+        let found = match board_pose::<FlangeCamera>(&lens.value, &BoardObservation::Pixels(detected.corners)) {
             Ok(found) => found,
             Err(error) => return aside(error.to_string()),
         };
