@@ -4,7 +4,7 @@
 use panelprep::calib::hand_eye::hand_eye;
 use panelprep::calib::intrinsics::{self, View};
 use panelprep::calib::three_points::{Touched, three_points};
-use panelprep::calib::{Arrangement, Board, HandEye, BoardObservation, Station, detect};
+use panelprep::calib::{Arrangement, Board, BoardObservation, HandEye, Station, detect};
 use panelprep::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use panelprep::geometry::{Base, KukaPose, PinholeCamera, Point, Rigid, Vector};
 use panelprep::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};

@@ -168,7 +168,11 @@ impl Chain {
 
     /// The lens's part of the normal equations beside that of mount, board and flange: how much a lens that is a little
     /// off pulls at them. Points of a 3D camera have none.
-    pub fn lens_cross<C: Frame>(&self, camera: &PinholeCamera, seen: &BoardObservation<C>) -> Option<SMatrix<f64, 18, 9>> {
+    pub fn lens_cross<C: Frame>(
+        &self,
+        camera: &PinholeCamera,
+        seen: &BoardObservation<C>,
+    ) -> Option<SMatrix<f64, 18, 9>> {
         let (mut cross, camera_from_holder) = (SMatrix::zeros(), self.camera_from_holder());
         let BoardObservation::Pixels(corners) = seen else { return Some(cross) };
         for (q, _) in corners {

@@ -19,7 +19,10 @@ pub struct BoardPose<C: Frame> {
 ///
 /// # Errors
 /// Where fewer than four corners were seen, or OpenCV finds no pose.
-pub fn board_pose<C: Frame>(camera: &PinholeCamera, seen: &BoardObservation<C>) -> Result<BoardPose<C>, CalibError> {
+pub fn board_pose<C: Frame>(
+    camera: &PinholeCamera,
+    seen: &BoardObservation<C>,
+) -> Result<BoardPose<C>, CalibError> {
     match seen {
         BoardObservation::Pixels(corners) => {
             let camera_from_board: Rigid<C, Board> = Rigid::claim(foreign::solve_pnp(camera, corners)?);

@@ -15,7 +15,7 @@ use crate::inspect::{Demands, Footprint};
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::sim::{self, Film, FilmSpec, Grease, Place, SEARCH_BOX_MM, Scene};
+use crate::sim::{self, Film, FilmSpec, Grease, PanelPosition, SEARCH_BOX_MM, Scene};
 use crate::store::{Store, StoreError};
 use crate::verdict::{Judgement, Verdict};
 use rayon::prelude::*;
@@ -113,7 +113,7 @@ pub fn write(cell: &sim::Cell, folder: &Path, seconds: u32, progress: &dyn Fn(&s
     let rendered = write_taught_for(cell, folder, seconds, progress)?;
     progress("rendering the scan and the corner picture");
     disk::write(&rendered.file("scan.pcd"), files::write_pcd(&cell.scan()))?;
-    write_corner(cell, &rendered, Place::Displaced)?;
+    write_corner(cell, &rendered, PanelPosition::Displaced)?;
     progress("rendering the clip");
     let film = cell.film();
     write_clip(&film, &rendered.file("clip"), seconds)?;
@@ -156,7 +156,7 @@ fn write_taught_for(
     write_configuration(cell, &taught_scan, &rendered)?;
     render_boards::write_targets(cell, &rendered)?;
     disk::write(&rendered.file("taught_scan.pcd"), files::write_pcd(&taught_scan))?;
-    write_corner(cell, &rendered, Place::Nominal)?;
+    write_corner(cell, &rendered, PanelPosition::Nominal)?;
     Ok(rendered)
 }
 
@@ -295,12 +295,12 @@ fn plain_recipe(cell: &sim::Cell, seconds: u32) -> String {
     )
 }
 
-fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: Place) -> Result<(), Fault> {
+fn write_corner(cell: &sim::Cell, rendered: &Rendered, place: PanelPosition) -> Result<(), Fault> {
     // The first without a number, as scripts know it.
     for (view, number) in cell.corner_views().iter().zip(["", "2", "3", "4"]) {
         let (taught, base_from_flange) = match place {
-            Place::Nominal => ("taught_", view.base_from_flange),
-            Place::Displaced => ("", cell.displaced_corner_pose(view)),
+            PanelPosition::Nominal => ("taught_", view.base_from_flange),
+            PanelPosition::Displaced => ("", cell.displaced_corner_pose(view)),
         };
         let picture =
             files::write_color_png(&cell.flange_picture(&base_from_flange, place)).map_err(Fault::stage)?;

@@ -20,7 +20,7 @@ use crate::geometry::{
 
 /// Which of the panel's two places a camera looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Place {
+pub enum PanelPosition {
     /// Where the taught panel stands at teaching.
     Nominal,
     /// Where the panel of the scene stands later, if there is one.
@@ -176,10 +176,10 @@ impl Cell {
     }
 
     /// The flange camera's picture from this pose, dry. The same pose gives the same picture.
-    pub fn flange_picture(&self, base_from_flange: &Rigid<Base, Flange>, place: Place) -> ColorPicture {
+    pub fn flange_picture(&self, base_from_flange: &Rigid<Base, Flange>, place: PanelPosition) -> ColorPicture {
         match place {
-            Place::Nominal => self.flange_shot(base_from_flange, Some((&self.taught, &scene::nominal()))),
-            Place::Displaced => self.flange_picture_at(base_from_flange, &self.base_from_panel),
+            PanelPosition::Nominal => self.flange_shot(base_from_flange, Some((&self.taught, &scene::nominal()))),
+            PanelPosition::Displaced => self.flange_picture_at(base_from_flange, &self.base_from_panel),
         }
     }
 

@@ -47,7 +47,7 @@ mod wetting;
 
 pub use board::{BoardPrint, Marker};
 pub use board_cell::{BoardCell, BoardShot, RobotNoise};
-pub use cell::{Cell, Place, Region, SEARCH_BOX_MM};
+pub use cell::{Cell, PanelPosition, Region, SEARCH_BOX_MM};
 pub use film::Film;
 pub use film_spec::FilmSpec;
 pub use real_arm::{RealArm, Reported, TOOL_LENGTH_MM};

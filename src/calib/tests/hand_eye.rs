@@ -1,6 +1,6 @@
 //! Many poses, both mounts, on synthetic corners.
 
-use crate::calib::{Arrangement, Board, Fault, HandEye, BoardObservation, Station, hand_eye::hand_eye};
+use crate::calib::{Arrangement, Board, BoardObservation, Fault, HandEye, Station, hand_eye::hand_eye};
 use crate::cell::{FlangeCameraMount, LensCovariance, ScannerMount};
 use crate::geometry::{Camera, Flange, FlangeCamera, KukaPose, PinholeCamera, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, BoardShot, RobotNoise};

@@ -1,7 +1,7 @@
 //! Three touched points, both mounts.
 
 use crate::calib::three_points::{Touched, three_points};
-use crate::calib::{Board, CalibError, BoardObservation, gate};
+use crate::calib::{Board, BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, ScannerMount};
 use crate::geometry::{Base, Board as BoardFrame, Point, Rigid};
 use crate::sim::{BoardCell, BoardPrint, RobotNoise};

@@ -11,7 +11,7 @@ use super::{date, files, keep, provenance};
 use crate::calib::detect::Detected;
 use crate::calib::hand_eye::{MIN_STATIONS, hand_eye};
 use crate::calib::turned::same_way_round;
-use crate::calib::{Arrangement, Board, CalibError, HandEye, BoardObservation, Station, gate, next_pose};
+use crate::calib::{Arrangement, Board, BoardObservation, CalibError, HandEye, Station, gate, next_pose};
 use crate::cell::{Cell, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount};
 use crate::geometry::{Base, Camera, Frame, KukaPose, PinholeCamera, Point, Rigid};
 use crate::verdict::{Judgement, Reason};

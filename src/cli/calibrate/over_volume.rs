@@ -13,7 +13,7 @@ use super::sight::Sight;
 use super::target::Target;
 use super::{files, verify};
 use crate::calib::health::{self, BoardMeasurement};
-use crate::calib::{CalibError, BoardObservation, board_pose};
+use crate::calib::{BoardObservation, CalibError, board_pose};
 use crate::geometry::FlangeCamera;
 use crate::report::{self, Left};
 use rayon::prelude::*;

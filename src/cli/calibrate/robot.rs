@@ -12,7 +12,7 @@ use crate::calib::robot::{
     self, ArmPose, ArmTouch, ArmView, Correction, Rig, RigKind, RobotData, RobotFound, Touched,
 };
 use crate::calib::turned::same_way_round;
-use crate::calib::{Arrangement, CalibError, BoardObservation, Station, arm_errors, board_pose, gate, robot_next};
+use crate::calib::{Arrangement, BoardObservation, CalibError, Station, arm_errors, board_pose, gate, robot_next};
 use crate::cell::{ArmGeometry, Cell, FlangeCameraMount, RobotCorrection, ScannerMount};
 use crate::geometry::{Camera, PinholeCamera};
 use rayon::prelude::*;

@@ -3,7 +3,7 @@
 use super::super::disk;
 use super::super::fault::Fault;
 use crate::calib::detect::{self, Detected};
-use crate::calib::{Board, CalibError, BoardObservation};
+use crate::calib::{Board, BoardObservation, CalibError};
 use crate::files;
 use crate::geometry::{Camera, ColorPicture, GrayPicture, OrganizedCloud, PinholeCamera};
 use std::path::Path;

@@ -11,7 +11,7 @@ use super::in_use::InUse;
 use super::sight::Sight;
 use super::{date, files, keep, provenance};
 use crate::calib::three_points::{ThreePoints, three_points};
-use crate::calib::{CalibError, BoardObservation, gate};
+use crate::calib::{BoardObservation, CalibError, gate};
 use crate::cell::{FlangeCameraMount, MountedPose, ScannerMount};
 use crate::geometry::KukaPose;
 use crate::report;

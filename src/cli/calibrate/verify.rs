@@ -11,7 +11,7 @@ use super::sight::Sight;
 use super::target::Target;
 use super::{date, files, provenance, taught_corner, tips};
 use crate::calib::health::{self, BoardMeasurement, Demands, Verification};
-use crate::calib::{Board, CalibError, BoardObservation, board_pose};
+use crate::calib::{Board, BoardObservation, CalibError, board_pose};
 use crate::cell::{BoardSize, MountedPose, TargetMount};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, KukaPose};
 use crate::report::{self, Left};
@@ -58,11 +58,13 @@ fn look(
     let outside = health::outside_of_lens(&camera.extent, seen.iter().map(|(_, pixel)| *pixel));
     let (base_from_board, pnp_rms_px) = match base_from_flange {
         None => {
-            let pose = board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
+            let pose =
+                board_pose::<Camera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
             (files.base_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
         Some(base_from_flange) => {
-            let pose = board_pose::<FlangeCamera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
+            let pose =
+                board_pose::<FlangeCamera>(&camera.value, &BoardObservation::Pixels(seen)).map_err(Fault::stage)?;
             (base_from_flange * files.flange_from_camera()?.value * pose.camera_from_board, pose.rms)
         }
     };

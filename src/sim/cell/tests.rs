@@ -143,7 +143,7 @@ fn results_are_bit_equal_for_any_number_of_threads() {
             let cell = Cell::new(9, Scene::Good, 8);
             let scan = cell.scan();
             let bits: Vec<u32> = scan.raw_points_mm().as_flattened().iter().map(|mm| mm.to_bits()).collect();
-            let corner = cell.flange_picture(&cell.corner_views()[0].base_from_flange, Place::Nominal);
+            let corner = cell.flange_picture(&cell.corner_views()[0].base_from_flange, PanelPosition::Nominal);
             (bits, scan.picture(), corner, cell.film().picture(9.5))
         })
     };
@@ -165,13 +165,14 @@ fn other_seeds_shots_and_times_have_other_noise() {
 fn corner_pictures_show_a_dark_quadrant() {
     let cell = Cell::new(4, Scene::Good, 4);
     for view in cell.corner_views() {
-        for (pose, place) in
-            [(view.base_from_flange, Place::Nominal), (cell.displaced_corner_pose(&view), Place::Displaced)]
-        {
+        for (pose, place) in [
+            (view.base_from_flange, PanelPosition::Nominal),
+            (cell.displaced_corner_pose(&view), PanelPosition::Displaced),
+        ] {
             let gray = cell.flange_picture(&pose, place).to_gray();
             let (left, top) = (view.name.ends_with("left"), view.name.starts_with("top"));
             let camera_from_panel = (pose * cell.truth().flange_from_camera).inverse()
-                * if place == Place::Nominal { scene::nominal() } else { cell.truth().base_from_panel };
+                * if place == PanelPosition::Nominal { scene::nominal() } else { cell.truth().base_from_panel };
             let corner =
                 cell.flange_camera().project_inside(camera_from_panel * view.corner).expect("in the picture");
             for (right, down) in [(false, false), (true, false), (false, true), (true, true)] {

@@ -20,7 +20,7 @@ use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, KukaPose};
 use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
-use crate::sim::{self, Place, SEARCH_BOX_MM, Scene, Truth};
+use crate::sim::{self, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
 use crate::store::CycleStart;
 use crate::tape::{Entries, check};
 use crate::verdict::Reason;
@@ -402,7 +402,7 @@ fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let panel = TaughtPanel::learn(&sim.taught_scan(), *sim.scanner(), base_from_camera, &recipe).expect("a panel");
     let camera = sim.flange_camera();
     let teach = |(index, view): (usize, sim::CornerView)| {
-        let picture = sim.flange_picture(&view.base_from_flange, Place::Nominal).to_gray();
+        let picture = sim.flange_picture(&view.base_from_flange, PanelPosition::Nominal).to_gray();
         let panel_from_camera =
             panel_from_base_at_teaching() * view.base_from_flange * sim.calibrated_flange_from_camera();
         let depth_mm = (panel_from_camera.inverse() * view.corner).mm.z;
