@@ -43,6 +43,8 @@ pub mod record;
 pub mod report;
 pub mod tape;
 
+pub mod stages;
+
 pub mod disk;
 pub mod store;
 pub mod supervision;

@@ -175,7 +175,7 @@ impl Work {
 
     /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
     fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.approached()) {
+        match (answer, self.sight.approach()) {
             (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
                 self.abrasion.survey(job, (self.pass, grade, &panel), notes)
             }

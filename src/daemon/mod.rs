@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
-//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `routes`, `wiring`)
+//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `wiring`)
 //! robot ────┘                    └─ cameras and computing               (`sight`, `abrasion`)
 //! ```
 //!
@@ -30,24 +30,19 @@ mod corners;
 mod corrected;
 mod deadlines;
 mod desk;
-mod figures;
-mod findings;
 mod hearing;
 mod lending;
 mod letters;
 mod moves;
 mod ports;
 mod protocol;
-mod reaching;
 mod recording;
 mod replay;
-mod routes;
 mod run;
 mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
-mod trace;
 mod waiting;
 mod who;
 mod wiring;
@@ -66,7 +61,6 @@ pub use ports::{
     Requests, Robot, SightError,
 };
 pub use protocol::{Exit, MOST_BYTES, PartNames, ProtocolError, RecordIn, Reply, Wish};
-pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
     Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, Stands, Taped, Taping, ToRecord, free_mb,
@@ -84,6 +78,7 @@ use crate::cell::{Arm, Cell, Limits};
 use crate::geometry::{Base, Camera, Flange, FlangeCamera, Joints, PinholeCamera, Rigid, Tool};
 use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
+use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
 use crate::supervision::ThreadFault;
 
@@ -235,6 +230,19 @@ impl<'a> Job<'a> {
     fn site(&self) -> Site {
         let (limits, arm) = (self.limits.clone(), self.arm.clone());
         Site { limits, arm, wiring: self.wiring, park: self.park, ready: self.ready }
+    }
+
+    /// The arm's way over the views of the taught corners.
+    pub fn tour(&self) -> CornerTour<'_> {
+        CornerTour {
+            limits: self.limits,
+            arm: self.arm,
+            park: self.park,
+            ready: self.ready,
+            flange_from_camera: self.calibrations.flange_from_camera,
+            flange_from_tool: self.calibrations.flange_from_tool,
+            corners: self.corners,
+        }
     }
 
     /// What is asked of a film.
