@@ -34,8 +34,9 @@ pub mod path;
 pub mod cycle;
 pub mod requirements;
 
-pub mod check;
 pub mod eki;
+
+pub mod check;
 
 pub mod files;
 pub mod record;
