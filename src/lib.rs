@@ -34,14 +34,17 @@ pub mod path;
 pub mod cycle;
 pub mod requirements;
 
-pub mod check;
 pub mod eki;
+
+pub mod check;
 
 pub mod files;
 pub mod record;
 
 pub mod report;
 pub mod tape;
+
+pub mod stages;
 
 pub mod disk;
 pub mod store;

@@ -4,7 +4,7 @@
 //! broke: was half of it found, and how late were its first 10 mm² broken? A place is a connected piece of the mask.
 
 use super::fault::Fault;
-use super::inspect::{Inspected, Placed, stage};
+use super::inspect::{Inspected, Placed, inspect};
 use super::labels::Labels;
 use super::load::Taught;
 use super::outcome::Outcome;
@@ -59,7 +59,7 @@ pub fn run(
     for clip in &clips {
         output::tell_line(&clip.display().to_string());
         let truth = clip.join("truth");
-        let inspected = stage(taught, clip, placed, recipe, demands, Some(&truth))?;
+        let inspected = inspect(&placed.setup(taught, recipe, demands), clip, placed.is_assumed, Some(&truth))?;
         rows.push(row(clip, &inspected, &Labels::read(&truth)?)?);
     }
     let mut outcome = told(&rows);
@@ -83,7 +83,7 @@ fn clips(folder: &Path) -> Result<Vec<PathBuf>, Fault> {
 }
 
 fn row(clip: &Path, inspected: &Inspected, labels: &Labels) -> Result<Row, Fault> {
-    let inspection = &inspected.inspection;
+    let inspection = &inspected.filmed.inspection;
     let (Some((whole, grids)), footprint) = (inspected.score, &inspection.footprint) else {
         return Err(Fault::file(clip, std::io::Error::other("it has no labels")));
     };

@@ -7,7 +7,7 @@ mod serving;
 mod taped;
 
 use super::*;
-use crate::cycle::{At, Outcome, Path, Request, Why};
+use crate::cycle::{self, At, Outcome, Path, Why};
 use crate::record::{Budget, Kind, name};
 use crate::sim::Scene;
 use crate::verdict::Verdict;
@@ -123,9 +123,9 @@ fn a_refused_path_aborts_and_sends_nothing() {
 #[test]
 fn a_hold_in_contact_is_left_through_verify_and_a_new_plan() {
     let held = |state: &crate::cycle::State| matches!(state.intent, Some(i) if i.motion.path == Path::Contact && i.done > 20);
-    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, Request::Hold).with(
+    let story = Fake::new(Scene::Good).slow().run(Asks::one_cycle().with(held, cycle::Request::Hold).with(
         |state| matches!(state.at, At::Held(hold) if hold.why == Why::Asked),
-        Request::Unhold { dried: false },
+        cycle::Request::Unhold { dried: false },
     ));
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     let contact = story.motions(Path::Contact);

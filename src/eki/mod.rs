@@ -12,7 +12,7 @@
 //! Does not open sockets and reads no clock: see `devices::robot`.
 
 mod ack;
-mod channel;
+pub(crate) mod channel;
 mod command;
 mod framer;
 mod report;
@@ -27,7 +27,7 @@ mod word;
 mod fixture;
 
 pub use ack::{Ack, Refusal};
-pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol, Unknown};
+pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol};
 pub use command::{
     Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
 };

@@ -42,7 +42,7 @@ pub enum SchemaError {
         tag: String,
     },
     /// A tag with another type.
-    #[error("line {line}: the tag {tag} must be {needed}, its Type is {}", found.word())]
+    #[error("line {line}: the tag {tag} must be {needed}, its Type is {found}")]
     Type {
         /// Line in the file, from 1.
         line: usize,

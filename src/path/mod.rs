@@ -5,8 +5,10 @@
 //! - `piece`: the lines of one area, laid until they keep their limits · `evenness`: the feeds that make times under the disc even
 //! - `coverage`, `edge`, `dwell`, `spread`, `disc`, `touching`: what a plan reaches, and what was done · `gate`: judges a plan
 //! - `kinematics`, `reach`, `panel_reach`: what the arm can follow, where the panel stands
+//! - `approach`: how the axes stand before contact · `routes`: paths as they are sent, each through the gates · `trace`: where the tool was
 //! - `waypoint_gate`: the last look at what is about to move, in the base · `krl`: for those who run it by hand
 
+pub mod approach;
 mod areas;
 mod contact;
 mod coverage;
@@ -25,9 +27,11 @@ mod plan;
 mod raster;
 pub mod reach;
 mod rings;
+pub mod routes;
 mod slanted;
 mod spread;
 pub mod touching;
+pub mod trace;
 mod waypoint_gate;
 
 pub use coverage::{GridCoverage, MIN_COVERAGE, step_overs_mm};

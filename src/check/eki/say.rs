@@ -1,14 +1,13 @@
 //! A channel in words.
 
-use super::channel::{Channel, Element, Raw};
+use crate::eki::channel::{Environment, Order, Protocol, StatedChannel, StatedElement, StatedRaw};
 
 /// What the channel does, a sentence each.
-pub(super) fn sentences(channel: &Channel) -> Vec<String> {
+pub(super) fn sentences(channel: &StatedChannel) -> Vec<String> {
     let mut says = vec![who_listens(channel), how_long(channel), what_waits(channel)];
     says.extend(
         channel
-            .signals
-            .iter()
+            .signals()
             .filter(|signal| signal.tag.is_none())
             .map(|signal| format!("{} is true while the other machine is connected", signal.variable())),
     );
@@ -23,7 +22,7 @@ pub(super) fn sentences(channel: &Channel) -> Vec<String> {
     }
     says.extend(roots("receives", &channel.received));
     says.extend(channel.raw.iter().map(say_raw));
-    for signal in &channel.signals {
+    for signal in channel.signals() {
         if let Some(tag) = &signal.tag {
             let inside = format!("{tag}/");
             let whole = channel.received.iter().any(|element| element.tag.starts_with(&inside));
@@ -41,12 +40,12 @@ pub(super) fn sentences(channel: &Channel) -> Vec<String> {
     says
 }
 
-fn who_listens(channel: &Channel) -> String {
+fn who_listens(channel: &StatedChannel) -> String {
     let server = channel.server();
     let ip = server.ip.as_ref().map(|ip| ip.value.as_str());
-    let protocol = if channel.is_udp.as_ref().is_some_and(|udp| udp.value) { "UDP" } else { "TCP" };
+    let protocol = channel.protocol.map_or(Protocol::Tcp, |protocol| protocol.value);
     let port = server.port.as_ref().map(|port| port.value);
-    if channel.listens {
+    if channel.listens() {
         let port = port.map_or("54600, not stated".to_owned(), |port| port.to_string());
         format!(
             "channel {}: the controller listens on {}, port {port}, {protocol}, and takes one client",
@@ -64,19 +63,22 @@ fn who_listens(channel: &Channel) -> String {
     }
 }
 
-fn how_long(channel: &Channel) -> String {
-    let until = match channel.environment.as_ref().map_or("Program", |stated| stated.value.as_str()) {
-        "Submit" => "the submit interpreter is cancelled or the inputs and outputs are configured anew",
-        "System" => "the inputs and outputs are configured anew",
-        _ => "the program is reset or deselected, or the inputs and outputs are configured anew",
+fn how_long(channel: &StatedChannel) -> String {
+    let until = match channel.environment.map_or(Environment::Program, |stated| stated.value) {
+        Environment::Submit => "the submit interpreter is cancelled or the inputs and outputs are configured anew",
+        Environment::System => "the inputs and outputs are configured anew",
+        Environment::Program => "the program is reset or deselected, or the inputs and outputs are configured anew",
     };
     format!("it lives until {until}")
 }
 
-fn what_waits(channel: &Channel) -> String {
+fn what_waits(channel: &StatedChannel) -> String {
     let entries = channel.entries.as_ref().map_or(16, |entries| entries.value);
     let bytes = channel.bytes.as_ref().map_or(16_384, |bytes| bytes.value);
-    let order = if channel.is_lifo.as_ref().is_some_and(|lifo| lifo.value) { "newest" } else { "oldest" };
+    let order = match channel.order.map_or(Order::Fifo, |order| order.value) {
+        Order::Fifo => "oldest",
+        Order::Lifo => "newest",
+    };
     format!(
         "at most {entries} entries of each tag wait for the program, the {order} is read first, one more closes the \
          connection; at most {bytes} bytes wait to be interpreted"
@@ -84,7 +86,7 @@ fn what_waits(channel: &Channel) -> String {
 }
 
 /// A sentence for each outermost name, in the file's order.
-fn roots(verb: &str, elements: &[Element]) -> Vec<String> {
+fn roots(verb: &str, elements: &[StatedElement]) -> Vec<String> {
     let mut names: Vec<&str> = Vec::new();
     for element in elements {
         if !names.contains(&element.root()) {
@@ -114,7 +116,7 @@ fn roots(verb: &str, elements: &[Element]) -> Vec<String> {
     names.iter().map(sentence).collect()
 }
 
-fn say_raw(raw: &Raw) -> String {
+fn say_raw(raw: &StatedRaw) -> String {
     let size = raw.size.map_or("not stated".to_owned(), |size| size.to_string());
     if raw.is_stream {
         let end = raw.end.as_deref().unwrap_or("not stated");

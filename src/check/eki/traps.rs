@@ -1,16 +1,15 @@
 //! What the controller accepts and a person regrets: the pitfalls of `eki.md` 6, and what cannot work.
 
-use super::Findings;
-use super::channel::{Channel, Element};
+use crate::eki::channel::{Environment, Findings, Order, Protocol, Signal, StatedChannel, StatedElement};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// The ports that the controller's firewall opens.
-const PORTS: std::ops::RangeInclusive<u32> = 54_600..=54_615;
+const PORTS: std::ops::RangeInclusive<u16> = 54_600..=54_615;
 /// The last `$FLAG`; the manual's range for Set_Flag goes one further.
 const LAST_FLAG: u32 = 1024;
 
 /// Notes everything about one channel that its file alone shows.
-pub(super) fn find(channel: &Channel, found: &mut Findings) {
+pub(super) fn find(channel: &StatedChannel, found: &mut Findings) {
     addresses(channel, found);
     life(channel, found);
     buffers(channel, found);
@@ -19,14 +18,14 @@ pub(super) fn find(channel: &Channel, found: &mut Findings) {
     raw(channel, found);
 }
 
-fn addresses(channel: &Channel, found: &mut Findings) {
+fn addresses(channel: &StatedChannel, found: &mut Findings) {
     let internal_line = channel.internal_line;
     if !channel.type_stated {
         let message = "is not stated: the controller takes Server, dials the other machine and does not listen; write \
                        Client where the PC dials";
         found.warn(1, "CONFIGURATION/EXTERNAL/TYPE", message);
     }
-    if channel.listens {
+    if channel.listens() {
         match &channel.internal.port {
             Some(port) if !PORTS.contains(&port.value) => found.wrong(
                 port.line,
@@ -56,18 +55,18 @@ fn addresses(channel: &Channel, found: &mut Findings) {
             found.wrong(1, format!("CONFIGURATION/EXTERNAL/{name}"), message);
         }
     }
-    let side = if channel.listens { "INTERNAL" } else { "EXTERNAL" };
+    let side = if channel.listens() { "INTERNAL" } else { "EXTERNAL" };
     if let Some(ip) = &channel.server().ip
         && !is_address(&ip.value)
     {
         let message = format!("is \"{}\", which is no address such as 172.31.1.147; a placeholder?", ip.value);
         found.warn(ip.line, format!("CONFIGURATION/{side}/IP"), message);
     }
-    if let Some(udp) = channel.is_udp.as_ref().filter(|udp| udp.value) {
+    if let Some(udp) = channel.protocol.filter(|protocol| protocol.value == Protocol::Udp) {
         let message = "is UDP, which the manual does not recommend: messages may be lost, doubled or out of order";
         found.warn(udp.line, "CONFIGURATION/INTERNAL/PROTOCOL", message);
     }
-    if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.listens) {
+    if let Some(wait) = channel.connect_ms.as_ref().filter(|_| channel.listens()) {
         let message = format!(
             "ends listening after {} ms without a client, error 2048; without it the controller waits",
             wait.value
@@ -81,32 +80,32 @@ fn is_address(text: &str) -> bool {
     parts.len() == 4 && parts.iter().all(|part| part.parse::<u8>().is_ok())
 }
 
-fn life(channel: &Channel, found: &mut Findings) {
+fn life(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/ENVIRONMENT";
     let consequence = "the channel is deleted whenever the program is reset or deselected, and the client finds itself cut \
                        off at every intervention; put state and abort on Submit or System";
     match &channel.environment {
-        Some(stated) if stated.value == "Program" => {
+        Some(stated) if stated.value == Environment::Program => {
             found.warn(stated.line, key, format!("is Program: {consequence}"))
         }
         Some(_) => {}
         None => found.warn(channel.internal_line, key, format!("is not stated, and Program then: {consequence}")),
     }
-    if !channel.signals.iter().any(|signal| signal.tag.is_none()) {
+    if !channel.signals().any(|signal| signal.tag.is_none()) {
         let message = "raises no flag and no output: the program does not see a client come or go";
         found.warn(channel.alive_line.unwrap_or(channel.internal_line), "CONFIGURATION/INTERNAL/ALIVE", message);
     }
 }
 
-fn buffers(channel: &Channel, found: &mut Findings) {
+fn buffers(channel: &StatedChannel, found: &mut Findings) {
     let key = "CONFIGURATION/INTERNAL/BUFFERING";
     if channel.entries.is_none() && !channel.received.is_empty() {
         let message = "states no Limit: each memory holds 16 entries, and the 17th closes the connection instead of waiting; \
                        at most 512 can be had";
         found.warn(channel.internal_line, format!("{key}/@Limit"), message);
     }
-    let lifo = channel.is_lifo.as_ref().filter(|lifo| lifo.value).map(|lifo| (lifo.line, key.to_owned()));
-    let own = channel.received.iter().filter(|element| element.is_lifo);
+    let lifo = channel.order.filter(|order| order.value == Order::Lifo).map(|lifo| (lifo.line, key.to_owned()));
+    let own = channel.received.iter().filter(|element| element.order == Some(Order::Lifo));
     let own = own.map(|element| (element.line, format!("RECEIVE/XML/ELEMENT[{}]", element.tag)));
     for (line, key) in lifo.into_iter().chain(own) {
         let message = "reads the newest entry first: values of several tags need EKI_Lock and EKI_Unlock around them, or \
@@ -115,14 +114,11 @@ fn buffers(channel: &Channel, found: &mut Findings) {
     }
 }
 
-fn signals(channel: &Channel, found: &mut Findings) {
-    for (index, signal) in channel.signals.iter().enumerate() {
-        let key = signal
-            .tag
-            .as_ref()
-            .map_or("CONFIGURATION/INTERNAL/ALIVE".to_owned(), |tag| format!("RECEIVE ELEMENT[{tag}]"));
-        let same = |other: &&super::channel::Signal| other.variable() == signal.variable();
-        if let Some(other) = channel.signals[..index].iter().find(same) {
+fn signals(channel: &StatedChannel, found: &mut Findings) {
+    for (index, signal) in channel.signals().enumerate() {
+        let key = signal.key();
+        let same = |other: &&Signal| other.variable() == signal.variable();
+        if let Some(other) = channel.signals().take(index).find(same) {
             let message = format!(
                 "{} is raised by {} too (line {}); the program cannot tell which it was",
                 signal.variable(),
@@ -141,13 +137,13 @@ fn signals(channel: &Channel, found: &mut Findings) {
     }
 }
 
-fn elements(channel: &Channel, found: &mut Findings) {
+fn elements(channel: &StatedChannel, found: &mut Findings) {
     if channel.received.is_empty() && channel.raw.is_empty() && channel.sent.is_empty() {
         found.warn(1, "RECEIVE", "neither RECEIVE nor SEND has an ELEMENT: the channel carries nothing");
     }
     duplicates("RECEIVE", &channel.received, found);
     duplicates("SEND", &channel.sent, found);
-    let raises = |tag: &str| channel.signals.iter().any(|signal| signal.tag.as_deref() == Some(tag));
+    let raises = |tag: &str| channel.signals().any(|signal| signal.tag.as_deref() == Some(tag));
     for element in &channel.received {
         let key = format!("RECEIVE/XML/ELEMENT[{}]", element.tag);
         let is_attribute = element.inside().contains('@');
@@ -174,11 +170,11 @@ fn elements(channel: &Channel, found: &mut Findings) {
 }
 
 /// A root's flag says that a message is whole; a leaf's says only that the leaf was there.
-fn root_flags(channel: &Channel, found: &mut Findings) {
+fn root_flags(channel: &StatedChannel, found: &mut Findings) {
     let mut seen = BTreeSet::new();
     for element in channel.received.iter().filter(|element| !element.inside().is_empty()) {
         let root = element.root();
-        let raised: Vec<&str> = channel.signals.iter().filter_map(|signal| signal.tag.as_deref()).collect();
+        let raised: Vec<&str> = channel.signals().filter_map(|signal| signal.tag.as_deref()).collect();
         if !seen.insert(root) || raised.iter().any(|tag| is_above_all(channel, root, tag)) {
             continue;
         }
@@ -198,14 +194,14 @@ fn root_flags(channel: &Channel, found: &mut Findings) {
 }
 
 /// Whether all data below this root lie inside of the element of this tag, so that its flag tells that all have arrived.
-fn is_above_all(channel: &Channel, root: &str, tag: &str) -> bool {
+fn is_above_all(channel: &StatedChannel, root: &str, tag: &str) -> bool {
     let inside = format!("{tag}/");
     let mut data = channel.received.iter().filter(|element| element.root() == root && element.kind.is_some());
     tag == root || (!tag.contains('@') && data.all(|element| element.tag.starts_with(&inside)))
 }
 
-fn duplicates(section: &str, elements: &[Element], found: &mut Findings) {
-    let mut first: BTreeMap<&str, &Element> = BTreeMap::new();
+fn duplicates(section: &str, elements: &[StatedElement], found: &mut Findings) {
+    let mut first: BTreeMap<&str, &StatedElement> = BTreeMap::new();
     for element in elements {
         let Some(other) = first.get(element.tag.as_str()) else {
             first.insert(&element.tag, element);
@@ -224,7 +220,7 @@ fn duplicates(section: &str, elements: &[Element], found: &mut Findings) {
     }
 }
 
-fn raw(channel: &Channel, found: &mut Findings) {
+fn raw(channel: &StatedChannel, found: &mut Findings) {
     let key = "RECEIVE/RAW/ELEMENT";
     for second in channel.raw.iter().skip(1) {
         found.wrong(second.line, key, "a channel has at most one RAW element");

@@ -41,17 +41,18 @@ fn what_a_file_does_not_say_is_the_manuals_default() {
 
 #[test]
 fn any_case_is_read_and_what_no_manual_names_is_kept() {
-    let text = file("<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>", "");
+    let text =
+        file("<buffering mode=\"lifo\" LIMIT=\"15\"/><Sendflag>1</Sendflag><ALIVE ElementName=\"x\"/>", ";text");
     let read = ChannelFile::parse(&text).expect("reads");
     assert_eq!((read.memory.order, read.memory.entries), (Order::Lifo, 15));
     let unknown: Vec<(usize, &str)> =
-        read.unknown.iter().map(|unknown| (unknown.line, unknown.name.as_str())).collect();
+        read.unknown.iter().map(|unknown| (unknown.line, unknown.key.as_str())).collect();
     assert_eq!(
         unknown,
         [
             (3, "CONFIGURATION/INTERNAL/SENDFLAG"),
-            (3, "CONFIGURATION/INTERNAL/SENDFLAG: \"1\""),
-            (3, "CONFIGURATION/INTERNAL/ALIVE/@ELEMENTNAME"),
+            (3, "CONFIGURATION/INTERNAL/ALIVE/@ElementName"),
+            (4, "RECEIVE/XML")
         ]
     );
 }
@@ -59,27 +60,40 @@ fn any_case_is_read_and_what_no_manual_names_is_kept() {
 #[test]
 fn what_the_controller_would_refuse_is_named_with_its_line() {
     let cases = [
-        (file("<BUFFERING Limit=\"513\"/>", ""), "line 3: LIMIT is \"513\", allowed are whole numbers 1 to 512"),
-        (file("<PORT>abc</PORT>", ""), "line 3: PORT is \"abc\", allowed are whole numbers 1 to 65534"),
+        (
+            file("<BUFFERING Limit=\"513\"/>", ""),
+            "line 3: CONFIGURATION/INTERNAL/BUFFERING/@Limit: is \"513\"; allowed is a whole number 1 to 512",
+        ),
+        (
+            file("<PORT>abc</PORT>", ""),
+            "line 3: CONFIGURATION/INTERNAL/PORT: is \"abc\"; allowed is a whole number 1 to 65534",
+        ),
         (
             file("<ENVIRONMENT>Robot</ENVIRONMENT>", ""),
-            "line 3: ENVIRONMENT is \"Robot\", allowed are Program, Submit, System",
+            "line 3: CONFIGURATION/INTERNAL/ENVIRONMENT: is \"Robot\"; allowed is one of Program, Submit, System",
         ),
         (
             file("", "<ELEMENT Tag=\"A/@B\" Type=\"AXIS\"/>"),
-            "line 4: TYPE is \"AXIS\", allowed are STRING, REAL, INT, BOOL, FRAME",
+            "line 4: RECEIVE/XML/ELEMENT[A/@B]/@Type: is \"AXIS\"; allowed is one of STRING, REAL, INT, BOOL, FRAME; axes \
+             travel as six REAL attributes or in a FRAME",
         ),
-        (file("", "<ELEMENT Type=\"INT\"/>"), "line 4: an ELEMENT without Tag carries nothing"),
+        (
+            file("", "<ELEMENT Type=\"INT\"/>"),
+            "line 4: RECEIVE/XML/ELEMENT: has no Tag; an element without a path carries nothing",
+        ),
         (
             file("", "<ELEMENT Tag=\"/A\"/>"),
-            "line 4: Tag \"/A\" is no path such as Root/Child or Root/Child/@Attribute",
+            "line 4: RECEIVE/XML/ELEMENT[/A]/@Tag: is \"/A\"; a path is written Root/Child or Root/Child/@Attribute",
         ),
-        (file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"), "line 4: TAG stands twice"),
+        (
+            file("", "<ELEMENT Tag=\"A\" tag=\"B\"/>"),
+            "line 4: RECEIVE/XML/ELEMENT[A]/@tag: stands twice in one element",
+        ),
         (
             "\n<EthernetKRL2></EthernetKRL2>".to_owned(),
-            "line 2: the outermost element is EthernetKRL2, an EthernetKRL file has ETHERNETKRL",
+            "line 2: EthernetKRL2: the outermost element is EthernetKRL2; that of an EthernetKRL file is ETHERNETKRL",
         ),
-        ("<ETHERNETKRL>\n<SEND>".to_owned(), "line 2: not XML: ETHERNETKRL/SEND is never closed"),
+        ("<ETHERNETKRL>\n<SEND>".to_owned(), "line 2: not XML: SEND is never closed"),
         (
             "<ETHERNETKRL><RECEIVE>\n<RAW><ELEMENT/></RAW></RECEIVE></ETHERNETKRL>".to_owned(),
             "line 2: RAW channels carry bytes; this program speaks XML channels only",

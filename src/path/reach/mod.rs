@@ -7,18 +7,18 @@
 //! over axis 1), its speed and acceleration at each axis, and the keep-out boxes. Corners that are rounded over b mm
 //! change speed in 2 b / feed; where the arm stops, the controller's own ramp holds. Rejects a path whole.
 
+mod joint_motion;
 mod margins;
 mod obstacle;
+mod obstacles;
 mod retract;
-mod swing;
 #[cfg(test)]
 mod tests;
-mod things;
 
+pub use joint_motion::joint_motion;
 pub use obstacle::{Obstacle, ReachFault, Singular};
+pub use obstacles::Obstacles;
 pub use retract::{retract, retracts};
-pub use swing::swing;
-pub use things::Things;
 
 use super::kinematics::{Angles, Kinematics, nearest_way};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid, Tool, Vector};
@@ -119,7 +119,7 @@ pub fn postures(arm: &Kinematics, base_from_flange: &Rigid<Base, Flange>, tip: P
     let may_stand = |way: &Angles| {
         room(arm, &look, way).is_ok()
             && keeps_out(arm, look.tip, way).is_ok()
-            && things::keeps_off(arm, look.tip, way).is_ok()
+            && obstacles::keeps_off(arm, look.tip, way).is_ok()
     };
     arm.ways(base_from_flange).into_iter().filter(may_stand).map(Joints::from).collect()
 }
@@ -219,7 +219,7 @@ fn track(arm: &Kinematics, looks: &[Look], start: Angles) -> Result<Travel, (usi
             speed = too_fast(arm, look, &turned, &speed).map_err(fault)?;
         }
         travel.room_deg = travel.room_deg.min(room(arm, look, &next).map_err(fault)?);
-        keeps_out(arm, look.tip, &next).and_then(|()| things::keeps_off(arm, look.tip, &next)).map_err(fault)?;
+        keeps_out(arm, look.tip, &next).and_then(|()| obstacles::keeps_off(arm, look.tip, &next)).map_err(fault)?;
         at = next;
         if look.is_end {
             travel.joints.push(Joints::from(at));

@@ -14,7 +14,7 @@ use robot::FakeRobot;
 
 use super::super::*;
 use crate::cell;
-use crate::cycle::{Event, Motion, Outcome, Path, Refusal, Request};
+use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, KukaPose};
@@ -123,7 +123,7 @@ pub struct Story {
     pub budget: Budget,
     pub intents: Vec<(Motion, Option<(Outcome, u32)>)>,
     pub events: Vec<Event>,
-    pub refusals: Vec<(Request, Refusal)>,
+    pub refusals: Vec<(cycle::Request, Refusal)>,
     pub contact_points: usize,
     pub lines: usize,
     /// Of the lines that bring a feed of their own: the feed, m/s, and the rounding, mm.
@@ -292,7 +292,7 @@ impl Cell {
             earlier: self.earlier.clone(),
             ..Memory::default_of(&self.world)
         };
-        let taping = Taping::new("store".as_ref(), !self.by_the_wall);
+        let taping = RecordingSwitch::new("store".as_ref(), !self.by_the_wall);
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
         let service = Service {
             robot: &mut Taped::new(&mut robot, taping.clone()),
@@ -334,7 +334,7 @@ impl Cell {
     }
 
     /// A cycle to begin.
-    pub fn order(&self) -> Order {
+    pub fn prepared(&self) -> PreparedCycle {
         let (_, recipe, taught, calibrations) = self.files();
         let start = CycleStart {
             panel: "p".to_owned(),
@@ -343,9 +343,11 @@ impl Cell {
             file_texts: Vec::new(),
             recording: None,
         };
-        let request = Request::Start { max_passes: 2, max_moves: 3 };
-        let record = self.record.clone().map(|file| ToRecord { file: Some(file), files: vec![], calibrations });
-        Order { request, task: Task::new(recipe, taught, calibrations).expect("a corner"), start, record }
+        let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
+        let recording =
+            self.record.clone().map(|file| RecordingPlan { file: Some(file), files: vec![], calibrations });
+        let setup = CycleSetup::new(recipe, taught, calibrations).expect("a corner");
+        PreparedCycle { request, setup, start, recording }
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {

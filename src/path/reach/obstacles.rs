@@ -1,7 +1,7 @@
 //! What stands in the cell as a scan shows it: points that no part of the arm may come near.
 //!
 //! Boxes of the cell's file say what always stands there; these say what stands there now: the panel where it was found, and
-//! everything else that the scan saw. What the scan did not see is not known: behind things the boxes must do.
+//! everything else that the scan saw. What the scan did not see is not known: behind obstacles the boxes must do.
 
 use super::obstacle::Obstacle;
 use crate::geometry::{Base, Point};
@@ -13,12 +13,12 @@ const CUBE_MM: f64 = 8.0;
 
 /// Points by what they are of.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Things(Vec<(&'static str, Vec<Point<Base>>)>);
+pub struct Obstacles(Vec<(&'static str, Vec<Point<Base>>)>);
 
-impl Things {
+impl Obstacles {
     /// With the points of another thing, thinned.
     #[must_use]
-    pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Things {
+    pub fn with(mut self, name: &'static str, points: impl IntoIterator<Item = Point<Base>>) -> Obstacles {
         let cube = |point: &Point<Base>| [0, 1, 2].map(|axis| (point.mm[axis] / CUBE_MM).floor() as i64);
         let (mut kept, mut last) = (BTreeMap::new(), None);
         for point in points {
@@ -36,9 +36,9 @@ impl Things {
 
 /// No part of the arm, nor the tool with its tip there, too near to any of the points.
 pub(super) fn keeps_off(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Obstacle> {
-    let Some(things) = arm.things() else { return Ok(()) };
+    let Some(obstacles) = arm.obstacles() else { return Ok(()) };
     for (part, from, to, needed_mm) in super::margins::parts(arm, tip, at) {
-        for (name, points) in &things.0 {
+        for (name, points) in &obstacles.0 {
             let distance_mm =
                 points.iter().map(|point| from_line_mm(*point, from, to)).fold(f64::INFINITY, f64::min);
             if distance_mm < needed_mm {
@@ -76,8 +76,8 @@ mod tests {
     /// Points of one cube are one, the first, whether they follow each other or not.
     #[test]
     fn points_are_thinned() {
-        let things = Things::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
-        assert_eq!(things.0[0].1, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
+        let obstacles = Obstacles::default().with("panel", [1.0, 2.0, 9.0, 3.0].map(|x| Point::at(x, 0.0, 0.0)));
+        assert_eq!(obstacles.0[0].1, [1.0, 9.0].map(|x| Point::at(x, 0.0, 0.0)));
     }
 
     /// A tool of 120 mm goes 60 mm along its axis; what stands 30 mm before its end is too near for the 40 mm that it keeps,
@@ -92,8 +92,8 @@ mod tests {
         let ahead = |mm: f64| start * Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * mm));
         let leg = Leg { base_from_tool: ahead(60.0), feed_mm_s: 50.0, blend_mm: 0.0 };
         let follows = |before_mm: f64| {
-            let things = Things::default().with("panel", [ahead(60.0 + before_mm).origin()]);
-            follow(&bare.clone().beside(Arc::new(things)), tool, Some(&at), &[leg])
+            let obstacles = Obstacles::default().with("panel", [ahead(60.0 + before_mm).origin()]);
+            follow(&bare.clone().beside(Arc::new(obstacles)), tool, Some(&at), &[leg])
         };
         let met = follows(30.0).expect_err("too near").obstacle;
         assert!(matches!(&met, Obstacle::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");

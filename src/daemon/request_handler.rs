@@ -1,18 +1,19 @@
-//! The service's desk: what people, signals and systemd ask of the loop, and what they are told.
+//! What the service does with requests: it hands them to the loop, answers who waits, and tells systemd how the cell stands.
 //!
-//! It is called by the loop each time it comes round, and asks the supervisor about the other threads, so what it sends
-//! systemd (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT is a stop, a second one an abort; the service leaves from Stopped or Aborted only.
+//! The loop calls it each time it comes round. It then also asks the supervisor about the other threads, so that what systemd
+//! hears (`WATCHDOG=1`) proves that all of them work. SIGTERM or SIGINT stops the cell, a second one aborts; the service ends
+//! from Stopped or Aborted only.
 
-use super::caller::Caller;
 use super::lending::SharedCameras;
-use super::letters::Inbox;
-use super::ports::{Ask, Order, Requests};
+use super::ports::Requests;
 use super::protocol::{Exit, Reply};
-use super::replay::{Recording, Taping};
-use super::{who, words};
-use crate::cycle::{At, Path as PathKind, Phase, Refusal, Request, State};
-use crate::record::{CycleId, Front, Wanted, Who};
-use crate::supervision::{Supervised, Supervisor, supervised};
+use super::replay::{Recording, RecordingSwitch};
+use super::request::{Request, What};
+use super::request_queue::RequestQueue;
+use super::words;
+use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
+use crate::record::{CycleId, Front, Who};
+use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
@@ -21,49 +22,6 @@ use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tokio::sync::oneshot;
-
-/// What comes to the desk.
-#[derive(Debug)]
-pub enum Letter {
-    /// Somebody asks and waits for the answer.
-    Asked {
-        /// What.
-        asked: Asked,
-        /// Who.
-        who: Caller,
-        /// Where the answer goes.
-        reply: oneshot::Sender<Reply>,
-    },
-    /// Somebody asked and was refused already, such as a start by a recipe with mistakes; it is kept.
-    Refused {
-        /// What.
-        wanted: Wanted,
-        /// Who.
-        who: Caller,
-        /// Why.
-        reasons: Vec<Reason>,
-    },
-    /// SIGTERM or SIGINT.
-    Signal,
-}
-
-/// What somebody asks.
-pub enum Asked {
-    /// How things stand.
-    State,
-    /// This.
-    For(Request),
-    /// A cycle.
-    Begin(Box<Order>),
-    /// A new disc was mounted.
-    NewDisc,
-}
-
-impl std::fmt::Debug for Asked {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&words::asked(self))
-    }
-}
 
 /// A cycle that has ended.
 #[derive(Debug)]
@@ -74,14 +32,14 @@ pub struct EndedCycle {
     pub recording: Option<Recording>,
 }
 
-/// What is beside the loop, as far as the desk has to do with it.
+/// The parts of the service beside its loop that requests have to do with.
 #[derive(Debug)]
-pub struct Beside {
-    /// How cycles are recorded.
-    pub taping: Taping,
-    /// Who asks all threads whether they work.
+pub struct ServiceParts {
+    /// Which cycle is recorded.
+    pub recording: RecordingSwitch,
+    /// Asks all threads whether they work.
     pub supervisor: Supervisor,
-    /// Who writes the page of a cycle that has ended.
+    /// Where the page of a cycle that has ended is ordered.
     pub pages: Sender<EndedCycle>,
     /// The page that was written last.
     pub written: WrittenPage,
@@ -118,62 +76,60 @@ fn phase(at: At) -> Option<Phase> {
     }
 }
 
-/// At rest nothing is urgent: so long the loop waits for a letter.
+/// How long the loop waits for a request while the cell rests.
 const REST: Duration = Duration::from_millis(20);
 
-/// As many are told the state in one round of the loop.
+/// So many requests for the state are answered in one round of the loop.
 const MOST_ANSWERED: usize = 64;
 
-/// The desk.
+/// Handles the requests of the service.
 #[derive(Debug)]
-pub struct Desk {
-    letters: Inbox,
-    /// Who asked last and is not answered yet.
+pub struct RequestHandler {
+    queue: RequestQueue,
+    /// Where the reply to the request that the loop has taken goes.
     waiting: Option<oneshot::Sender<Reply>>,
-    /// Who asked what was handed to the loop last.
-    who: Who,
     signals: u8,
-    /// How much of the signals the table was asked.
+    /// For how many of the signals the table was asked.
     obeyed: u8,
+    /// The state that systemd was told last.
     told: Option<At>,
     /// How often systemd wants to hear from the loop, and when it last did.
     watchdog: Option<(Duration, Instant)>,
-    /// What is beside the loop; and the loop's own sign of life.
-    beside: Beside,
+    parts: ServiceParts,
+    /// The loop's own sign of life.
     sign: Supervised,
     cycle: Option<CycleId>,
     verdict: Option<Verdict>,
-    /// The panel of the cycle; of the order that is being taken.
+    /// The panel of the cycle, and of the start that the loop has taken.
     panel: Option<String>,
     ordered: Option<String>,
     /// Seconds of the film that is under way.
     film_s: Option<f64>,
-    /// What was done, for who asked for it.
+    /// What was done, for the reply.
     done: Option<String>,
     /// The cycle whose page is due once the cell rests.
     ended: Option<CycleId>,
-    /// What was last found wrong; what was, before something new was asked.
+    /// What was last found wrong, and what was found before something new was requested.
     noted: Vec<Reason>,
     set_aside: Vec<Reason>,
     /// As the loop last showed it.
     state: State,
 }
 
-impl Desk {
-    /// A desk where these letters come; `left` is the cycle that an earlier process did not end. It tells systemd that the
+impl RequestHandler {
+    /// Handles the requests of this queue. `left` is the cycle that an earlier process did not end. It tells systemd that the
     /// loop works while the supervisor finds that all threads do.
-    pub fn new(letters: Inbox, left: Option<CycleId>, beside: Beside) -> Self {
+    pub fn new(queue: RequestQueue, left: Option<CycleId>, parts: ServiceParts) -> Self {
         let (sign, _) = supervised("loop", Duration::MAX);
         let watchdog = sd_notify::watchdog_enabled().map(|every| (every / 2, Instant::now()));
-        Desk {
-            letters,
+        RequestHandler {
+            queue,
             waiting: None,
-            who: Who::by(Front::Program),
             signals: 0,
             obeyed: 0,
             told: None,
             watchdog,
-            beside,
+            parts,
             sign,
             cycle: left,
             verdict: None,
@@ -200,12 +156,12 @@ impl Desk {
             film_s: self.film_s.filter(|_| state.at == At::Execute(Phase::Inspect)),
             waypoint: path.map(|intent| intent.done),
             of: path.map(|intent| intent.motion.waypoints),
-            page: self.cycle.and_then(|cycle| self.beside.written.of(cycle)),
-            axes_deg: self.beside.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
+            page: self.cycle.and_then(|cycle| self.parts.written.of(cycle)),
+            axes_deg: self.parts.cameras.as_ref().and_then(SharedCameras::stands).map(|axes| axes.degrees()),
             epoch: Some(state.epoch),
             cycle_id: self.cycle.map(|cycle| cycle.0),
             verdict: self.verdict,
-            recording: self.beside.taping.told(),
+            recording: self.parts.recording.told(),
             done: None,
             reasons,
         }
@@ -250,42 +206,39 @@ impl Desk {
         }
     }
 
-    /// A letter that the loop is to act on.
-    fn take(&mut self, asked: Asked, reply: oneshot::Sender<Reply>) -> Ask {
-        self.waiting = Some(reply);
-        match asked {
-            Asked::State => Ask::Nothing,
-            Asked::For(request) => {
+    /// A request that the loop is to act on.
+    fn hand_over(&mut self, mut request: Request) -> Request {
+        self.waiting = request.reply.take();
+        match &request.what {
+            What::Table(asked) => {
                 // A refusal brings it back.
                 self.set_aside = self.noted.clone();
-                if matches!(request, Request::Reset | Request::Clear | Request::Unhold { .. } | Request::Accept) {
+                use cycle::Request::{Accept, Clear, Reset, Unhold};
+                if matches!(asked, Reset | Clear | Unhold { .. } | Accept) {
                     self.noted.clear();
                 }
-                Ask::For(request)
             }
-            Asked::Begin(order) => {
-                self.ordered = Some(order.task.recipe.panel().to_owned());
-                Ask::Begin(order)
-            }
-            Asked::NewDisc => Ask::NewDisc,
+            What::Begin(prepared) => self.ordered = Some(prepared.setup.panel_name().to_owned()),
+            _ => {}
         }
+        request
     }
 
     /// What the signals so far ask for.
-    fn leaving(&mut self, state: &State) -> Option<Ask> {
+    fn leaving(&mut self, state: &State) -> Option<Request> {
         if self.signals == 0 {
             return None;
         }
         if matches!(state.at, At::Stopped | At::Aborted { .. }) {
-            return Some(Ask::Leave);
+            return Some(Request::signal());
         }
         let wanted = self.signals.min(2);
         if self.obeyed >= wanted {
             return None;
         }
         self.obeyed = wanted;
-        self.who = Who::by(Front::Signal);
-        Some(Ask::For(if wanted == 1 { Request::Stop } else { Request::Abort }))
+        let request = if wanted == 1 { cycle::Request::Stop } else { cycle::Request::Abort };
+        Some(Request::new(What::Table(request), Who::by(Front::Signal)))
     }
 
     fn signal(&mut self) {
@@ -298,68 +251,57 @@ impl Desk {
         }
     }
 
-    /// What is asked now.
-    fn asked(&mut self, state: &State) -> Ask {
+    /// What is requested now.
+    fn requested(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
         self.sign.works();
-        if let Err(fault) = self.beside.supervisor.check() {
-            return Ask::GiveUp(fault);
-        }
-        // What was asked when the loop last came round was taken: else it would be answered by now.
+        self.parts.supervisor.check()?;
+        // What was requested when the loop last came round was taken: else it would be answered by now.
         self.answer(Exit::Done, self.reasons(state), state);
         self.tell(state);
         if let Some(id) = self.ended.take_if(|_| state.at.rests()) {
             // Without a writer the record stays; its page can be made of it.
-            let _ = self.beside.pages.send(EndedCycle { id, recording: self.beside.taping.take() });
+            let _ = self.parts.pages.send(EndedCycle { id, recording: self.parts.recording.take() });
         }
-        if let Some(ask) = self.leaving(state) {
-            return ask;
+        if let Some(request) = self.leaving(state) {
+            return Ok(Some(request));
         }
         let mut patience = if state.at.rests() { REST } else { Duration::ZERO };
-        // All who ask for the state are answered in one round: they take no turns from those who ask for more.
+        // All who ask for the state are answered in one round: they take no turns from those who request more.
         for _ in 0..MOST_ANSWERED {
-            match self.letters.next(patience) {
-                None => break,
-                Some(Letter::Asked { asked: Asked::State, reply, .. }) => {
-                    self.waiting = Some(reply);
+            let Some(request) = self.queue.next(patience) else { break };
+            match request.what {
+                What::State => {
+                    self.waiting = request.reply;
                     self.answer(Exit::Done, self.reasons(state), state);
                     patience = Duration::ZERO;
                 }
-                Some(Letter::Signal) => {
+                What::Leave => {
                     self.signal();
                     break;
                 }
-                Some(Letter::Refused { wanted, who, reasons }) => {
-                    self.who = who::at_the_socket(who);
-                    return Ask::Refused(wanted, reasons);
-                }
-                Some(Letter::Asked { asked, who, reply }) => {
-                    self.who = who::at_the_socket(who);
-                    return self.take(asked, reply);
-                }
+                _ => return Ok(Some(self.hand_over(request))),
             }
         }
-        Ask::Nothing
+        Ok(None)
     }
 }
 
-impl Requests for Desk {
-    fn next(&mut self, state: &State) -> Ask {
-        if let Some(cameras) = &self.beside.cameras {
+impl Requests for RequestHandler {
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        if let Some(cameras) = &self.parts.cameras {
             cameras.cell_is(state);
         }
-        let ask = self.asked(state);
-        if let (Some(cameras), Ask::For(_) | Ask::Begin(_)) = (&self.beside.cameras, &ask) {
+        let request = self.requested(state)?;
+        if let (Some(cameras), Some(What::Table(_) | What::Begin(_))) =
+            (&self.parts.cameras, request.as_ref().map(|request| &request.what))
+        {
             cameras.are_needed();
         }
-        ask
+        Ok(request)
     }
 
-    fn who(&self) -> Who {
-        self.who.clone()
-    }
-
-    fn refused(&mut self, request: Request, refusal: Refusal) {
+    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         let state = self.state;
         let reason = words::refusal(request, refusal, &state);
         tracing::warn!("refused: {}", reason.message);

@@ -4,13 +4,14 @@
 //! seldom that waypoints lie between two reports, those stand in for them: it said that it was there. How far the
 //! reports lie off the planned lines is kept beside.
 
+use super::dwell::Executed;
+use super::plan::Waypoint;
 use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
-use crate::path::Waypoint;
-use crate::path::dwell::Executed;
 
 /// One report.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Told {
+pub struct Told {
+    /// By the controller's clock, ms.
     pub time_ms: u32,
     /// The tool in the panel's frame, the base that was set.
     pub tip: KukaPose,
@@ -20,11 +21,12 @@ pub(super) struct Told {
 
 /// All reports of one contact path.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Trace(Vec<Told>);
+pub struct Trace(Vec<Told>);
 
 /// What was executed.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Walked {
+pub struct Walked {
+    /// Poses in the order of time.
     pub poses: Vec<Executed>,
     /// Reports of the robot among them.
     pub reports: usize,
@@ -35,6 +37,7 @@ pub(super) struct Walked {
 }
 
 impl Trace {
+    /// Adds a report.
     pub fn push(&mut self, told: Told) {
         self.0.push(told);
     }

@@ -1,12 +1,12 @@
 //! Whether all axes may turn from one place to another together, as `move_j` does.
 //!
 //! No line is followed, so no singular place is in the way; the margins from the axes' limits are for lines, too. What
-//! remains are the limits themselves, the keep-out boxes and the things that the arm is to keep off, looked at every 2° of
+//! remains are the limits themselves, the keep-out boxes and the obstacles that the arm is to keep off, looked at every 2° of
 //! the axis that turns farthest.
 
 use super::margins::keeps_out;
 use super::obstacle::Obstacle;
-use super::things::keeps_off;
+use super::obstacles::keeps_off;
 use crate::geometry::{Flange, Joints, Rigid, Tool};
 use crate::path::kinematics::{Angles, Kinematics};
 
@@ -17,7 +17,7 @@ const STEP_DEG: f64 = 2.0;
 ///
 /// # Errors
 /// What stands in the way.
-pub fn swing(
+pub fn joint_motion(
     arm: &Kinematics,
     flange_from_tool: Rigid<Flange, Tool>,
     from: &Joints,
@@ -51,41 +51,41 @@ mod tests {
     use super::*;
     use crate::cell::Cell;
     use crate::geometry::{KukaPose, Point};
-    use crate::path::reach::Things;
+    use crate::path::reach::Obstacles;
     use std::sync::Arc;
 
     fn turn(a1_deg: f64) -> Joints {
         Joints { a1_deg, a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() }
     }
 
-    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a swing from 0 to 90° sweeps over it, one
+    /// A post beside the arm, 45° to the right (A1 = 45, as KUKA counts): a turn from 0 to 90° sweeps over it, one
     /// to the left does not. By hand: the wrist goes round at 25 + 365 = 390 mm from axis 1.
     #[test]
-    fn a_swing_sweeps_what_stands_between() {
+    fn a_joint_motion_sweeps_what_stands_between() {
         let post = "[[keep_out]]\nname = 'post'\nmin_mm = [250, -300, 0]\nmax_mm = [300, -250, 900]\n";
         let cell = Cell::check("cell.toml", post).unwrap_or_else(|e| panic!("{e}"));
         let arm = Kinematics::new(cell.arm());
         let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-        let met = swing(&arm, tool, &turn(0.0), &turn(90.0));
+        let met = joint_motion(&arm, tool, &turn(0.0), &turn(90.0));
         assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "post"), "{met:?}");
-        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(-90.0)), Ok(()));
-        let far = swing(&arm, tool, &turn(0.0), &turn(-170.5));
+        assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(-90.0)), Ok(()));
+        let far = joint_motion(&arm, tool, &turn(0.0), &turn(-170.5));
         assert!(matches!(far, Err(Obstacle::AxisLimit { axis: 1, .. })), "{far:?}");
-        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Obstacle::NotFinite));
+        assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(f64::NAN)), Err(Obstacle::NotFinite));
     }
 
-    /// The same swing over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
+    /// The same turn over a thing that a scan saw where the post stood: by hand, at 45° the forearm passes over it.
     #[test]
-    fn a_swing_keeps_off_what_the_scan_saw() {
+    fn a_joint_motion_keeps_off_what_the_scan_saw() {
         let cell = Cell::check("cell.toml", "").unwrap_or_else(|e| panic!("{e}"));
-        let things = Things::default()
+        let obstacles = Obstacles::default()
             .with("what the scan saw", (0..45).map(|k| Point::at(275.0, -275.0, f64::from(20 * k))));
         let arm = Kinematics::new(cell.arm());
-        let beside = arm.clone().beside(Arc::new(things));
+        let beside = arm.clone().beside(Arc::new(obstacles));
         let tool = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
-        let met = swing(&beside, tool, &turn(0.0), &turn(90.0));
+        let met = joint_motion(&beside, tool, &turn(0.0), &turn(90.0));
         assert!(matches!(&met, Err(Obstacle::KeepOut { name, .. }) if name == "what the scan saw"), "{met:?}");
-        assert_eq!(swing(&beside, tool, &turn(0.0), &turn(-90.0)), Ok(()));
-        assert_eq!(swing(&arm, tool, &turn(0.0), &turn(90.0)), Ok(()));
+        assert_eq!(joint_motion(&beside, tool, &turn(0.0), &turn(-90.0)), Ok(()));
+        assert_eq!(joint_motion(&arm, tool, &turn(0.0), &turn(90.0)), Ok(()));
     }
 }

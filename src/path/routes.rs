@@ -3,11 +3,13 @@
 //! A way through air is a straight line cut into steps, so that the gate sees all of it. A contact path is the plan's,
 //! in the panel's frame, which is the base that was set. Every path is followed axis by axis from where the axes stand.
 
+use super::gate::{judge, judge_pad, taught_axis};
+use super::kinematics::Kinematics;
+use super::plan::{Plan, Waypoint};
+use super::reach::{Leg, Obstacles, ReachFault, follow, retracts};
+use super::waypoint_gate::{Route, WaypointLimits, judge_route};
 use crate::cell::{self, Limits};
-use crate::eki::{MoveLin, SetAccSpeed};
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Rigid, Tool, Vector};
-use crate::path::reach::{Leg, ReachFault, Things, follow, retracts};
-use crate::path::{Kinematics, Plan, Route, Waypoint, WaypointLimits, judge, judge_pad, judge_route, taught_axis};
 use crate::recipe;
 use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::apart;
@@ -23,8 +25,6 @@ const AIR_BLEND_MM: f64 = 5.0;
 /// Speed through air, mm/s, where the cell allows it.
 const AIR_MM_S: f64 = 200.0;
 const ACCELERATION_M_S2: f64 = 1.0;
-/// Share of the axes' speed and acceleration between named poses, %.
-pub(super) const AXIS_PERCENT: u8 = 20;
 
 /// Where the tip may be by the cell's arm and where it is by the controller: so far they may be apart, mm and degrees.
 /// Farther apart is another arm, another tool or another zero of an axis.
@@ -33,22 +33,50 @@ const MODEL: Degrees = Degrees(1.0);
 
 /// The arm as it stands before a path.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Standing<'a> {
+pub struct Standing<'a> {
+    /// The cell's limits.
     pub limits: &'a Limits,
+    /// The arm.
     pub arm: &'a cell::Arm,
     /// The tool that the controller has.
     pub flange_from_tool: Rigid<Flange, Tool>,
+    /// How the axes stand.
     pub joints: Joints,
     /// What it keeps off, where the way does not lead to the panel.
-    pub things: Option<&'a Arc<Things>>,
+    pub obstacles: Option<&'a Arc<Obstacles>>,
+}
+
+/// A straight motion to a point, in the active base.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LinearMotion {
+    /// Where it ends.
+    pub pose: KukaPose,
+    /// Rounding at its end, mm; 0 stops there.
+    pub blend_mm: f64,
+    /// Whether the tool is in contact at its end.
+    pub contact: bool,
+    /// Its own speed, m/s; the path's where there is none.
+    pub speed_m_s: Option<f64>,
+}
+
+/// Speed and acceleration of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathSpeed {
+    /// Of the tip, m/s.
+    pub speed_m_s: f64,
+    /// Of the tip, m/s².
+    pub acceleration_m_s2: f64,
 }
 
 /// A path that may be sent, or why not.
 #[derive(Debug, Clone)]
-pub(super) struct Gated {
+pub struct Gated {
+    /// The gate's verdict.
     pub judgement: Judgement,
-    pub points: Vec<MoveLin>,
-    pub speed: SetAccSpeed,
+    /// The motions.
+    pub points: Vec<LinearMotion>,
+    /// How fast they are.
+    pub speed: PathSpeed,
     /// Where the tip will stand, in the robot's base.
     pub end: Option<Rigid<Base, Tool>>,
     /// How the axes will stand there; `None` where the path is refused.
@@ -56,18 +84,19 @@ pub(super) struct Gated {
 }
 
 impl Gated {
+    /// Whether it may be sent.
     pub fn is_good(&self) -> bool {
         self.judgement.verdict == Verdict::Accept
     }
 }
 
 /// The plan's waypoints, one path after the other.
-pub(super) fn waypoints(plan: &Plan) -> Vec<Waypoint> {
+pub fn waypoints(plan: &Plan) -> Vec<Waypoint> {
     plan.paths.iter().flat_map(|path| path.waypoints.iter().copied()).collect()
 }
 
 /// A straight way through air from where the arm stands, in a base that stands at `base_from_active`.
-pub(super) fn air<Active: crate::geometry::Frame>(
+pub fn air<Active: crate::geometry::Frame>(
     standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
     ends: (Rigid<Active, Tool>, Rigid<Active, Tool>),
@@ -77,7 +106,7 @@ pub(super) fn air<Active: crate::geometry::Frame>(
 }
 
 /// The same at a speed of its own.
-pub(super) fn air_at<Active: crate::geometry::Frame>(
+pub fn air_at<Active: crate::geometry::Frame>(
     standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
     (from, to): (Rigid<Active, Tool>, Rigid<Active, Tool>),
@@ -89,7 +118,7 @@ pub(super) fn air_at<Active: crate::geometry::Frame>(
     let poses: Vec<Rigid<Active, Tool>> = (1..=steps)
         .map(|step| if step == steps { to } else { between(from, to, step as f64 / steps as f64) })
         .collect();
-    let points = poses.iter().enumerate().map(|(index, pose)| MoveLin {
+    let points = poses.iter().enumerate().map(|(index, pose)| LinearMotion {
         pose: KukaPose::from_rigid(pose),
         blend_mm: if index + 1 == steps { 0.0 } else { AIR_BLEND_MM.min(BLEND_SHARE * length_mm / steps as f64) },
         contact: false,
@@ -100,7 +129,7 @@ pub(super) fn air_at<Active: crate::geometry::Frame>(
 }
 
 /// The same plan with every point of contact lifted off the panel, along the tool's axis.
-pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
+pub fn lifted(plan: &Plan, height_mm: f64) -> Plan {
     let mut lifted = plan.clone();
     for waypoint in lifted.paths.iter_mut().flat_map(|path| &mut path.waypoints).filter(|waypoint| waypoint.contact)
     {
@@ -115,20 +144,20 @@ pub(super) fn lifted(plan: &Plan, height_mm: f64) -> Plan {
 /// The path over the panel: all of the plan but its first point, the one in air where the arm already stands. Feed and
 /// rounding are each waypoint's own. A plan that its own gate rejects goes nowhere, whoever accepted what led to it; what
 /// that gate asks a person, it has asked before.
-pub(super) fn contact(
+pub fn contact(
     standing: &Standing<'_>,
     base_from_panel: Rigid<Base, Panel>,
     (from, plan): (Rigid<Panel, Tool>, &Plan),
     settings: &recipe::Path,
 ) -> Gated {
     let allowed_mm_s = standing.limits.max_speed_mm_s();
-    let point = |waypoint: &Waypoint| MoveLin {
+    let point = |waypoint: &Waypoint| LinearMotion {
         pose: waypoint.pose,
         blend_mm: waypoint.blend_mm,
         contact: waypoint.contact,
         speed_m_s: Some(waypoint.feed_mm_s.min(allowed_mm_s) / 1_000.0),
     };
-    let points: Vec<MoveLin> = waypoints(plan).iter().skip(1).map(point).collect();
+    let points: Vec<LinearMotion> = waypoints(plan).iter().skip(1).map(point).collect();
     let speed_mm_s = settings.feed_mm_s().min(allowed_mm_s);
     let acceleration_m_s2 = settings.acceleration_mm_s2() / 1_000.0;
     let gated =
@@ -145,7 +174,7 @@ pub(super) fn contact(
 }
 
 /// The way to a view of a corner, which is measured from there.
-pub(super) fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
+pub fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<Base, Tool>) -> Gated {
     let gated = air(standing, Rigid::<Base, Base>::identity(), (from, to), None);
     let measured = standing.where_measured([to]);
     if measured.verdict != Verdict::Reject {
@@ -157,7 +186,7 @@ pub(super) fn view(standing: &Standing<'_>, from: Rigid<Base, Tool>, to: Rigid<B
 fn gated<Active: crate::geometry::Frame>(
     standing: &Standing<'_>,
     base_from_active: Rigid<Base, Active>,
-    (from, points): (Rigid<Active, Tool>, Vec<MoveLin>),
+    (from, points): (Rigid<Active, Tool>, Vec<LinearMotion>),
     (taught_axis, speed_mm_s, acceleration_m_s2): (Option<Vector<Base>>, f64, f64),
 ) -> Gated {
     // Judged as they will be sent, numbers and all.
@@ -183,12 +212,7 @@ fn gated<Active: crate::geometry::Frame>(
     Gated {
         judgement,
         points,
-        speed: SetAccSpeed {
-            speed_m_s: speed_mm_s / 1_000.0,
-            acceleration_m_s2,
-            axis_speed_percent: AXIS_PERCENT,
-            axis_acceleration_percent: AXIS_PERCENT,
-        },
+        speed: PathSpeed { speed_m_s: speed_mm_s / 1_000.0, acceleration_m_s2 },
         end: poses.last().copied(),
         joints,
     }
@@ -211,7 +235,12 @@ impl Standing<'_> {
     }
 
     /// Whether the arm could leave the panel from each waypoint in contact.
-    fn retracts(&self, points: &[MoveLin], poses: &[Rigid<Base, Tool>], joints: &[Joints]) -> Result<(), Reason> {
+    fn retracts(
+        &self,
+        points: &[LinearMotion],
+        poses: &[Rigid<Base, Tool>],
+        joints: &[Joints],
+    ) -> Result<(), Reason> {
         let all =
             points.iter().zip(poses).zip(joints).map(|((point, pose), joints)| (point.contact, *pose, *joints));
         retracts(&Kinematics::new(self.arm), self.flange_from_tool, all).map_err(|fault| refused(&fault))
@@ -220,8 +249,8 @@ impl Standing<'_> {
     /// How the axes stand at the end of each of these lines, followed from where they stand now, or what is in the way.
     fn followed(&self, from: Rigid<Base, Tool>, legs: &[Leg]) -> Result<Vec<Joints>, Reason> {
         let arm = Kinematics::new(self.arm);
-        let arm = match self.things {
-            Some(things) => arm.beside(things.clone()),
+        let arm = match self.obstacles {
+            Some(obstacles) => arm.beside(obstacles.clone()),
             None => arm,
         };
         let by_model = arm.base_from_flange(&self.joints).map(|flange| flange * self.flange_from_tool);

@@ -1,15 +1,17 @@
 //! The manual's elements and attributes, with what may stand in them (`eki.md` 1.2 to 1.4).
 
-use super::Findings;
-use super::read::Node;
+use super::findings::Findings;
+use super::kinds::{Environment, Kind, Order, Peer, Protocol};
+use super::tree::Node;
 use crate::config::Problem;
 use std::collections::BTreeSet;
+use strum::VariantNames;
 
 /// What may stand in an attribute, or between the tags of an element.
 enum Rule {
     Words(&'static [&'static str]),
     Number(u32, u32),
-    /// Of another place: see `channel`.
+    /// Any text: placeholders for addresses are common, and `stated` reads tags.
     Free,
     /// Codes of characters, `13,10`, alternatives by `|`.
     Codes,
@@ -42,17 +44,17 @@ const fn element(path: &'static str, attributes: &'static [(&'static str, Rule)]
 /// `$FLAG` and `$OUT` as the manual counts them.
 const FLAG: Rule = Rule::Number(1, 1025);
 const OUT: Rule = Rule::Number(1, 4096);
-const ORDER: Rule = Rule::Words(&["FIFO", "LIFO"]);
-const KINDS: Rule = Rule::Words(&["STRING", "REAL", "INT", "BOOL", "FRAME"]);
+const ORDER: Rule = Rule::Words(Order::VARIANTS);
+const KINDS: Rule = Rule::Words(Kind::VARIANTS);
 
 const KNOWN: [Known; 24] = [
     section("CONFIGURATION"),
     section("CONFIGURATION/EXTERNAL"),
-    text("CONFIGURATION/EXTERNAL/TYPE", Rule::Words(&["Client", "Server"])),
+    text("CONFIGURATION/EXTERNAL/TYPE", Rule::Words(Peer::VARIANTS)),
     text("CONFIGURATION/EXTERNAL/IP", Rule::Free),
     text("CONFIGURATION/EXTERNAL/PORT", Rule::Number(1, 65_534)),
     section("CONFIGURATION/INTERNAL"),
-    text("CONFIGURATION/INTERNAL/ENVIRONMENT", Rule::Words(&["Program", "Submit", "System"])),
+    text("CONFIGURATION/INTERNAL/ENVIRONMENT", Rule::Words(Environment::VARIANTS)),
     filled("CONFIGURATION/INTERNAL/BUFFERING", &[("Mode", ORDER), ("Limit", Rule::Number(1, 512))]),
     filled("CONFIGURATION/INTERNAL/BUFFSIZE", &[("Limit", Rule::Number(1, 65_534))]),
     filled("CONFIGURATION/INTERNAL/TIMEOUT", &[("Connect", Rule::Number(0, 65_534))]),
@@ -62,7 +64,7 @@ const KNOWN: [Known; 24] = [
     ),
     text("CONFIGURATION/INTERNAL/IP", Rule::Free),
     text("CONFIGURATION/INTERNAL/PORT", Rule::Number(1, 65_534)),
-    text("CONFIGURATION/INTERNAL/PROTOCOL", Rule::Words(&["TCP", "UDP"])),
+    text("CONFIGURATION/INTERNAL/PROTOCOL", Rule::Words(Protocol::VARIANTS)),
     filled(
         "CONFIGURATION/INTERNAL/MESSAGES",
         &[
@@ -109,7 +111,7 @@ pub(super) fn is_classic(root: &Node) -> Result<(), Problem> {
     Err(Problem { line: root.line, key: found.clone(), message })
 }
 
-/// Holds every element and attribute against the manual.
+/// Compares every element and attribute with the manual.
 pub(super) fn check(root: &Node, found: &mut Findings) {
     let mut told = BTreeSet::new();
     spelling(root.line, &root.name, &root.name, "ETHERNETKRL", &mut told, found);
@@ -130,7 +132,7 @@ fn node(node: &Node, told: &mut BTreeSet<String>, found: &mut Findings) {
         }
         Some(rule) => value(node.text_line, &node.path, &node.text, rule, found),
         None if node.text.is_empty() => {}
-        None => found.warn(
+        None => found.unknown(
             node.text_line,
             node.key(),
             format!("the text \"{}\" means nothing here; a comment is written <!-- … -->", node.text),
@@ -161,7 +163,7 @@ fn attributes(node: &Node, known: &Known, told: &mut BTreeSet<String>, found: &m
         } else {
             let names: Vec<&str> = known.attributes.iter().map(|(name, _)| *name).collect();
             let meant = meant(&attribute.name, &names);
-            found.warn(
+            found.unknown(
                 attribute.line,
                 key,
                 format!("no manual names this attribute{meant}; the controller passes over it"),
@@ -184,7 +186,7 @@ fn unknown(node: &Node, found: &mut Findings) {
         (_, Some(known)) => format!("; its place is {}", known.path),
         (meant, None) => meant,
     };
-    found.warn(
+    found.unknown(
         node.line,
         node.key(),
         format!("no manual names this element here{meant}; the controller passes over it"),

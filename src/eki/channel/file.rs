@@ -1,0 +1,141 @@
+//! What one channel of the controller is: the file's statements, and the manual's defaults where it is silent.
+
+use super::kinds::{Environment, Kind, Order, Peer, Protocol};
+use super::stated::{StatedChannel, StatedElement};
+use crate::config::Problem;
+
+/// The values that a file does not state (`eki.md` 1.3).
+const DEFAULT_ENTRIES: u32 = 16;
+const DEFAULT_BYTES: u32 = 16_384;
+const DEFAULT_PORT: u16 = 54_600;
+
+/// The memories of a channel, one for each tag with a type.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Memory {
+    /// Which entry is read first, where a tag does not say otherwise.
+    pub order: Order,
+    /// Entries of each memory; one more closes the connection.
+    pub entries: u32,
+    /// Bytes received and not yet interpreted.
+    pub bytes: u32,
+}
+
+/// One tag.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Element {
+    /// Its path without a leading slash, `Cmd/@Id`.
+    pub tag: String,
+    /// What its memory holds; `None` where the tag only raises a flag.
+    pub kind: Option<Kind>,
+    /// Which entry is read first, where it differs from the channel's.
+    pub order: Option<Order>,
+    /// `$FLAG` that is set when it has arrived.
+    pub set_flag: Option<u32>,
+    /// `$OUT` that is set when it has arrived.
+    pub set_out: Option<u32>,
+    /// Where it stands in the file, from 1.
+    pub line: usize,
+}
+
+/// One EthernetKRL file, read.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChannelFile {
+    /// Who the other machine is.
+    pub peer: Peer,
+    /// Address that is listened on: the controller's, or the other machine's where the controller dials. Any
+    /// text: placeholders are common.
+    pub address: Option<String>,
+    /// Port that is listened on.
+    pub port: u16,
+    /// What ends the channel.
+    pub environment: Environment,
+    /// What carries the bytes.
+    pub protocol: Protocol,
+    /// The memories.
+    pub memory: Memory,
+    /// How long the controller dials, or waits to be dialled, ms.
+    pub connect_timeout_ms: Option<u32>,
+    /// `$FLAG` that is true while connected.
+    pub alive_flag: Option<u32>,
+    /// `$OUT` that is true while connected.
+    pub alive_out: Option<u32>,
+    /// `Ping` of `ALIVE`, as written.
+    pub ping: Option<u32>,
+    /// Tags that the controller receives, in the file's order.
+    pub received: Vec<Element>,
+    /// Tags that the controller sends, in the file's order.
+    pub sent: Vec<Element>,
+    /// Names and texts that no manual knows, in the file's order.
+    pub unknown: Vec<Problem>,
+}
+
+/// Why the client cannot use a file as a channel. Each reason names its line.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum ChannelError {
+    /// The file is not right: the first problem in it.
+    #[error("line {}: {}{}{}", .0.line, .0.key, if .0.key.is_empty() { "" } else { ": " }, .0.message)]
+    Wrong(Problem),
+    /// Bytes instead of tags.
+    #[error("line {line}: RAW channels carry bytes; this program speaks XML channels only")]
+    Raw {
+        /// Line, from 1.
+        line: usize,
+    },
+}
+
+impl ChannelFile {
+    /// Reads the text of a classic EthernetKRL file.
+    ///
+    /// # Errors
+    /// The first thing in it that the controller would refuse or this program cannot use.
+    pub fn parse(text: &str) -> Result<Self, ChannelError> {
+        let (stated, found) = super::read("", text).map_err(ChannelError::Wrong)?;
+        if let Some(first) = found.problems.into_iter().min_by_key(|problem| problem.line) {
+            return Err(ChannelError::Wrong(first));
+        }
+        match stated.raw_line {
+            Some(line) => Err(ChannelError::Raw { line }),
+            None => Ok(ChannelFile::of(&stated, found.unknown)),
+        }
+    }
+
+    fn of(stated: &StatedChannel, unknown: Vec<Problem>) -> Self {
+        let server = stated.server();
+        let signal =
+            |is_flag| stated.alive.iter().find(|signal| signal.is_flag == is_flag).map(|signal| signal.number);
+        ChannelFile {
+            peer: stated.peer(),
+            address: server.ip.as_ref().map(|ip| ip.value.clone()),
+            port: server.port.map_or(DEFAULT_PORT, |port| port.value),
+            environment: stated.environment.map_or(Environment::Program, |environment| environment.value),
+            protocol: stated.protocol.map_or(Protocol::Tcp, |protocol| protocol.value),
+            memory: Memory {
+                order: stated.order.map_or(Order::Fifo, |order| order.value),
+                entries: stated.entries.map_or(DEFAULT_ENTRIES, |entries| entries.value),
+                bytes: stated.bytes.map_or(DEFAULT_BYTES, |bytes| bytes.value),
+            },
+            connect_timeout_ms: stated.connect_ms.map(|timeout| timeout.value),
+            alive_flag: signal(true),
+            alive_out: signal(false),
+            ping: stated.ping.map(|ping| ping.value),
+            received: stated.received.iter().map(Element::of).collect(),
+            sent: stated.sent.iter().map(Element::of).collect(),
+            unknown,
+        }
+    }
+}
+
+impl Element {
+    fn of(stated: &StatedElement) -> Self {
+        let signal =
+            |is_flag| stated.signals.iter().find(|signal| signal.is_flag == is_flag).map(|signal| signal.number);
+        Element {
+            tag: stated.tag.clone(),
+            kind: stated.kind.as_ref().and_then(|kind| kind.parse().ok()),
+            order: stated.order,
+            set_flag: signal(true),
+            set_out: signal(false),
+            line: stated.line,
+        }
+    }
+}

@@ -1,0 +1,33 @@
+//! What is noted while a file is read.
+
+use crate::config::Problem;
+
+/// What is wrong or doubtful in one file, in the order in which it was found.
+#[derive(Debug, Default)]
+pub(crate) struct Findings {
+    /// What the controller refuses or cannot work with.
+    pub(crate) problems: Vec<Problem>,
+    /// What it accepts and what leads to trouble, with all that is `unknown`.
+    pub(crate) warnings: Vec<Problem>,
+    /// Names and texts that no manual knows.
+    pub(crate) unknown: Vec<Problem>,
+}
+
+impl Findings {
+    /// Notes a problem.
+    pub(crate) fn wrong(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.problems.push(Problem { line, key: key.into(), message: message.into() });
+    }
+
+    /// Notes a warning.
+    pub(crate) fn warn(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        self.warnings.push(Problem { line, key: key.into(), message: message.into() });
+    }
+
+    /// Notes a name or a text that no manual knows, which is a warning.
+    pub(super) fn unknown(&mut self, line: usize, key: impl Into<String>, message: impl Into<String>) {
+        let warning = Problem { line, key: key.into(), message: message.into() };
+        self.unknown.push(warning.clone());
+        self.warnings.push(warning);
+    }
+}

@@ -1,0 +1,258 @@
+//! What a file states about one channel, each value with its line. What was noted as wrong is left out here.
+
+use super::findings::Findings;
+use super::kinds::{Environment, Order, Peer, Protocol};
+use super::tree::Node;
+use std::str::FromStr;
+
+/// A channel of the controller, as its file states it.
+pub(crate) struct StatedChannel {
+    /// The file's name without folder and extension, which KRL calls it by.
+    pub(crate) name: String,
+    /// TYPE as far as its word is known; the manual's default is `Server`.
+    peer: Option<Peer>,
+    /// Whether TYPE is stated, with whatever word.
+    pub(crate) type_stated: bool,
+    /// Where INTERNAL begins; 1 where there is none.
+    pub(crate) internal_line: usize,
+    pub(crate) internal: Address,
+    pub(crate) external: Address,
+    pub(crate) environment: Option<Stated<Environment>>,
+    pub(crate) protocol: Option<Stated<Protocol>>,
+    pub(crate) order: Option<Stated<Order>>,
+    pub(crate) entries: Option<Stated<u32>>,
+    pub(crate) bytes: Option<Stated<u32>>,
+    pub(crate) connect_ms: Option<Stated<u32>>,
+    /// The line of ALIVE.
+    pub(crate) alive_line: Option<usize>,
+    /// What a connection raises.
+    pub(super) alive: Vec<Signal>,
+    pub(crate) ping: Option<Stated<u32>>,
+    /// `Logging` and `Display` of MESSAGES.
+    pub(crate) messages: [Option<String>; 2],
+    pub(crate) received: Vec<StatedElement>,
+    /// The line of the first RAW section.
+    pub(super) raw_line: Option<usize>,
+    pub(crate) raw: Vec<StatedRaw>,
+    pub(crate) sent: Vec<StatedElement>,
+}
+
+/// A value and its line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Stated<T> {
+    pub(crate) value: T,
+    pub(crate) line: usize,
+}
+
+/// Where one of the two machines listens.
+#[derive(Debug, Default)]
+pub(crate) struct Address {
+    pub(crate) ip: Option<Stated<String>>,
+    pub(crate) port: Option<Stated<u16>>,
+}
+
+/// `$FLAG[number]` or `$OUT[number]`, and what raises it.
+#[derive(Debug, Clone)]
+pub(crate) struct Signal {
+    pub(crate) line: usize,
+    pub(crate) is_flag: bool,
+    pub(crate) number: u32,
+    /// A tag, or `None` for ALIVE.
+    pub(crate) tag: Option<String>,
+}
+
+impl Signal {
+    /// As KRL writes it.
+    pub(crate) fn variable(&self) -> String {
+        format!("{}[{}]", if self.is_flag { "$FLAG" } else { "$OUT" }, self.number)
+    }
+
+    /// What raises it.
+    pub(crate) fn cause(&self) -> String {
+        self.tag.as_ref().map_or("a connection".to_owned(), |tag| format!("the arrival of {tag}"))
+    }
+
+    /// How messages name the element that states it.
+    pub(crate) fn key(&self) -> String {
+        self.tag.as_ref().map_or("CONFIGURATION/INTERNAL/ALIVE".to_owned(), |tag| format!("RECEIVE ELEMENT[{tag}]"))
+    }
+}
+
+/// An element of XML.
+#[derive(Debug)]
+pub(crate) struct StatedElement {
+    pub(crate) line: usize,
+    pub(crate) tag: String,
+    /// The type's word in capitals, whether it is known or not.
+    pub(crate) kind: Option<String>,
+    pub(crate) order: Option<Order>,
+    /// What its arrival raises.
+    pub(super) signals: Vec<Signal>,
+}
+
+impl StatedElement {
+    /// The outermost name.
+    pub(crate) fn root(&self) -> &str {
+        self.tag.split('/').next().unwrap_or_default()
+    }
+
+    /// What is inside that, `@Id`, `P` or `J/@A1`; empty for the root.
+    pub(crate) fn inside(&self) -> &str {
+        self.tag.split_once('/').map_or("", |(_, inside)| inside)
+    }
+}
+
+/// An element of RAW.
+#[derive(Debug)]
+pub(crate) struct StatedRaw {
+    pub(crate) line: usize,
+    pub(crate) is_stream: bool,
+    pub(crate) size: Option<u32>,
+    pub(crate) end: Option<String>,
+    /// What its arrival raises.
+    signals: Vec<Signal>,
+}
+
+impl StatedChannel {
+    /// Takes the meaning out of the tree of a file with this name, and notes elements without a usable tag.
+    pub(super) fn of(name: &str, root: &Node, found: &mut Findings) -> StatedChannel {
+        let internal = |part: &str| first(root, &format!("CONFIGURATION/INTERNAL/{part}"));
+        let peer = first(root, "CONFIGURATION/EXTERNAL/TYPE").filter(|node| !node.text.is_empty());
+        let alive = internal("ALIVE");
+        let messages = internal("MESSAGES");
+        let message = |part: &str| messages.and_then(|node| node.attribute(part)).map(|at| at.value.to_lowercase());
+        let mut elements = |path: &str| -> Vec<StatedElement> {
+            root.at(path).into_iter().filter_map(|node| element(node, found)).collect()
+        };
+        StatedChannel {
+            name: stem(name),
+            peer: peer.and_then(|node| node.text.parse().ok()),
+            type_stated: peer.is_some(),
+            internal_line: first(root, "CONFIGURATION/INTERNAL").map_or(1, |node| node.line),
+            internal: Address::of(root, "INTERNAL"),
+            external: Address::of(root, "EXTERNAL"),
+            environment: stated(internal("ENVIRONMENT"), word),
+            protocol: stated(internal("PROTOCOL"), word),
+            order: internal("BUFFERING").and_then(order),
+            entries: number(internal("BUFFERING"), "Limit", 512),
+            bytes: number(internal("BUFFSIZE"), "Limit", 65_534),
+            connect_ms: number(internal("TIMEOUT"), "Connect", 65_534),
+            alive_line: alive.map(|node| node.line),
+            alive: alive.map_or(Vec::new(), |node| signals(node, None)),
+            ping: number(alive, "Ping", 65_534),
+            messages: [message("Logging"), message("Display")],
+            received: elements("RECEIVE/XML/ELEMENT"),
+            sent: elements("SEND/XML/ELEMENT"),
+            raw_line: first(root, "RECEIVE/RAW").or_else(|| first(root, "SEND/RAW")).map(|node| node.line),
+            raw: root.at("RECEIVE/RAW/ELEMENT").into_iter().map(raw).collect(),
+        }
+    }
+
+    /// Who the other machine is.
+    pub(super) fn peer(&self) -> Peer {
+        self.peer.unwrap_or(Peer::Server)
+    }
+
+    /// Whether the controller listens: the other machine dials.
+    pub(crate) fn listens(&self) -> bool {
+        self.peer() == Peer::Client
+    }
+
+    /// The address that is listened on.
+    pub(crate) fn server(&self) -> &Address {
+        if self.listens() { &self.internal } else { &self.external }
+    }
+
+    /// Everything that raises a flag or an output.
+    pub(crate) fn signals(&self) -> impl Iterator<Item = &Signal> {
+        let received = self.received.iter().flat_map(|element| &element.signals);
+        self.alive.iter().chain(received).chain(self.raw.iter().flat_map(|raw| &raw.signals))
+    }
+}
+
+impl Address {
+    fn of(root: &Node, side: &str) -> Address {
+        let part = |name: &str| first(root, &format!("CONFIGURATION/{side}/{name}"));
+        Address {
+            ip: stated(part("IP"), |text| Some(text.to_owned())),
+            port: stated(part("PORT"), |text| text.parse().ok().filter(|port| (1..=65_534).contains(port))),
+        }
+    }
+}
+
+fn stem(name: &str) -> String {
+    let file = name.rsplit(['/', '\\']).next().unwrap_or_default();
+    file.rsplit_once('.').map_or(file, |(stem, _)| stem).to_owned()
+}
+
+fn first<'a>(root: &'a Node, path: &str) -> Option<&'a Node> {
+    root.at(path).first().copied()
+}
+
+fn stated<T>(node: Option<&Node>, read: impl Fn(&str) -> Option<T>) -> Option<Stated<T>> {
+    let node = node.filter(|node| !node.text.is_empty())?;
+    Some(Stated { value: read(&node.text)?, line: node.text_line })
+}
+
+fn word<T: FromStr>(text: &str) -> Option<T> {
+    text.parse().ok()
+}
+
+fn order(node: &Node) -> Option<Stated<Order>> {
+    let at = node.attribute("Mode")?;
+    Some(Stated { value: word(&at.value)?, line: at.line })
+}
+
+fn number(node: Option<&Node>, name: &str, high: u32) -> Option<Stated<u32>> {
+    let at = node?.attribute(name)?;
+    let value = at.value.parse().ok().filter(|number| *number <= high)?;
+    Some(Stated { value, line: at.line })
+}
+
+fn signals(node: &Node, tag: Option<&str>) -> Vec<Signal> {
+    let signal = |name: &str, is_flag: bool| {
+        let number = number(Some(node), name, 4096).filter(|number| number.value > 0)?;
+        Some(Signal { line: number.line, is_flag, number: number.value, tag: tag.map(str::to_owned) })
+    };
+    [signal("Set_Flag", true), signal("Set_Out", false)].into_iter().flatten().collect()
+}
+
+fn element(node: &Node, found: &mut Findings) -> Option<StatedElement> {
+    let Some(tag) = node.attribute("Tag").filter(|tag| !tag.value.is_empty()) else {
+        found.wrong(node.line, node.key(), "has no Tag; an element without a path carries nothing");
+        return None;
+    };
+    if !is_path(&tag.value) {
+        let key = format!("{}/@Tag", node.key());
+        let message = format!("is \"{}\"; a path is written Root/Child or Root/Child/@Attribute", tag.value);
+        found.wrong(tag.line, key, message);
+        return None;
+    }
+    let kind = node.attribute("Type").map(|kind| kind.value.to_uppercase());
+    // The manual knows neither for SEND.
+    let is_received = node.path.starts_with("RECEIVE/");
+    let order = order(node).filter(|_| is_received).map(|order| order.value);
+    let signals = if is_received { signals(node, Some(&tag.value)) } else { Vec::new() };
+    Some(StatedElement { line: node.line, tag: tag.value.clone(), kind, order, signals })
+}
+
+fn raw(node: &Node) -> StatedRaw {
+    StatedRaw {
+        line: node.line,
+        is_stream: node.attribute("Type").is_some_and(|at| at.value.eq_ignore_ascii_case("STREAM")),
+        size: number(Some(node), "Size", 3600).map(|size| size.value),
+        end: node.attribute("EOS").map(|at| at.value.clone()),
+        signals: signals(node, Some("a record")),
+    }
+}
+
+fn is_path(tag: &str) -> bool {
+    let is_name = |part: &str| {
+        part.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
+            && part.chars().all(|c| c.is_ascii_alphanumeric() || "_-.".contains(c))
+    };
+    match tag.rsplit_once('/') {
+        None => is_name(tag),
+        Some((parents, last)) => parents.split('/').all(is_name) && is_name(last.strip_prefix('@').unwrap_or(last)),
+    }
+}
