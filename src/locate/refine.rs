@@ -17,7 +17,7 @@
 
 mod judge;
 
-pub use judge::{MAX_LEFT_MM, disagreement, judge, judge_stands};
+pub use judge::{FARTHEST, MAX_LEFT_MM, checks, checks_of_stand, disagreement, judge, judge_stands};
 
 use crate::geometry::{Base, Degrees, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;
