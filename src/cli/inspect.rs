@@ -102,12 +102,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
             let jpeg = files::write_color_jpeg(&picture).map_err(Fault::stage)?;
             figures.push(Figure { caption: drawing.caption, jpeg });
         }
-        let page = inspection_page(
-            &inspected.filmed.inspection,
-            (&recipe, &demands),
-            &clip.display().to_string(),
-            figures,
-        );
+        let page = inspection_page(&inspected.filmed.inspection, &recipe, &clip.display().to_string(), figures);
         disk::write(&folder.join("inspection.html"), page.html())?;
     }
     Ok(inspected.outcome(mask))
@@ -170,6 +165,7 @@ impl Inspected {
     fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
         let inspection = &*self.filmed.inspection;
         let mut outcome = Outcome::of(&inspection.judgement);
+        outcome.put_checks(&inspection.checks);
         let breaks: Vec<_> = inspection
             .breaks
             .iter()
