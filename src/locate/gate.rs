@@ -6,7 +6,7 @@
 //! the panel. What speaks against the panel itself rejects; what a person may judge better is for review.
 
 use super::LocateError;
-use super::Rival;
+use super::CompetingPose;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
 use crate::recipe;
@@ -216,7 +216,7 @@ fn watch(fit: &Fit) -> Vec<Check> {
 /// Is it known well enough where it stands?
 fn knowledge(fit: &Fit) -> Vec<Check> {
     let rival = fit.rival.as_ref();
-    let ambiguous = |rival: &Rival| {
+    let ambiguous = |rival: &CompetingPose| {
         let [margin, needed] = apart(rival.margin(), MIN_MARGIN, 1);
         format!(
             "a placement turned by {}° explains the scan about as well: {} mm of outline and surface speak for the first alone \
@@ -244,7 +244,7 @@ fn knowledge(fit: &Fit) -> Vec<Check> {
                 let [agreement, allowed] = apart(fit.agreement_mm, MAX_DISAGREEMENT_MM, 3);
                 format!("fits from independent starts end {agreement} mm apart, allowed are {allowed} mm; scan again")
             }),
-        Check::new("for this placement against the next best, times", "", rival.map(Rival::margin))
+        Check::new("for this placement against the next best, times", "", rival.map(CompetingPose::margin))
             .at_least(MIN_MARGIN, SetBy::Program)
             .reviews("ambiguous", || rival.map_or(String::new(), ambiguous)),
     ]
