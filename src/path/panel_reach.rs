@@ -5,7 +5,6 @@
 //! the grid, the waypoint, the axis and how far it is off, and a shift of the panel that would help.
 
 use super::disc::DiscUse;
-use super::dwell::foot;
 use super::gate::judge;
 use super::kinematics::Kinematics;
 use super::plan::{Plan, PlanError, plan};
@@ -13,6 +12,7 @@ use super::reach::{Leg, Obstacle, ReachFault, Travel, follow, helpful_shift, ret
 use crate::geometry::{Base, Degrees, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool, Vector};
 use crate::panel::{GridId, Region};
 use crate::recipe;
+use crate::surface::dwell::foot;
 use crate::surface::{BSplineSurface, Parameter};
 use crate::verdict::{Judgement, Reason, Verdict};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};

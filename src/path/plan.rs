@@ -15,11 +15,10 @@ use super::evenness::{Even, even};
 use super::orientation::OrientationError;
 use super::piece::{OUTLINE_EXACT_MM, Piece, first_grid, piece};
 use super::raster::RasterError;
-use super::spread::Spread;
 use crate::geometry::{KukaPose, Panel, Point};
 use crate::panel::{GridId, Region};
 use crate::recipe;
-use crate::surface::{BSplineSurface, Holes, Parameter, Patch};
+use crate::surface::{BSplineSurface, Holes, Parameter, Patch, Spread};
 use rayon::prelude::*;
 
 /// One pose to move to in a straight line.

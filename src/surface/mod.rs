@@ -2,12 +2,13 @@
 //!
 //! Raw scan points as control points, as the thesis has it, keep the camera's noise and miss the surface; here the
 //! control points are those whose surface deviates least from the scan, and the deviation is stated. The thesis's own way
-//! can be chosen, to compare. Does not know tools or paths.
+//! can be chosen, to compare. What a disc did to the surface is told of poses alone (`dwell`). Does not know how paths are planned.
 
 mod banded;
 mod basis;
 mod bspline;
 mod derivatives;
+pub mod dwell;
 mod equations;
 mod error;
 mod fit;
@@ -17,6 +18,7 @@ mod samples;
 #[cfg(test)]
 pub(crate) mod scene;
 mod spans;
+mod spread;
 #[cfg(test)]
 mod tests;
 mod thesis;
@@ -28,3 +30,4 @@ pub use error::FitError;
 pub use fit::{Deviation, Fit, Refusal, examine, fit};
 pub use map::{DeviationMap, Holes, MapPixel};
 pub use patch::Patch;
+pub use spread::Spread;

@@ -2,8 +2,6 @@
 
 pub const KNOWN_CIRCLES: &[&str] = &[
     "check, check::krl, check::text",
-    "check::eki, check::eki::channel, check::eki::clash, check::eki::say, check::eki::schema, \
-     check::eki::traps",
     "cli::args, cli::calibrate::args",
     "cli::calibrate, cli::calibrate::hand_eye, cli::calibrate::in_use, cli::calibrate::intrinsics, \
      cli::calibrate::live, cli::calibrate::live::looking, cli::calibrate::live::moving, \
@@ -21,22 +19,23 @@ pub const KNOWN_CIRCLES: &[&str] = &[
     "config::document, config::section",
     "cycle::boot, cycle::step",
     "cycle::execute, cycle::turn",
-    "daemon, daemon::abrasion, daemon::acts, daemon::asking, daemon::cameras, daemon::computing, \
-     daemon::contacts, daemon::corners, daemon::corrected, daemon::desk, daemon::figures, \
-     daemon::findings, daemon::lending, daemon::lending::client, daemon::lending::serving, \
-     daemon::letters, daemon::moves, daemon::ports, daemon::protocol, daemon::reaching, \
-     daemon::recording, daemon::replay, daemon::replay::player, daemon::replay::queue, \
-     daemon::replay::taped, daemon::replay::taping, daemon::run, daemon::sight, daemon::single, \
-     daemon::single_interlocks, daemon::socket, daemon::waiting, daemon::wiring, daemon::words",
+    "daemon, daemon::abrasion, daemon::acts, daemon::cameras, daemon::computing, daemon::contacts, \
+     daemon::corners, daemon::corrected, daemon::gateway, daemon::lending, daemon::lending::client, \
+     daemon::lending::serving, daemon::moves, daemon::ports, daemon::protocol, daemon::recording, \
+     daemon::replay, daemon::replay::player, daemon::replay::queue, daemon::replay::taped, \
+     daemon::replay::taping, daemon::request, daemon::request_handler, daemon::request_queue, \
+     daemon::run, daemon::sight, daemon::single, daemon::single_interlocks, daemon::socket, \
+     daemon::waiting, daemon::wiring, daemon::words",
     "eki::ack, eki::command, eki::state, eki::wire",
+    "eki::channel, eki::channel::file",
     "eki::session, eki::session::flow",
     "krl::code, krl::condense",
     "krl::compile, krl::compile::flow, krl::compile::place",
     "krl::machine, krl::machine::calculate, krl::machine::interrupt, krl::machine::robot, \
      krl::machine::step",
     "path::contact, path::evenness, path::piece, path::plan",
-    "path::kinematics, path::reach, path::reach::margins, path::reach::retract, path::reach::swing, \
-     path::reach::things",
+    "path::kinematics, path::reach, path::reach::joint_motion, path::reach::margins, \
+     path::reach::obstacles, path::reach::retract",
     "record, record::contact",
     "report::cycle, report::cycle::happened",
     "tape, tape::error, tape::read, tape::write",
