@@ -38,6 +38,7 @@ pub mod check;
 pub mod eki;
 
 pub mod files;
+pub mod labels;
 pub mod record;
 
 pub mod report;

@@ -3,15 +3,16 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::Fault;
-use super::labels::{self, Labels};
+use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::output;
 use super::pictures;
 use super::validate;
-use crate::files::{self, Clip, ClipEntry};
+use crate::files::{self, ClipEntry};
 use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
 use crate::inspect::{Confusion, Demands, Inspection, Score, Watch, score};
+use crate::labels::{LABELS, MASK};
 use crate::panel::Grid;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
@@ -72,6 +73,9 @@ impl Placed {
 /// # Errors
 /// Where a file is not what it must be, or the panel was not taught.
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
+    if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
+        return Err(Fault::HoldsLabels { folder: folder.clone() });
+    }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let placed = Placed::read(&files, args.located.as_ref())?;
@@ -87,7 +91,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     let inspected = stage(&taught, clip, placed, &recipe, demands, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
-        let file = folder.join("mask.png");
+        let file = folder.join(MASK);
         let bytes = files::write_gray_png(&inspected.inspection.mask().to_gray()).map_err(Fault::stage)?;
         disk::write(&file, bytes)?;
         mask = Some(file);
@@ -126,8 +130,7 @@ pub fn stage(
     truth: Option<&Path>,
 ) -> Result<Inspected, Fault> {
     let list = clip.join("clip.csv");
-    let parsed: Clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
-    let shots = parsed.shots().to_vec();
+    let shots = read_clip(clip)?.shots().to_vec();
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let mut watch = Watch::new(&taught.panel, &placed.camera, camera_from_panel, recipe.inspect(), demands)
         .map_err(Fault::stage)?;
@@ -153,15 +156,15 @@ pub fn stage(
         }
     }
     let inspection = watch.finish().map_err(|error| Fault::file(&list, error))?;
-    let score = truth.map(|folder| scored(&inspection, folder)).transpose()?;
+    let score = truth.map(|folder| scored(&inspection, folder, clip)).transpose()?;
     let ms_per_frame = median(&mut wet_ms).unwrap_or_default();
     let clip = clip.to_owned();
     Ok(Inspected { inspection, ms_per_frame, score, clip, shots, camera: placed.camera, camera_from_panel })
 }
 
-fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), Fault> {
-    let file = folder.join(labels::MASK);
-    let truth = Labels::read(folder)?.mask;
+fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
+    let file = folder.join(MASK);
+    let truth = Labels::read(folder, clip)?.mask;
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
     let named = |error| Fault::file(&file, error);
     Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
