@@ -82,8 +82,9 @@ impl Keeping {
         }
     }
 
-    fn write(&self, said: &Statement) -> Result<Option<String>, Fault> {
-        let broken = broken(&said.breaks, &self.frame);
+    /// Writes labels, mask and times; the name under which the former labels are kept.
+    fn write(&self, labels: &LabelFile) -> Result<Option<String>, Fault> {
+        let broken = broken(&labels.breaks, &self.frame);
         let pictures = [
             (MASK, files::write_gray_png(&broken.mask().to_gray())),
             (TIMES, files::write_color_png(&broken.times())),
@@ -92,7 +93,7 @@ impl Keeping {
         for (name, bytes) in pictures {
             disk::write_through(&self.folder.join(name), bytes.map_err(Fault::stage)?)?;
         }
-        disk::write_through(&self.folder.join(LABELS), labels::write(&self.file(said)))?;
+        disk::write_through(&self.folder.join(LABELS), labels::write(labels))?;
         let draft = self.folder.join(DRAFT);
         if draft.exists() {
             std::fs::remove_file(&draft).map_err(|error| Fault::file(&draft, error))?;
@@ -116,7 +117,8 @@ impl Keep for Keeping {
         if !problems.is_empty() {
             return Err(problems.iter().map(ToString::to_string).collect());
         }
-        let former = self.write(said).map_err(|fault| vec![fault.to_string()])?;
-        Ok(Saved { labels: self.folder.join(LABELS).display().to_string(), former })
+        let labels = self.file(said);
+        let former = self.write(&labels).map_err(|fault| vec![fault.to_string()])?;
+        Ok(Saved { labels: self.folder.join(LABELS).display().to_string(), saved_at: labels.saved_at, former })
     }
 }

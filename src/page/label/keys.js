@@ -17,6 +17,7 @@ export function onKeys(actions) {
   document.addEventListener("keydown", (event) => {
     const { target } = event;
     const writes = target.tagName === "SELECT" || (target.tagName === "INPUT" && target.type === "text");
+    if (writes && ["Enter", "Escape"].includes(event.key)) target.blur();
     const works = [" ", "Enter"].includes(event.key) && (["BUTTON", "SUMMARY"].includes(target.tagName) || target.type === "checkbox");
     const act = writes || works ? null : actionOf(event, actions);
     if (!act) return;

@@ -113,6 +113,13 @@ function step(pictures) {
   goTo(index + pictures);
 }
 
+// The picture whose number stands in the address, which a reload keeps; else the first wet one.
+function goToAsked() {
+  const asked = Number.parseInt(location.hash.slice(1), 10);
+  if (asked >= 1) goTo(asked - 1);
+  else goToTime(wetFrom);
+}
+
 function pause() {
   if (playing) cancelAnimationFrame(playing.request);
   playing = null;
@@ -151,6 +158,18 @@ function setZoom(wanted, [x, y] = [0.5, 0.5]) {
   stage.scrollTop = kept[1] * zoom - middleY;
   at("zoom").textContent = `${Math.round(100 * zoom)} %`;
   render();
+}
+
+// Shows the grids as large as they fit, or without grids the whole picture.
+function lookAtGrids() {
+  setZoom();
+  const edges = clip.grids.flatMap(({ edge_px }) => edge_px);
+  if (edges.length === 0) return;
+  const [low, high] = [Math.min, Math.max].map((of) => [0, 1].map((axis) => of(...edges.map((place) => place[axis]))));
+  const stage = at("stage");
+  setZoom(0.85 * Math.min(stage.clientWidth / (high[0] - low[0]), stage.clientHeight / (high[1] - low[1])));
+  stage.scrollLeft = (low[0] + high[0]) / 2 * zoom - stage.clientWidth / 2;
+  stage.scrollTop = (low[1] + high[1]) / 2 * zoom - stage.clientHeight / 2;
 }
 
 // --- drawing
@@ -228,16 +247,22 @@ function place(event) {
   ]);
 }
 
+// A further corner; a click on the first corner, or a second one on the last, ends the break.
+function drawTo(event) {
+  const [u, v] = place(event);
+  const last = drawn.corners_px.at(-1);
+  const isDouble = last && Math.hypot(u - last[0], v - last[1]) * zoom < 4;
+  if (event.target.dataset.end || isDouble) return endDrawing();
+  drawn.corners_px.push([u, v]);
+  render();
+}
+
 overlay.addEventListener("pointerdown", (event) => {
   if (event.button !== 0) return;
   event.preventDefault();
   document.activeElement?.blur();
   if (drawn) {
-    if (event.target.dataset.end) endDrawing();
-    else {
-      drawn.corners_px.push(place(event));
-      render();
-    }
+    drawTo(event);
     return;
   }
   pause();
@@ -280,7 +305,6 @@ function endDrag() {
 }
 overlay.addEventListener("pointerup", endDrag);
 overlay.addEventListener("pointercancel", endDrag);
-overlay.addEventListener("dblclick", () => { if (drawn && drawn.corners_px.length > 3) { drawn.corners_px.pop(); endDrawing(); } });
 
 at("stage").addEventListener("wheel", (event) => {
   if (!event.ctrlKey) return;
@@ -345,9 +369,10 @@ at("save").addEventListener("click", async () => {
   try {
     if (drawn) throw new Error("A break is still being drawn: end it with Enter, or give it up with Escape.");
     await drafts.areKept();
-    const { labels, former } = await ask("save", posted(said));
+    const { labels, former, saved_at } = await ask("save", posted(said));
     const kept = former ? ` The former labels are kept as ${former}.` : "";
     tell(`Saved in ${labels}, with mask.png and times.png.${kept}`);
+    at("kept").textContent = `labelled, saved ${saved_at}`;
   } catch (error) {
     tell(`Not saved. ${error.message}`, true);
   }
@@ -382,11 +407,10 @@ try {
   at("author").value = said.author;
   at("time").max = clip.shots.length - 1;
   at("grids").parentElement.hidden = clip.grids.length === 0;
-  setZoom();
+  lookAtGrids();
   tellWhatIsKept(clip.now);
-  const asked = Number.parseInt(location.hash.slice(1), 10);
-  if (asked >= 1) goTo(asked - 1);
-  else goToTime(wetFrom);
+  goToAsked();
+  window.addEventListener("hashchange", goToAsked);
   onKeys({ table, step, move: nudge, undo, released: { d: releaseDry } });
 } catch (error) {
   tell(error.message, true);

@@ -62,6 +62,8 @@ pub struct Now {
 pub struct Saved {
     /// The labels' file.
     pub labels: String,
+    /// When it was saved, UTC.
+    pub saved_at: String,
     /// The name under which the former labels are kept.
     pub former: Option<String>,
 }

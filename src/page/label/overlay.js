@@ -27,7 +27,7 @@ export function drawOverlay(overlay, view) {
   if (showsGrids) {
     for (const { id, edge_px } of grids) {
       element("polygon", { class: "grid", points: points(edge_px) }, overlay);
-      if (edge_px.length > 0) word(id, middle(edge_px), "name of-grid", 0.8 * scale, overlay);
+      if (edge_px.length > 0) word(id, [edge_px[0][0] + 5 * scale, edge_px[0][1] + 15 * scale], "name of-grid", 0.75 * scale, overlay);
     }
   }
   if (showsBreaks) {
@@ -43,11 +43,6 @@ export function drawOverlay(overlay, view) {
   }
 }
 
-function middle(corners) {
-  const sum = corners.reduce(([a, b], [u, v]) => [a + u, b + v], [0, 0]);
-  return sum.map((total) => total / corners.length);
-}
-
 function drawBreak(overlay, { one, index, time, isChosen, corner, scale }) {
   const corners = cornersAt(one, time);
   if (corners.length === 0) return;
@@ -56,7 +51,7 @@ function drawBreak(overlay, { one, index, time, isChosen, corner, scale }) {
   element("polygon", {
     class: `area ${state}${isChosen ? " chosen" : ""}`, points: points(corners), "data-break": index,
   }, overlay);
-  const top = corners.reduce((best, one) => (one[1] < best[1] ? one : best));
+  const top = corners.reduce((best, place) => (place[1] < best[1] ? place : best));
   word(`${index + 1}`, [top[0] + 6 * scale, top[1] - 6 * scale], "name", scale, overlay);
   if (!isChosen || state !== "open") return;
   corners.forEach(([u, v], number) => {

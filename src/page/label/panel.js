@@ -25,10 +25,12 @@ export function drawList({ breaks, chosen, onChoose }) {
 function shapeLine(shape, { isShown, isOnly, onGo, onRemove }) {
   const [item, words, buttons] = ["li", "span", "span"].map((name) => document.createElement(name));
   item.classList.toggle("shown", isShown);
-  words.textContent = `from ${seconds(shape.from_s)}: ${shape.corners_px.length} corners, ${areaPx(shape.corners_px).toFixed(0)} px²`;
-  const gone = button("Remove", onRemove);
+  words.textContent = `${seconds(shape.from_s)}: ${shape.corners_px.length} corners, ${areaPx(shape.corners_px).toFixed(0)} px²`;
+  const gone = button("✕", onRemove);
+  gone.title = "Remove this shape";
+  gone.setAttribute("aria-label", `Remove the shape from ${seconds(shape.from_s)}`);
   gone.disabled = isOnly;
-  buttons.append(button("Go", onGo), " ", gone);
+  buttons.append(button("Go to", onGo), " ", gone);
   item.append(words, buttons);
   return item;
 }
@@ -38,6 +40,7 @@ export function drawSelected({ one, number, corner, time, wetFrom, onGo, onRemov
   at("selected").hidden = !one;
   at("unselected").hidden = Boolean(one);
   at("which").textContent = one ? `Break ${number + 1}: ${inWords(one)}` : "The selected break";
+  for (const id of ["begins", "closes", "stays", "shape", "insert", "cut"]) at(id).disabled = !one;
   if (!one) return;
   const shown = shapeIndex(one, time);
   at("shapes").replaceChildren(...one.shapes.map((shape, index) => shapeLine(shape, {

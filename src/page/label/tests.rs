@@ -27,7 +27,7 @@ impl Keep for Memory {
         }
         let mut kept = self.0.lock().expect("nobody failed");
         *kept = (said.clone(), kept.1 + 1);
-        Ok(Saved { labels: "labels.json".to_owned(), former: None })
+        Ok(Saved { labels: "labels.json".to_owned(), saved_at: "today".to_owned(), former: None })
     }
 }
 
