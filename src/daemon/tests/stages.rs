@@ -10,7 +10,7 @@ use crate::stages::{locate, plan};
 
 #[test]
 fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
-    let mut fake = Fake::new(Scene::Good);
+    let fake = Fake::new(Scene::Good);
     let (_, recipe, (panel, _), calibrations) = fake.files();
     let scan = fake.scan();
     let (camera, base_from_camera) = (&calibrations.scanner, calibrations.base_from_camera);
@@ -30,7 +30,7 @@ fn a_scan_gives_the_loop_and_a_command_the_same_checks() {
 
 #[test]
 fn grids_give_the_loop_and_a_command_the_same_plan() {
-    let mut fake = Fake::new(Scene::Good);
+    let fake = Fake::new(Scene::Good);
     let (cell, recipe, (panel, corners), calibrations) = fake.files();
     let story = fake.run(Asks::one_cycle());
     let by_loop = story.findings.iter().find(|finding| finding.kind == Kind::Plan).expect("planned");
