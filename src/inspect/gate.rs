@@ -74,7 +74,7 @@ impl Demands {
         }
     }
 
-    fn min_break_set_by(&self) -> SetBy {
+    pub(super) fn min_break_set_by(&self) -> SetBy {
         match self.by_cell.min_break {
             true => SetBy::cell("limits.min_break_mm2"),
             false => SetBy::recipe("inspect.min_break_mm2"),

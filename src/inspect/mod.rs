@@ -33,6 +33,7 @@ mod steady;
 #[cfg(test)]
 mod tests;
 mod thesis;
+mod tuning;
 mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
@@ -46,4 +47,5 @@ pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
+pub use tuning::{Tuning, thesis_checks};
 pub use watch::{Step, Watch};

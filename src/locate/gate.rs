@@ -9,6 +9,7 @@ use super::CompetingPose;
 use super::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
+use super::{CompetingPose, OutlineSeen};
 use crate::recipe;
 use crate::verdict::{Check, Judgement, Reason, SetBy, Severity, Verdict};
 use crate::words::{apart, fixed, percent_apart};
@@ -306,6 +307,35 @@ fn overlap(fit: &Fit, limits: &recipe::Locate) -> [Check; 2] {
             words,
         ),
     ]
+}
+
+/// Less of the outline that is seen holds a panel badly sideways, above all a flat one.
+const MIN_OUTLINE_SEEN: f64 = 0.6;
+
+/// What a person is warned of when a panel is taught: too little of its outline is seen in its own scan. `fit` is the panel
+/// located in that scan, with the warning that its fixture shows too little to notice a camera that moved.
+pub fn checks_at_teaching(seen: &OutlineSeen, fit: Option<&Fit>) -> Vec<Check> {
+    let share = seen.by_colour + seen.by_depth;
+    let outline = Check::new("outline that the scan shows", "", share)
+        .at_least(MIN_OUTLINE_SEEN, SetBy::Program)
+        .reviews("outline_unseen", || {
+            let [seen, needed] = percent_apart(share, MIN_OUTLINE_SEEN, 0);
+            format!(
+                "the scan shows {seen} % of the panel's outline, {needed} % are wanted: nothing else holds a flat panel sideways; \
+                 give the panel a background of another brightness, or scan again with fewer missing points at its edge"
+            )
+        });
+    let watched = fit.map(|fit| {
+        let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
+        Check::new("a camera is noticed that moves the panel by", "mm", uncertainty_mm.map(noticed_mm))
+            .at_most(MAX_CAMERA_NOTICED_MM, SetBy::Program)
+            .broken(!is_watched(uncertainty_mm), Severity::Review, "camera_unwatched", || {
+                "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
+                 stand still outside of the search box, with clear edges in two directions"
+                    .to_owned()
+            })
+    });
+    std::iter::once(outline).chain(watched).collect()
 }
 
 /// The verdict where nothing was found: a bad panel is a verdict, not a fault.
