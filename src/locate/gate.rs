@@ -5,7 +5,6 @@
 //! at the panel's centre, never at the base's origin: a small turn moves a far origin by much, and that says nothing about
 //! the panel. What speaks against the panel itself rejects; what a person may judge better is for review.
 
-use super::CompetingPose;
 use super::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
