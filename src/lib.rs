@@ -22,6 +22,7 @@ pub mod cell;
 pub mod eki;
 pub mod files;
 pub mod imaging;
+pub mod labels;
 pub mod recipe;
 pub mod record;
 pub mod sim;

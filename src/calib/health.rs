@@ -205,6 +205,41 @@ pub fn health(
     Judgement::of(reject, vec![])
 }
 
+impl Verification {
+    /// Whether it speaks of the calibration files with this hash: a person did not strike it out, and it used these files.
+    pub fn counts_for(&self, calibration_hash: &str) -> bool {
+        self.struck.is_none() && self.calibration_hash == calibration_hash
+    }
+}
+
+/// A camera that a cycle measures with.
+#[derive(Debug, Clone, Copy)]
+pub struct CameraHealth<'a> {
+    /// What is verified, `scanner`.
+    pub subject: &'a str,
+    /// The newest verification of it.
+    pub last: Option<&'a Verification>,
+    /// The hash of its calibration files in use now.
+    pub calibration_hash: &'a str,
+}
+
+/// May a cycle start on these calibrations?
+///
+/// Rejects where a camera's [`health`] rejects, and where the newest touch with today's tool was beyond the limit. A tool
+/// need not be touched: without a touch the robot's part of the error is not measured, and the budget says so.
+pub fn may_start(
+    cameras: &[CameraHealth<'_>],
+    touch: Option<&Verification>,
+    now_unix_s: i64,
+    demands: Demands,
+) -> Judgement {
+    let of_camera = |camera: &CameraHealth<'_>| {
+        health(camera.subject, camera.last, camera.calibration_hash, now_unix_s, demands).reasons
+    };
+    let of_touch = touch.and_then(|touch| beyond(touch, demands));
+    Judgement::of(cameras.iter().flat_map(of_camera).chain(of_touch).collect(), vec![])
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -212,6 +247,28 @@ mod tests {
     use nalgebra::{Isometry3, Vector3};
 
     const DEMANDS: Demands = Demands { limit_mm: 0.5, max_age_h: 24.0 };
+
+    /// Both cameras must have been verified; a tool that was never touched is no reason, one that was beyond the limit is.
+    #[test]
+    fn a_cycle_starts_on_verified_cameras_and_no_bad_touch() {
+        let last = |subject: &str, error_mm: f64| Verification {
+            subject: subject.to_owned(),
+            error_mm,
+            limit_mm: 0.5,
+            calibration_hash: "h".to_owned(),
+            at_unix_s: 0,
+            struck: None,
+        };
+        let (scanner, touch) = (last("scanner", 0.1), last("tool", 0.6));
+        let camera = |last| CameraHealth { subject: "scanner", last, calibration_hash: "h" };
+        let codes = |cameras: &[CameraHealth<'_>], touch| -> Vec<String> {
+            let judgement = may_start(cameras, touch, 3_600, DEMANDS);
+            judgement.reasons.into_iter().map(|reason| reason.code.into_owned()).collect()
+        };
+        assert_eq!(codes(&[camera(Some(&scanner))], None), Vec::<String>::new());
+        assert_eq!(codes(&[camera(Some(&scanner)), camera(None)], None), ["not_verified"]);
+        assert_eq!(codes(&[camera(Some(&scanner))], Some(&touch)), ["verification_limit"]);
+    }
 
     fn verified(error_mm: f64, at_unix_s: i64) -> Verification {
         let subject = "scanner".to_owned();

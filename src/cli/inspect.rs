@@ -3,15 +3,16 @@
 use super::args::{Common, Inspect};
 use super::disk;
 use super::fault::Fault;
-use super::labels::{self, Labels};
+use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::output;
 use super::pictures;
 use super::validate;
-use crate::files::{self, Clip, ClipEntry};
+use crate::files::{self, ClipEntry};
 use crate::geometry::{Base, Camera, ColorPicture, Panel, PinholeCamera, Rigid, median};
 use crate::inspect::{Confusion, Demands, Inspection, Score, score};
+use crate::labels::{LABELS, MASK};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
 use crate::report::inspection_page;
@@ -75,6 +76,9 @@ impl Placed {
 /// # Errors
 /// Where a file is not what it must be, or the panel was not taught.
 pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
+    if let Some(folder) = args.pictures.as_ref().filter(|folder| folder.join(LABELS).exists()) {
+        return Err(Fault::HoldsLabels { folder: folder.clone() });
+    }
     let files = CellFiles::read(common)?;
     let recipe = load::recipe(&args.recipe)?;
     let placed = Placed::read(&files, args.located.as_ref())?;
@@ -91,7 +95,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
     let inspected = inspect(&setup, clip, placed.is_assumed, args.truth.as_deref())?;
     let mut mask = None;
     if let Some(folder) = &args.pictures {
-        let file = folder.join("mask.png");
+        let file = folder.join(MASK);
         let bytes = files::write_gray_png(&inspected.filmed.inspection.mask().to_gray()).map_err(Fault::stage)?;
         disk::write(&file, bytes)?;
         mask = Some(file);
@@ -102,12 +106,7 @@ pub fn run(args: &Inspect, common: &Common) -> Result<Outcome, Fault> {
             let jpeg = files::write_color_jpeg(&picture).map_err(Fault::stage)?;
             figures.push(Figure { caption: drawing.caption, jpeg });
         }
-        let page = inspection_page(
-            &inspected.filmed.inspection,
-            (&recipe, &demands),
-            &clip.display().to_string(),
-            figures,
-        );
+        let page = inspection_page(&inspected.filmed.inspection, &recipe, &clip.display().to_string(), figures);
         disk::write(&folder.join("inspection.html"), page.html())?;
     }
     Ok(inspected.outcome(mask))
@@ -124,7 +123,7 @@ pub fn inspect(
     truth: Option<&Path>,
 ) -> Result<Inspected, Fault> {
     let list = clip.join("clip.csv");
-    let parsed: Clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
+    let parsed = read_clip(clip)?;
     let shots = parsed.shots();
     let mut filming = Filming::begin(setup, lasts_s(shots)).map_err(Fault::stage)?;
     if is_place_assumed {
@@ -147,7 +146,7 @@ pub fn inspect(
         }
     }
     let filmed = filming.finish().map_err(|error| Fault::file(&list, error))?;
-    let score = truth.map(|folder| scored(&filmed.inspection, folder)).transpose()?;
+    let score = truth.map(|folder| scored(&filmed.inspection, folder, clip)).transpose()?;
     Ok(Inspected { filmed, ms_per_frame: median(&mut wet_ms).unwrap_or_default(), score })
 }
 
@@ -158,9 +157,9 @@ fn lasts_s(shots: &[ClipEntry]) -> f64 {
     wet_s.last().unwrap_or(first_s) - first_s
 }
 
-fn scored(inspection: &Inspection, folder: &Path) -> Result<(Score, Confusion), Fault> {
-    let file = folder.join(labels::MASK);
-    let truth = Labels::read(folder)?.mask;
+fn scored(inspection: &Inspection, folder: &Path, clip: &Path) -> Result<(Score, Confusion), Fault> {
+    let file = folder.join(MASK);
+    let truth = Labels::read(folder, clip)?.mask;
     let agreement = score(&inspection.mask(), &truth, &inspection.footprint.region());
     let named = |error| Fault::file(&file, error);
     Ok((agreement.map_err(named)?, inspection.confusion(&truth).map_err(named)?))
@@ -170,6 +169,7 @@ impl Inspected {
     fn outcome(&self, mask: Option<PathBuf>) -> Outcome {
         let inspection = &*self.filmed.inspection;
         let mut outcome = Outcome::of(&inspection.judgement);
+        outcome.put_checks(&inspection.checks);
         let breaks: Vec<_> = inspection
             .breaks
             .iter()

@@ -293,7 +293,7 @@ fn calibrated<M: Mount>(mount: &MountedPose<M>, text: String) -> Calibrated<Rigi
 /// The last touch check of this tool's calibration in a store; none where it was not touched, or that touch was struck out.
 pub fn last_touch(store: &Store, hash: &str) -> Option<Verification> {
     let last = store.last_verification("tool").ok()??;
-    (last.struck.is_none() && last.calibration_hash == hash).then_some(last)
+    last.counts_for(hash).then_some(last)
 }
 
 /// Reads and checks a recipe.

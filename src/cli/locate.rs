@@ -39,6 +39,7 @@ pub fn run(args: &Locate, common: &Common) -> Result<Outcome, Fault> {
 /// What is told of a localization whose verdict came `elapsed_ms` after the scan was in memory.
 fn outcome(located: &Located<'_>, elapsed_ms: f64) -> Outcome {
     let mut outcome = Outcome::of(&located.judgement);
+    outcome.put_checks(&located.checks);
     let fit = located.fit.as_ref();
     let pose = fit.map(|fit| KukaPose::from_rigid(&fit.base_from_panel));
     outcome.put("base_from_panel", json!(pose));

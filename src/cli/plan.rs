@@ -282,6 +282,7 @@ impl Planned {
 
     fn outcome(&self) -> Outcome {
         let mut outcome = Outcome::of(&self.stage.judgement);
+        outcome.put_checks(&self.stage.checks);
         outcome.words.extend(self.words());
         outcome.say(format!("set base: {}", self.base));
         let paths: Vec<_> = self

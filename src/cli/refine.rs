@@ -83,8 +83,9 @@ fn draw(
     pictures::save_all(folder, drawn)
 }
 
-fn outcome(correction: &Correction<'_>, is_held_against_claims: bool) -> Outcome {
+fn outcome(correction: &Correction, is_held_against_claims: bool) -> Outcome {
     let mut outcome = Outcome::of(&correction.judgement);
+    outcome.put_checks(&correction.checks);
     let pose = KukaPose::from_rigid(&correction.refined.base_from_panel);
     let [x_mm, y_mm] = correction.refined.shift_mm;
     outcome.say(format!("base from panel: {pose}"));

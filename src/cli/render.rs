@@ -3,7 +3,6 @@
 use super::args::{FilmName, Render, SceneName, real_arm};
 use super::disk;
 use super::fault::Fault;
-use super::labels;
 use super::live::FULL_WIDTH_PX;
 use super::outcome::Outcome;
 use super::output;
@@ -12,6 +11,7 @@ use crate::cell::{self, FlangeCameraMount, Intrinsics, MountedPose, ScannerMount
 use crate::files::{self, Clip, ClipEntry};
 use crate::geometry::{Camera, ColorPicture, Flange, KukaPose, OrganizedCloud, Rigid, Tool};
 use crate::inspect::{Demands, Footprint};
+use crate::labels;
 use crate::panel::TaughtPanel;
 use crate::phase::Phase;
 use crate::recipe::Recipe;
@@ -342,7 +342,7 @@ fn write_clip(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     disk::write(&folder.join("clip.csv"), clip.to_csv())
 }
 
-/// The pixels that broke, and when: see [`super::labels`].
+/// The pixels that broke, and when: see [`crate::labels`].
 fn write_truth(film: &Film, folder: &Path, seconds: u32) -> Result<(), Fault> {
     let last_s = clip_times_s(seconds).last().copied().unwrap_or_default();
     let broken = film.broken(last_s);

@@ -137,17 +137,21 @@ fn say_how_it_is_held(
 ) -> Vec<String> {
     let mut warnings: Vec<String> = Vec::new();
     let prepared = locate::Prepared::new(&taught.panel, view, recipe.locate());
-    if let Ok(prepared) = &prepared {
-        say_what_shows_the_outline(&prepared.outline_seen(), outcome, &mut warnings);
+    let outline = prepared.as_ref().ok().map(locate::Prepared::outline_seen);
+    if let Some(outline) = &outline {
+        say_what_shows_the_outline(outline, outcome);
     }
-    match prepared.and_then(|prepared| prepared.locate()) {
+    let found = prepared.and_then(|prepared| prepared.locate());
+    let at_teaching = outline.map_or(Vec::new(), |outline| gate::checks_at_teaching(&outline, found.as_ref().ok()));
+    warnings.extend(at_teaching.into_iter().filter_map(|check| check.message));
+    match found {
         Ok(fit) => {
             let weakest = fit.weakest.words();
             outcome.say(format!(
                 "its shape holds it to {:.2} mm (95 %) at the worst place; weakest {weakest}, {:.2} mm",
                 fit.uncertainty_mm, fit.weakest_mm
             ));
-            say_how_the_camera_is_watched(&fit, outcome, &mut warnings);
+            say_how_the_camera_is_watched(&fit, outcome);
             outcome.put("uncertainty_mm", json!(fit.uncertainty_mm));
             outcome.put("weakest_mm", json!(fit.weakest_mm));
             outcome.put("weakest", json!(weakest));
@@ -171,10 +175,7 @@ fn say_how_it_is_held(
     warnings
 }
 
-/// Less of the outline that is seen holds a panel badly sideways, above all a flat one.
-const MIN_OUTLINE_SEEN: f64 = 0.6;
-
-fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome, warnings: &mut Vec<String>) {
+fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome) {
     let locate::OutlineSeen { by_colour, by_depth, held, unseen } = *seen;
     let percent = |share: f64| words::fixed(100.0 * share, 0);
     outcome.say(format!(
@@ -185,16 +186,9 @@ fn say_what_shows_the_outline(seen: &locate::OutlineSeen, outcome: &mut Outcome,
         percent(unseen)
     ));
     outcome.put("outline", json!({"by_colour": by_colour, "by_depth": by_depth, "held": held, "unseen": unseen}));
-    if by_colour + by_depth < MIN_OUTLINE_SEEN {
-        let [seen, needed] = words::percent_apart(by_colour + by_depth, MIN_OUTLINE_SEEN, 0);
-        warnings.push(format!(
-            "the scan shows {seen} % of the panel's outline, {needed} % are wanted: nothing else holds a flat panel sideways; \
-             give the panel a background of another brightness, or scan again with fewer missing points at its edge"
-        ));
-    }
 }
 
-fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome, warnings: &mut Vec<String>) {
+fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome) {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed_mm = uncertainty_mm.map(gate::noticed_mm);
     if let Some(mm) = noticed_mm {
@@ -203,13 +197,6 @@ fn say_how_the_camera_is_watched(fit: &locate::Fit, outcome: &mut Outcome, warni
         ));
     }
     outcome.put("camera_noticed_mm", json!(noticed_mm));
-    if !gate::is_watched(uncertainty_mm) {
-        warnings.push(
-            "the fixture shows too little to notice a camera that moved; let the view have things beside the panel that \
-             stand still outside of the search box, with clear edges in two directions"
-                .to_owned(),
-        );
-    }
 }
 
 /// What was learnt, drawn.

@@ -1,28 +1,22 @@
 //! `panelprep tune`: what a clip says about light and the settings of the method in use.
 
 use super::args::{Common, Tune};
-use super::disk;
 use super::fault::Fault;
 use super::inspect::Placed;
-use super::labels::Labels;
+use super::labels::{Labels, read_clip};
 use super::load::{self, CellFiles};
 use super::outcome::Outcome;
-use crate::files::{self, ClipEntry};
+use crate::files::ClipEntry;
 use crate::geometry::ColorPicture;
-use crate::inspect::{Advice, Demands, GridContrast, Sampler, Watch, best_threshold, too_coarse};
+use crate::inspect::{Advice, Demands, GridContrast, Sampler, Tuning, Watch, best_threshold, thesis_checks};
 use crate::phase::Phase;
 use crate::recipe::{Method, Recipe};
 use crate::verdict::{Judgement, Reason};
-use crate::words::{apart, fixed};
+use crate::words::fixed;
 use serde_json::json;
 
 /// Pictures of each phase that are looked at.
 const LOOKED_AT: usize = 10;
-/// Fewer times the noise is too little to tell wet from dry by.
-const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
-/// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
-const MIN_EVENNESS: f64 = 0.6;
-
 /// Looks at a clip and advises.
 ///
 /// # Errors
@@ -33,7 +27,7 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     let placed = Placed::read(&files, args.located.as_ref())?;
     let taught = load::taught(&files, &args.recipe, &recipe)?;
     let list = args.clip.join("clip.csv");
-    let clip = files::read_clip(&disk::read(&list)?).map_err(|error| Fault::file(&list, error))?;
+    let clip = read_clip(&args.clip)?;
     let picture = |shot: &ClipEntry| load::picture(&args.clip.join(&shot.file), &placed.camera);
     let camera_from_panel = placed.base_from_camera.inverse() * placed.base_from_panel;
     let demands = Demands::of(&recipe, files.cell.limits());
@@ -62,17 +56,18 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
         let message = "it has no picture of phase dry, or none of phase wet; without both nothing is compared";
         return Err(Fault::file(&list, std::io::Error::other(message)));
     };
-    let truth = args.truth.as_deref().map(Labels::read).transpose()?.map(|labels| labels.mask);
+    let labels = args.truth.as_deref().map(|folder| Labels::read(folder, &args.clip)).transpose()?;
+    let truth = labels.map(|labels| labels.mask);
     if settings.method() == Method::Film {
         let mut flashes = sampler.flashes(settings, truth.as_ref());
         for shot in of(Phase::Wet) {
             flashes.push(&picture(shot)?, shot.time_s);
         }
-        let found = Found {
+        let found = Tuning {
             advice,
             grids: sampler.contrasts(settings, &watch.grid_pixels()),
             flash_s: flashes.longest_s(),
-            limit_mm2: watch.detection_limit_mm2(),
+            detection_limit_mm2: watch.detection_limit_mm2(),
             elsewhere: watch.stands_elsewhere(),
         };
         return Ok(film_told(&found, &demands, &recipe));
@@ -92,64 +87,12 @@ pub fn run(args: &Tune, common: &Common) -> Result<Outcome, Fault> {
     Ok(outcome)
 }
 
-/// What a clip says to the film method.
-struct Found {
-    advice: Advice,
-    grids: Vec<GridContrast>,
-    /// How long places look dry and then wet again, s.
-    flash_s: f64,
-    limit_mm2: f64,
-    elsewhere: Option<Reason>,
-}
-
-/// What is wrong with the light, whatever the method.
-fn light_reasons(advice: &Advice) -> Vec<Reason> {
-    let mut review = Vec::new();
-    if advice.evenness[0] < MIN_EVENNESS {
-        let [darkest, needed] = apart(advice.evenness[0], MIN_EVENNESS, 2);
-        let message = format!(
-            "the darkest twentieth of the region has {darkest} of its mean light, needed are {needed}: a diffuser, or a lamp \
-             farther away"
-        );
-        review.push(Reason::new("uneven", message));
-    }
-    if advice.overexposed > 0.001 {
-        let message =
-            format!("{:.1} % of the dry region is overexposed: a shorter exposure", 100.0 * advice.overexposed);
-        review.push(Reason::new("overexposed", message));
-    }
-    review
-}
-
-fn contrast_reason(what: &str, contrast_to_noise: f64) -> Option<Reason> {
-    // A NaN is no contrast.
-    let is_enough = contrast_to_noise >= MIN_CONTRAST_TO_NOISE;
-    let [found, needed] = apart(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
-    let message = format!(
-        "the film changes {what} by {found} times the noise, needed are {needed}: more light, or a longer exposure"
-    );
-    (!is_enough).then(|| Reason::new("contrast", message))
-}
-
-fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
+fn film_told(found: &Tuning, demands: &Demands, recipe: &Recipe) -> Outcome {
     let advice = &found.advice;
-    let worst = found.grids.iter().min_by(|a, b| a.contrast_to_noise.total_cmp(&b.contrast_to_noise));
-    let mut review: Vec<Reason> = found.elsewhere.iter().cloned().collect();
-    review.extend(worst.and_then(|grid| contrast_reason(&format!("grid {}", grid.id), grid.contrast_to_noise)));
-    review.extend(light_reasons(advice));
-    review.extend(too_coarse(found.limit_mm2, demands.min_break_mm2));
-    let (persist_s, interval_s) = (demands.persist_s, 1.0 / demands.frames_per_second);
-    let longer_s = tenth_up((found.flash_s + interval_s).max(2.0 * interval_s));
-    if persist_s < longer_s {
-        let [persist, longer] = apart(persist_s, longer_s, 1);
-        let message = format!(
-            "places look dry for up to {} s and then wet again, and persist_s is {persist} s: needed are {longer} s, or fewer \
-             reflections",
-            fixed(found.flash_s, 1)
-        );
-        review.push(Reason::new("persist", message));
-    }
-    let mut outcome = Outcome::of(&judged(review));
+    let checks = found.checks(demands);
+    let (persist_s, longer_s) = (demands.persist_s, found.needed_persist_s(demands));
+    let mut outcome = Outcome::of(&Judgement::of_checks(&checks));
+    outcome.put_checks(&checks);
     say_channels(advice, &mut outcome);
     outcome.say("grid      dry    wet  contrast/noise  light");
     for grid in &found.grids {
@@ -165,14 +108,14 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     say_light(advice, &mut outcome);
     outcome.say(format!(
         "smallest break that is surely found: {:.1} mm²; a grid fails from {:.1} mm²",
-        found.limit_mm2, demands.min_break_mm2
+        found.detection_limit_mm2, demands.min_break_mm2
     ));
     outcome.say(format!(
         "places that look dry and then wet again: for up to {:.1} s; a break must be seen for {persist_s} s",
         found.flash_s
     ));
     let weights = advice.channels.map(|channel| channel.weight);
-    let min_break_mm2 = demands.min_break_mm2.max(found.limit_mm2.ceil());
+    let min_break_mm2 = demands.min_break_mm2.max(found.detection_limit_mm2.ceil());
     let persist_s = persist_s.max(longer_s);
     outcome.say("for the recipe:");
     outcome.say("  [inspect]");
@@ -191,7 +134,7 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
                "contrast_to_noise": grid.contrast_to_noise, "light": grid.light})
     };
     outcome.put("grids", json!(found.grids.iter().map(grid).collect::<Vec<_>>()));
-    outcome.put("detection_limit_mm2", json!(found.limit_mm2));
+    outcome.put("detection_limit_mm2", json!(found.detection_limit_mm2));
     outcome.put("min_break_mm2", json!(min_break_mm2));
     outcome.put("flash_s", json!(found.flash_s));
     outcome.put("persist_s", json!(persist_s));
@@ -200,20 +143,10 @@ fn film_told(found: &Found, demands: &Demands, recipe: &Recipe) -> Outcome {
     outcome
 }
 
-fn tenth_up(seconds: f64) -> f64 {
-    (10.0 * seconds - 1e-6).ceil() / 10.0
-}
-
-fn judged(review: Vec<Reason>) -> Judgement {
-    Judgement::of(vec![], review)
-}
-
 fn thesis_told(advice: &Advice, elsewhere: Option<Reason>) -> Outcome {
-    let best = advice.channels.iter().map(|channel| channel.contrast_to_noise()).fold(0.0, f64::max);
-    let mut review: Vec<Reason> = elsewhere.into_iter().collect();
-    review.extend(contrast_reason("the best channel", best));
-    review.extend(light_reasons(advice));
-    let mut outcome = Outcome::of(&judged(review));
+    let checks = thesis_checks(advice, elsewhere);
+    let mut outcome = Outcome::of(&Judgement::of_checks(&checks));
+    outcome.put_checks(&checks);
     say_channels(advice, &mut outcome);
     say_light(advice, &mut outcome);
     let weights = advice.channels.map(|channel| channel.weight);

@@ -152,7 +152,7 @@ impl Abrasion {
             record.figure(&figure(planned.drawn(job.panel, &view(job, film, place)), film))?;
         }
         let earlier = self.counted_before(&grids);
-        let finding = planned.finding(pass, &grids, job.recipe);
+        let finding = planned.finding(pass, &grids);
         record.finding(&match earlier.is_empty() {
             true => finding,
             false => finding.detail("abraded in earlier cycles, counted", earlier),

@@ -178,7 +178,7 @@ impl Sight {
         record.finding(&correction.finding(&self.corners.left_out()))?;
         self.place = Some(corrected);
         // What is rejected is not looked at again from nearer.
-        if correction.wants_another_view() && grade != Grade::Reject {
+        if correction.wants_another_view && grade != Grade::Reject {
             return Ok(Answer::LookOn);
         }
         self.corners.hold();

@@ -34,6 +34,7 @@ mod steady;
 #[cfg(test)]
 mod tests;
 mod thesis;
+mod tuning;
 mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
@@ -42,9 +43,10 @@ pub use connected::pieces_of;
 pub use error::InspectError;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
-pub use gate::{Demands, GridInspection, Observation};
+pub use gate::{ByCell, Demands, GridInspection, Observation, name};
 pub use pieces::Break;
 pub use place::{MAX_OFF_PX, too_coarse};
 pub use quality::{Flaw, Flawed, Quality};
 pub use score::{Confusion, Score, score, score_within};
+pub use tuning::{Tuning, thesis_checks};
 pub use watch::{Step, Watch};

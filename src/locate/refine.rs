@@ -19,7 +19,7 @@ mod correction;
 mod judge;
 
 pub use correction::{CornerReport, Refined};
-pub use judge::{MAX_LEFT_MM, disagreement, judge, judge_stands};
+pub use judge::{FARTHEST, MAX_LEFT_MM, checks, checks_of_stand, disagreement, judge, judge_stands};
 
 use crate::geometry::{Base, FlangeCamera, Panel, PinholeCamera, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtCorner;

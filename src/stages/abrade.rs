@@ -7,10 +7,10 @@ use crate::path::dwell::{self, Dwell};
 use crate::path::routes::waypoints;
 use crate::path::trace::{Trace, Walked};
 use crate::recipe;
-use crate::record::{Finding, Kind, Limit, Number, name};
+use crate::record::{Check, Finding, Kind, name};
 use crate::report::{dwell_map, overlap_map};
 use crate::surface::BSplineSurface;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, SetBy, Severity};
 use crate::words::apart;
 
 /// A report may lie this far beside the planned lines where they are straight, mm: what the drives leave.
@@ -70,51 +70,61 @@ impl Abraded {
         ]
     }
 
-    fn judgement(&self) -> Judgement {
+    /// What is asked of a path: all of it executed, the grids covered, and near the planned lines.
+    fn checks(&self) -> [Check; 3] {
         let Progress { waypoints, done } = self.progress;
-        let mut doubts = Vec::new();
-        if done < waypoints {
-            let message = format!("the robot executed {done} of {waypoints} waypoints; the rest is left");
-            doubts.push(Reason::new("part", message));
-        } else if !self.begun.is_empty() {
-            let message = format!(
-                "by the poses that the robot reported the disc did not reach all that was planned of {}; the film will tell",
-                names(&self.begun).join(", ")
-            );
-            doubts.push(Reason::new("not_covered", message));
-        }
-        if self.walked.off_mm > self.off_limit_mm {
-            let [off, allowed] = apart(self.walked.off_mm, self.off_limit_mm, 2);
-            let message = format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}");
-            doubts.push(Reason::new("off_path", message));
-        }
-        Judgement::of(vec![], doubts)
+        let (off_mm, allowed_mm, begun) = (self.walked.off_mm, self.off_limit_mm, self.begun.len() as f64);
+        // Of a path that was cut short nobody expects that.
+        let is_not_covered = done >= waypoints && begun > 0.0;
+        [
+            Check::new(name::EXECUTED, "", f64::from(done))
+                .at_least(f64::from(waypoints), SetBy::Program)
+                .reviews("part", || {
+                    format!("the robot executed {done} of {waypoints} waypoints; the rest is left")
+                }),
+            Check::new(name::BEGUN, "", begun).at_most(0.0, SetBy::Program).broken(
+                is_not_covered,
+                Severity::Review,
+                "not_covered",
+                || {
+                    format!(
+                        "by the poses that the robot reported the disc did not reach all that was planned of {}; the film \
+                         will tell",
+                        names(&self.begun).join(", ")
+                    )
+                },
+            ),
+            Check::new("farthest of them from the planned path", "mm", off_mm)
+                .at_most(allowed_mm, SetBy::Program)
+                .reviews("off_path", || {
+                    let [off, allowed] = apart(off_mm, allowed_mm, 2);
+                    format!("the robot reported a pose {off} mm off the planned path, allowed are {allowed}")
+                }),
+        ]
     }
 
     /// The result for the record; at most so many passes are allowed.
     pub fn finding(&self, pass: u8, most_passes: usize) -> Finding {
-        let (walked, dwell, Progress { waypoints, done }) = (&self.walked, &self.dwell, self.progress);
+        let (walked, dwell, checks) = (&self.walked, &self.dwell, self.checks());
         let spread = dwell.spread();
-        let finding =
-            Finding::new(Kind::Abrade, pass, self.judgement()).detail("grids", names(&self.whole)).with([
-                Number::new(name::EXECUTED, "", f64::from(done)).within(Limit::AtLeast(f64::from(waypoints))),
-                Number::new("pass", "", f64::from(pass)).within(Limit::AtMost(most_passes as f64)),
-                Number::new("poses reported on the way", "", walked.reports as f64),
-                Number::new("farthest of them from the planned path", "mm", walked.off_mm)
-                    .within(Limit::AtMost(self.off_limit_mm)),
-                Number::new("way in contact", "mm", walked.contact_mm),
-                Number::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
-                Number::new(
-                    "time under the disc, 95 % of the treated area",
-                    "s",
-                    spread.map(|spread| spread.high_s),
-                ),
-            ]);
+        let judgement = Judgement::of_checks(&checks);
+        let [executed, begun, off_path] = checks;
+        let finding = Finding::new(Kind::Abrade, pass, judgement).detail("grids", names(&self.whole)).with([
+            executed,
+            begun,
+            Check::new("pass", "", f64::from(pass))
+                .at_most(most_passes as f64, SetBy::recipe("process.max_passes_per_grid")),
+            Check::new("poses reported on the way", "", walked.reports as f64),
+            off_path,
+            Check::new("way in contact", "mm", walked.contact_mm),
+            Check::new("time under the disc, 5 % of the treated area", "s", spread.map(|spread| spread.low_s)),
+            Check::new("time under the disc, 95 % of the treated area", "s", spread.map(|spread| spread.high_s)),
+        ]);
         let finding = finding.with(dwell.grids.iter().flat_map(|grid| {
             let id = grid.id;
             [
-                Number::new(format!("share of {id} under the disc"), "", grid.share()),
-                Number::new(format!("of {id} left"), "mm²", grid.left_mm2()),
+                Check::new(format!("share of {id} under the disc"), "", grid.share()),
+                Check::new(format!("of {id} left"), "mm²", grid.left_mm2()),
             ]
         }));
         if self.begun.is_empty() { finding } else { finding.detail("grids_in_part", names(&self.begun)) }

@@ -7,12 +7,12 @@
 use super::Drawing;
 use crate::geometry::{Base, ColorPicture, FlangeCamera, KukaPose, Panel, PinholeCamera, Pixel, Rigid};
 use crate::locate::corner::{self, CornerError};
-use crate::locate::refine::{self, CornerReport, CornerView, RefineError, Refined};
+use crate::locate::refine::{self, CornerView, RefineError, Refined};
 use crate::panel::TaughtCorner;
 use crate::recipe;
-use crate::record::{Finding, Kind, Limit, Number, name};
+use crate::record::{Check, Finding, Kind, name};
 use crate::report;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, SetBy, Severity};
 use crate::words::apart;
 use serde_json::json;
 
@@ -59,7 +59,7 @@ pub struct Progress {
     pub is_missing: bool,
 }
 
-impl<'a> Taught<'a> {
+impl Taught<'_> {
     /// Finds a taught corner in the picture from a view; `place` is where the panel is taken to stand.
     ///
     /// # Errors
@@ -91,7 +91,7 @@ impl<'a> Taught<'a> {
         located: Rigid<Base, Panel>,
         sightings: &[Sighting],
         (claims_mm, progress): (Option<[f64; 2]>, Option<Progress>),
-    ) -> Result<Correction<'a>, RefineError> {
+    ) -> Result<Correction, RefineError> {
         let refined = self.seen(located, sightings)?;
         let views = progress.map(|progress| Views {
             progress,
@@ -111,11 +111,12 @@ impl<'a> Taught<'a> {
         place: Rigid<Base, Panel>,
         sightings: &[Sighting],
         unseen: Option<Reason>,
-    ) -> Result<Verification<'a>, RefineError> {
+    ) -> Result<Verification, RefineError> {
         let seen = self.seen(place, sightings)?;
         let unseen = Judgement::of(unseen.into_iter().collect(), vec![]);
-        let judgement = refine::judge_stands(&seen, self.limits).and(unseen);
-        Ok(Verification { seen, judgement, limits: self.limits })
+        let checks = refine::checks_of_stand(&seen, self.limits);
+        let judgement = Judgement::of_checks(&checks).and(unseen);
+        Ok(Verification { seen, checks, judgement })
     }
 
     /// The corner in its picture, with where it was found and where a place puts it; none where that is not before the
@@ -175,148 +176,123 @@ impl Views {
         !self.progress.is_missing && self.is_settled(limits)
     }
 
-    /// What the last view leaves open.
-    fn unfinished(self, limits: &recipe::Corner) -> Vec<Reason> {
-        let moved = (self.is_last && !self.is_settled(limits)).then(|| not_settled(self.step_mm, limits));
-        let missing = (self.is_last && self.progress.is_missing).then(|| {
-            let message =
-                format!("after {} moves, [corner] max_moves, a corner has not been seen", limits.max_moves());
-            Reason::new("corner_unseen", message)
-        });
-        moved.into_iter().chain(missing).collect()
+    /// What is asked of a loop of views: that it comes to rest, in so many moves, having seen all corners.
+    fn checks(self, seen: usize, limits: &recipe::Corner) -> [Check; 3] {
+        let (is_done, step_mm) = (self.is_done(limits), self.step_mm);
+        let step = Check::new("corner from where it was looked for", "mm", step_mm);
+        // One that asks for more leads to a move and another picture.
+        let step = if is_done || self.is_last {
+            step.at_most(limits.settled_mm(), SetBy::recipe("corner.settled_mm"))
+        } else {
+            step
+        };
+        let is_unsettled = self.is_last && !self.is_settled(limits);
+        let is_unseen = self.is_last && self.progress.is_missing;
+        [
+            step.broken(is_unsettled, Severity::Reject, "not_settled", || not_settled(step_mm, limits)),
+            Check::new(name::MOVES, "", self.progress.moves as f64)
+                .at_most(limits.max_moves() as f64, SetBy::recipe("corner.max_moves")),
+            Check::new(name::CORNERS, "", seen as f64).broken(is_unseen, Severity::Reject, "corner_unseen", || {
+                format!("after {} moves, [corner] max_moves, a corner has not been seen", limits.max_moves())
+            }),
+        ]
     }
 }
 
-fn not_settled(step_mm: f64, limits: &recipe::Corner) -> Reason {
+fn not_settled(step_mm: f64, limits: &recipe::Corner) -> String {
     let (settled_mm, moves) = (limits.settled_mm(), limits.max_moves());
     let [step, settled] = apart(step_mm, settled_mm, 2);
-    let message = format!(
+    format!(
         "after {moves} moves, [corner] max_moves, a corner still stands {step} mm from where it was looked for, allowed are \
          {settled} mm, settled_mm; is the hand-eye calibration good, does the panel move?"
-    );
-    Reason::new("not_settled", message)
+    )
 }
 
 /// A localization that was corrected by corner pictures.
 #[derive(Debug, Clone)]
-pub struct Correction<'a> {
+pub struct Correction {
     /// The corrected place and what it rests on.
     pub refined: Refined,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
-    views: Option<Views>,
-    is_done: bool,
-    limits: &'a recipe::Corner,
+    /// Whether another view may say more: all corners have not been seen from near, and views are left.
+    pub wants_another_view: bool,
 }
 
-impl<'a> Correction<'a> {
+impl Correction {
     fn judged(
         refined: Refined,
         claims_mm: Option<[f64; 2]>,
         views: Option<Views>,
-        limits: &'a recipe::Corner,
+        limits: &recipe::Corner,
     ) -> Self {
         let is_done = views.is_none_or(|views| views.is_done(limits));
         // What a corner finds is a finding once all have been seen from near.
         let claims_mm = claims_mm.filter(|_| is_done);
-        let found = claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm));
-        let unfinished = views.map_or(Vec::new(), |views| views.unfinished(limits));
-        let judgement = refine::judge(&refined, limits).and(Judgement::of(unfinished, found.into_iter().collect()));
-        Correction { refined, judgement, views, is_done, limits }
-    }
-
-    /// Whether another view may say more: all corners have not been seen from near, and views are left.
-    pub fn wants_another_view(&self) -> bool {
-        !self.is_done && self.views.is_some_and(|views| !views.is_last)
+        let of_corners = refine::checks(&refined, limits);
+        let seen = refined.corners.len();
+        let mut of_views = match views {
+            Some(views) => views.checks(seen, limits).to_vec(),
+            None => vec![Check::new(name::CORNERS, "", seen as f64)],
+        };
+        of_views.extend(claims_mm.and_then(|claims_mm| refine::disagreement(&refined, &claims_mm)));
+        let judgement = Judgement::of_checks(&of_corners).and(Judgement::of_checks(&of_views));
+        let checks = [of_corners, of_motion(&refined).to_vec(), of_views].concat();
+        let wants_another_view = !is_done && views.is_some_and(|views| !views.is_last);
+        Correction { refined, checks, judgement, wants_another_view }
     }
 
     /// The result for the record; `left_out` says which corners the arm did not come to, and why.
     pub fn finding(&self, left_out: &[String]) -> Finding {
-        let (whole, limits) = (&self.refined, self.limits);
-        let [x_mm, y_mm] = whole.shift_mm;
-        let first = whole.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
-        let several = whole.corners.len() > 1;
-        let corner = |corner: &CornerReport| {
-            let [asked, in_picture, left] = of_corner(
-                corner,
-                ["from where the scan puts it", "from there in the picture", "off after the correction"],
-            );
-            let left_mm = several.then_some(corner.left_mm);
-            [
-                Number::new(asked, "mm", corner.asked_mm()).within(Limit::AtMost(limits.max_correction_mm())),
-                Number::new(in_picture, "px", corner.error_px),
-                Number::new(left, "mm", left_mm).within(Limit::AtMost(refine::MAX_LEFT_MM)),
-            ]
-        };
         let finding = Finding::new(Kind::Refine, 0, self.judgement.clone())
-            .detail("base_from_panel", json!(KukaPose::from_rigid(&whole.base_from_panel)))
-            .with(in_order(whole).into_iter().flat_map(corner))
-            .with([
-                Number::new(format!("correction along the camera's x at {first}"), "mm", x_mm),
-                Number::new(format!("correction along the camera's y at {first}"), "mm", y_mm),
-                Number::new("turned by two corners", "°", several.then_some(whole.turned.0)),
-            ])
-            .with(self.views.into_iter().flat_map(|views| {
-                let step = Number::new("corner from where it was looked for", "mm", views.step_mm);
-                // One that asks for more leads to a move and another picture.
-                let is_held = self.is_done || views.is_last;
-                let step = if is_held { step.within(Limit::AtMost(limits.settled_mm())) } else { step };
-                let moves = Number::new(name::MOVES, "", views.progress.moves as f64);
-                [step, moves.within(Limit::AtMost(limits.max_moves() as f64))]
-            }))
-            .with([Number::new(name::CORNERS, "", whole.corners.len() as f64)]);
+            .detail("base_from_panel", json!(KukaPose::from_rigid(&self.refined.base_from_panel)))
+            .with(self.checks.iter().cloned());
         if left_out.is_empty() { finding } else { finding.detail("corners_left_out", json!(left_out)) }
     }
 }
 
+/// How the panel is moved by the correction.
+fn of_motion(refined: &Refined) -> [Check; 3] {
+    let [x_mm, y_mm] = refined.shift_mm;
+    let first = refined.corners.first().map_or(String::new(), |corner| format!("corner {}", corner.corner + 1));
+    let turned_deg = (refined.corners.len() > 1).then_some(refined.turned.0);
+    [
+        Check::new(format!("correction along the camera's x at {first}"), "mm", x_mm),
+        Check::new(format!("correction along the camera's y at {first}"), "mm", y_mm),
+        Check::new("turned by two corners", "°", turned_deg),
+    ]
+}
+
 /// What the corners say just before contact.
 #[derive(Debug, Clone)]
-pub struct Verification<'a> {
+pub struct Verification {
     /// How far each corner is from where the localization puts it.
     pub seen: Refined,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
-    limits: &'a recipe::Corner,
 }
 
-impl Verification<'_> {
+impl Verification {
     /// The result for the record; after the last view so many corners must have been seen.
     pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
-        let verify_mm = self.limits.verify_mm();
-        let corner = |corner: &CornerReport| {
-            let [off, x, y] = of_corner(
-                corner,
-                ["from where the localization puts it", "along the camera's x", "along the camera's y"],
-            );
-            let [x_mm, y_mm] = corner.shift_mm;
-            [
-                Number::new(off, "mm", corner.asked_mm()).within(Limit::AtMost(verify_mm)),
-                Number::new(x, "mm", x_mm),
-                Number::new(y, "mm", y_mm),
-            ]
+        let seen = Check::new(name::CORNERS, "", self.seen.corners.len() as f64);
+        let seen = match needed {
+            Some(needed) => seen.at_least(needed as f64, SetBy::Program),
+            None => seen,
         };
-        let limit = needed.map_or(Limit::Unlimited, |needed| Limit::AtLeast(needed as f64));
-        Finding::new(Kind::Verify, pass, self.judgement.clone())
-            .with(in_order(&self.seen).into_iter().flat_map(corner))
-            .with([Number::new(name::CORNERS, "", self.seen.corners.len() as f64).within(limit)])
+        Finding::new(Kind::Verify, pass, self.judgement.clone()).with(self.checks.iter().cloned()).with([seen])
     }
-}
-
-/// The corners in the order of teaching.
-fn in_order(seen: &Refined) -> Vec<&CornerReport> {
-    let mut corners: Vec<&CornerReport> = seen.corners.iter().collect();
-    corners.sort_by_key(|corner| corner.corner);
-    corners
-}
-
-fn of_corner<const N: usize>(corner: &CornerReport, words: [&str; N]) -> [String; N] {
-    words.map(|words| format!("corner {} {words}", corner.corner + 1))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::geometry::Degrees;
+    use crate::locate::refine::CornerReport;
     use crate::panel::panel_from_base_at_teaching;
     use crate::recipe::Recipe;
     use crate::verdict::Verdict;
@@ -368,7 +344,7 @@ mod tests {
     fn another_view_is_wanted_until_all_corners_were_seen_from_near() {
         let recipe = recipe();
         let wants = |views: Option<Views>| {
-            Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner()).wants_another_view()
+            Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner()).wants_another_view
         };
         assert!(wants(Some(views(false, false, 2.0))) && wants(Some(views(true, false, 0.1))));
         assert!(!wants(Some(views(false, false, 0.1))) && !wants(Some(views(false, true, 2.0))));
@@ -382,7 +358,7 @@ mod tests {
         let judged = |views| Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner());
         let (command, done) = (judged(None), judged(Some(views(false, false, 0.1))));
         assert_eq!(command.judgement, done.judgement);
-        let numbers = |correction: &Correction<'_>| correction.finding(&[]).numbers;
+        let numbers = |correction: &Correction| correction.checks.clone();
         let of_loop = ["corner from where it was looked for", name::MOVES];
         let without_loop = numbers(&done).into_iter().filter(|number| !of_loop.contains(&&*number.name));
         assert_eq!(numbers(&command), without_loop.collect::<Vec<_>>());

@@ -3,11 +3,11 @@
 
 use super::{Drawing, names, strip::Strip};
 use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Rigid};
-use crate::inspect::{Demands, GridInspection, InspectError, Inspection, MAX_OFF_PX, Watch};
+use crate::inspect::{Demands, InspectError, Inspection, Watch};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::phase::Phase;
 use crate::recipe::Recipe;
-use crate::record::{Finding, Kind, Limit, Number, name};
+use crate::record::{Check, Finding, Kind, name};
 use crate::report::View;
 use std::sync::Arc;
 
@@ -150,63 +150,18 @@ impl Filmed {
         if let Some(lamp) = process.lamp() {
             finding = finding.detail(name::LAMP, lamp);
         }
-        let min_break_mm2 = inspection.observation.min_break_mm2;
-        finding
-            .detail("failed", names(&failed))
-            .with(numbers(inspection, setup, counted))
-            .with(inspection.grids.iter().flat_map(|grid| broken(grid, min_break_mm2)))
+        let checks = inspection.checks.iter().cloned();
+        finding.detail("failed", names(&failed)).with(checks).with(counts(inspection, counted))
     }
 }
 
-fn numbers(inspection: &Inspection, setup: &Setup<'_>, counted: Counted) -> [Number; 17] {
-    let (demands, observation) = (setup.demands, &inspection.observation);
-    let least = |name: &str, unit: &str, value: f64, limit: f64| {
-        Number::new(name, unit, value).within(Limit::AtLeast(limit))
-    };
-    let (quality, settings) = (&observation.quality, setup.recipe.inspect());
-    let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
-        Number::new(name, unit, value).within(Limit::AtMost(limit))
-    };
-    let (usable, [darker, brighter]) =
-        (demands.min_usable(observation.frames), observation.light_limits_percent(settings));
-    let percent = |share: f64| Some(100.0 * (share - 1.0)).filter(|percent| percent.is_finite());
+/// What is told of a film beside what it is judged by.
+fn counts(inspection: &Inspection, counted: Counted) -> [Check; 4] {
     let closed = inspection.breaks.iter().filter(|found| found.closed_again()).count();
     [
-        least(name::WATCHED, "s", observation.observed_s, demands.min_observed_s()),
-        least("wet pictures", "", observation.frames as f64, demands.min_frames()),
-        at_most("longest time between two of them", "s", observation.longest_gap_s, demands.max_gap_s()),
-        Number::new("pictures that were dropped", "", counted.dropped.map(|count| count as f64)),
-        least("pictures that could be judged by", "", quality.usable as f64, usable),
-        at_most("longest time without one", "s", quality.longest_unseen_s, demands.max_gap_s()),
-        at_most(
-            "region that was wet in no picture",
-            "%",
-            observation.never_wet_percent,
-            settings.max_never_wet_percent(),
-        ),
-        Number::new("change of the light, least", "%", percent(quality.light[0])).within(Limit::AtLeast(-darker)),
-        Number::new("change of the light, most", "%", percent(quality.light[1])).within(Limit::AtMost(brighter)),
-        Number::new("panel moved in the picture", "px", quality.moved_px),
-        Number::new("least sharpness against the dry picture", "", quality.sharpness),
-        Number::new("the film leaves of the dry brightness", "", observation.film_left),
-        at_most(
-            "smallest break that is surely found",
-            "mm²",
-            observation.detection_limit_mm2,
-            observation.min_break_mm2,
-        ),
-        Number::new("outline from where the panel was found, in the dry picture", "px", quality.off_px)
-            .within(Limit::AtMost(MAX_OFF_PX)),
-        Number::new("places where the film broke", "", inspection.breaks.len() as f64),
-        Number::new("of these, closed again", "", closed as f64),
-        Number::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
+        Check::new("pictures that were dropped", "", counted.dropped.map(|count| count as f64)),
+        Check::new("places where the film broke", "", inspection.breaks.len() as f64),
+        Check::new("of these, closed again", "", closed as f64),
+        Check::new(name::PER_PICTURE, "ms", counted.ms_per_picture),
     ]
-}
-
-fn broken(grid: &GridInspection, min_break_mm2: f64) -> impl Iterator<Item = Number> + use<> {
-    let id = grid.id;
-    let area = grid.seen.then_some(grid.broken_mm2);
-    let area = Number::new(format!("broken film in {id}"), "mm²", area).within(Limit::Below(min_break_mm2));
-    let when = grid.time_to_break_s;
-    std::iter::once(area).chain(when.map(|time_s| Number::new(format!("{id} failed after"), "s", time_s)))
 }

@@ -7,9 +7,9 @@ use crate::geometry::{Panel, Point, Tool};
 use crate::panel::{Grid, GridId, TaughtPanel};
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, Reached, Stand};
-use crate::path::{self, MIN_COVERAGE, Plan, PlanError, ToolPath, judge_pad};
+use crate::path::{self, Plan, PlanError, ToolPath, check_pad};
 use crate::recipe::Recipe;
-use crate::record::{Finding, Kind, Limit, Number, name};
+use crate::record::{Check, Finding, Kind, name};
 use crate::report::View;
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason};
@@ -34,6 +34,8 @@ pub struct Planned {
     pub reached: Option<Reached>,
     /// What the path wears of the disc.
     pub disc: DiscUse,
+    /// Every number that was judged.
+    pub checks: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
 }
@@ -66,16 +68,16 @@ pub fn judge(
         }
     };
     let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
-    let worn = disc.change("this path").into_iter().collect();
-    let judgement = of_reach
-        .and(path::judge(&plan, settings))
-        .and(judge_pad(settings, tool.error_mm))
-        .and(Judgement::of(vec![], worn));
+    let (of_path, path_judgement) = path::judged(&plan, settings);
+    let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
+    let judgement = of_reach.and(path_judgement).and(Judgement::of_checks(&pad)).and(Judgement::of_checks([&worn]));
+    let checks = [of_path, sizes(&plan), of_travel(reached.as_ref()), pad.into_iter().collect()].concat();
+    let checks = checks.into_iter().chain([Check::new("swept by the disc", "mm²", disc.swept_mm2), worn]).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned(&plan, reached.spin),
         None => plan,
     };
-    Planned { plan, reached, disc, judgement }
+    Planned { plan, reached, disc, checks, judgement }
 }
 
 impl Planned {
@@ -95,37 +97,27 @@ impl Planned {
     }
 
     /// The result for the record.
-    pub fn finding(&self, pass: u8, grids: &[GridId], recipe: &Recipe) -> Finding {
-        let (plan, disc, settings) = (&self.plan, &self.disc, recipe.path());
-        let reached = self.reached.as_ref();
-        let least_covered = plan.grids.iter().map(|grid| grid.share()).fold(1.0, f64::min);
-        let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
-        let steps = plan.step_over_mm;
-        Finding::new(Kind::Plan, pass, self.judgement.clone()).detail("grids", names(grids)).with([
-            Number::new("coverage of these grids", "", plan.coverage),
-            Number::new("coverage of the worst of them", "", least_covered).within(Limit::AtLeast(MIN_COVERAGE)),
-            Number::new("step-over, smallest", "mm", steps.map(|step| step.min_mm)),
-            Number::new("step-over, largest", "mm", steps.map(|step| step.max_mm))
-                .within(Limit::AtMost(settings.step_over_mm())),
-            Number::new("time under the disc, 5 % of the treated area", "s", plan.dwell.map(|dwell| dwell.low_s)),
-            Number::new("time under the disc, 95 % of the treated area", "s", plan.dwell.map(|dwell| dwell.high_s)),
-            Number::new(
-                "their ratio, all together or the worst grid's",
-                "",
-                plan.dwell_ratio().map(|(ratio, _)| ratio),
-            )
-            .within(Limit::AtMost(settings.max_dwell_ratio())),
-            Number::new("disc beyond the panel's outline", "mm", plan.overhang.largest_mm)
-                .within(Limit::AtMost(settings.edge_overhang_mm())),
-            Number::new("paths", "", plan.paths.len() as f64),
-            Number::new(name::PLANNED, "", waypoints as f64),
-            Number::new("length", "mm", plan.length_mm),
-            Number::new("time at the recipe's feed", "s", plan.duration_s),
-            Number::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
-            Number::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
-            Number::new("swept by the disc", "mm²", disc.swept_mm2),
-            Number::new("worn of the disc afterwards", "mm²", disc.life_mm2.map(|_| disc.worn_after_mm2))
-                .within(disc.life_mm2.map_or(Limit::Unlimited, Limit::AtMost)),
-        ])
+    pub fn finding(&self, pass: u8, grids: &[GridId]) -> Finding {
+        let finding = Finding::new(Kind::Plan, pass, self.judgement.clone());
+        finding.detail("grids", names(grids)).with(self.checks.iter().cloned())
     }
+}
+
+/// How large a plan is.
+fn sizes(plan: &Plan) -> Vec<Check> {
+    let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
+    vec![
+        Check::new("paths", "", plan.paths.len() as f64),
+        Check::new(name::PLANNED, "", waypoints as f64),
+        Check::new("length", "mm", plan.length_mm),
+        Check::new("time at the recipe's feed", "s", plan.duration_s),
+    ]
+}
+
+/// How the arm follows it.
+fn of_travel(reached: Option<&Reached>) -> Vec<Check> {
+    vec![
+        Check::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
+        Check::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
+    ]
 }

@@ -2,14 +2,14 @@
 
 use super::{Drawing, names};
 use crate::panel::{GridId, TaughtPanel};
+use crate::path::check_pad;
 use crate::path::disc::DiscUse;
-use crate::path::judge_pad;
 use crate::path::panel_reach::{self, GridReach, Stand};
-use crate::recipe::Recipe;
-use crate::record::{Finding, Kind, Limit, Number};
+use crate::recipe::{self, Recipe};
+use crate::record::{Check, Finding, Kind, name};
 use crate::report::surface_map;
 use crate::surface::{Deviation, DeviationMap, Fit};
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, SetBy};
 
 /// What is said of the tool beside the path: the error at its tip, and what the disc in use has swept so far.
 #[derive(Debug, Clone, Copy)]
@@ -25,6 +25,8 @@ pub struct ToolState {
 pub struct Surveyed {
     /// Every grid; none where the arm does not come to the panel, or the surface allows no path.
     pub grids: Vec<GridReach>,
+    /// What the tool must be fit for.
+    of_tool: Vec<Check>,
     /// The verdict.
     pub judgement: Judgement,
 }
@@ -37,7 +39,8 @@ pub fn survey(
     recipe: &Recipe,
     tool: ToolState,
 ) -> Surveyed {
-    let rejected = |reason| Surveyed { grids: Vec::new(), judgement: Judgement::of(vec![reason], vec![]) };
+    let rejected =
+        |reason| Surveyed { grids: vec![], of_tool: vec![], judgement: Judgement::of(vec![reason], vec![]) };
     let stand = match stand {
         Ok(stand) => stand,
         Err(reason) => return rejected(reason),
@@ -45,20 +48,20 @@ pub fn survey(
     let (around, settings) = ((&panel.region, panel.outline.as_slice()), recipe.path());
     match panel_reach::of_grids(&fit.surface, around, &stand, settings) {
         Ok(grids) => {
-            let disc = Judgement::of(vec![], worn_out(&grids, settings.disc_life_mm2(), tool.worn_mm2));
-            let pad = judge_pad(settings, tool.error_mm);
-            let judgement = panel_reach::judge_grids(&grids).and(pad).and(disc);
-            Surveyed { grids, judgement }
+            let (pad, disc) = (check_pad(settings, tool.error_mm), disc(&grids, settings, tool));
+            let judgement =
+                panel_reach::judge_grids(&grids).and(Judgement::of_checks(&pad)).and(Judgement::of_checks([&disc]));
+            Surveyed { grids, of_tool: pad.into_iter().chain([disc]).collect(), judgement }
         }
         Err(error) => rejected(super::reason("no_path", &error)),
     }
 }
 
 /// A disc that would not last for the largest grid is changed before the panel is wet.
-fn worn_out(grids: &[GridReach], life_mm2: Option<f64>, worn_mm2: f64) -> Vec<Reason> {
+fn disc(grids: &[GridReach], settings: &recipe::Path, tool: ToolState) -> Check {
     let largest_mm2 = grids.iter().map(|grid| grid.swept_mm2).fold(0.0, f64::max);
-    let needed = DiscUse { swept_mm2: largest_mm2, worn_after_mm2: worn_mm2 + largest_mm2, life_mm2 };
-    needed.change("one grid").into_iter().collect()
+    let (worn_after_mm2, life_mm2) = (tool.worn_mm2 + largest_mm2, settings.disc_life_mm2());
+    DiscUse { swept_mm2: largest_mm2, worn_after_mm2, life_mm2 }.check(name::WORN_BY_A_GRID, "one grid")
 }
 
 /// How the surface lies in the taught scan, pixel by pixel.
@@ -76,24 +79,26 @@ impl Surveyed {
         let all = panel.region.ids().count() as f64;
         let finding =
             Finding::new(Kind::Reach, pass, self.judgement.clone()).with(surface(deviation, recipe)).with([
-                Number::new("grids within the arm's reach", "", reached.count() as f64).within(Limit::AtLeast(all)),
-                Number::new("room beyond the arm's margins, at least", "°", least_deg),
+                Check::new("grids within the arm's reach", "", reached.count() as f64)
+                    .at_least(all, SetBy::Program),
+                Check::new("room beyond the arm's margins, at least", "°", least_deg),
             ]);
+        let finding = finding.with(self.of_tool.iter().cloned());
         if missed.is_empty() { finding } else { finding.detail("out_of_reach", names(&missed)) }
     }
 }
 
 /// How the surface lies in the scan.
-fn surface(deviation: &Deviation, recipe: &Recipe) -> [Number; 5] {
+fn surface(deviation: &Deviation, recipe: &Recipe) -> [Check; 5] {
     let limits = recipe.surface();
-    let at_most = |name: &str, unit: &str, value: f64, limit: f64| {
-        Number::new(name, unit, value).within(Limit::AtMost(limit))
-    };
     [
-        at_most("residual of the surface, rms", "mm", deviation.rms_mm, limits.max_rms_mm()),
-        Number::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
-        Number::new("the scan's white noise", "mm", deviation.noise_mm),
-        at_most("region without points that fit", "%", deviation.missing_percent, limits.max_missing_percent()),
-        at_most("largest hole in the region", "mm", deviation.largest_hole_mm, limits.max_hole_mm()),
+        Check::new("residual of the surface, rms", "mm", deviation.rms_mm)
+            .at_most(limits.max_rms_mm(), SetBy::recipe("surface.max_rms_mm")),
+        Check::new("residual of the surface, 95 %", "mm", deviation.p95_mm),
+        Check::new("the scan's white noise", "mm", deviation.noise_mm),
+        Check::new("region without points that fit", "%", deviation.missing_percent)
+            .at_most(limits.max_missing_percent(), SetBy::recipe("surface.max_missing_percent")),
+        Check::new("largest hole in the region", "mm", deviation.largest_hole_mm)
+            .at_most(limits.max_hole_mm(), SetBy::recipe("surface.max_hole_mm")),
     ]
 }

@@ -123,7 +123,7 @@ impl Store {
         self.writable()?;
         let finite = |number: Option<f64>| number.is_none_or(f64::is_finite);
         if let Some(bad) =
-            finding.numbers.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
+            finding.checks.iter().find(|number| !finite(number.value) || !finite(number.limit.bound()))
         {
             return Err(StoreError::NotFinite { name: bad.name.clone() });
         }

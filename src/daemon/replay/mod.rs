@@ -5,6 +5,7 @@
 //! answers each call with what came then, and notes where the loop now does something else (`difference`).
 
 mod difference;
+mod form;
 mod player;
 mod queue;
 mod taped;

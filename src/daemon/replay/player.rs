@@ -199,7 +199,10 @@ impl Deck<'_> {
         }
         let entry = self.take(cameras)?;
         let (recorded, now) = match topic {
-            Topic::Finding => (super::timeless(entry.said.clone()), super::timeless(said.clone())),
+            Topic::Finding => {
+                let now = super::form::in_form_of(&entry.said, said.clone());
+                (super::timeless(entry.said.clone()), super::timeless(now))
+            }
             _ => (entry.said.clone(), said.clone()),
         };
         let at_s = self.at_s();

@@ -7,7 +7,7 @@ use super::*;
 use crate::cycle::{Id, State};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
-use crate::record::{Finding, Kind, Number};
+use crate::record::{Check, Finding, Kind};
 use crate::tape::{Begin, Entry, Shot, Start, TapeError, Topic, Writer, check};
 use crate::verdict::Judgement;
 use std::io::{self, Write};
@@ -324,7 +324,7 @@ fn a_result_waits_for_its_turn() {
 #[test]
 fn a_stop_watch_is_no_finding_but_its_limit_is() {
     let found = |ms: f64, mm: f64| {
-        let numbers = [Number::new(name::SCAN_TO_VERDICT, "ms", ms), Number::new("residual", "mm", mm)];
+        let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
         Finding::new(Kind::Locate, 0, Judgement::of(vec![], vec![])).with(numbers)
     };
     let recorded = || line(Topic::Finding, told(&found(10.0, 0.25)), json!({ "Ok": null }));

@@ -120,7 +120,7 @@ fn what_was_executed_is_looked_at() {
     assert_eq!(story.outcome.verdict, Some(Verdict::Pass), "{story}");
     let abraded = story.findings.iter().find(|finding| finding.kind == Kind::Abrade).expect("abraded");
     let shares: Vec<f64> = abraded
-        .numbers
+        .checks
         .iter()
         .filter(|number| number.name.ends_with("under the disc"))
         .filter_map(|number| number.value)

@@ -159,7 +159,7 @@ impl std::fmt::Display for Story {
             writeln!(f, "{event:?}")?;
         }
         for finding in &self.findings {
-            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.numbers)?;
+            writeln!(f, "{:?} {:?} {:?}", finding.kind, finding.judgement, finding.checks)?;
         }
         Ok(())
     }
@@ -275,6 +275,11 @@ impl Cell {
         let cell = cell::Cell::check("cell.toml", &text).unwrap_or_else(|e| panic!("{e}"));
         let calibrations = calibrations(&self.world.borrow().sim);
         (cell, recipe, taught, calibrations)
+    }
+
+    /// The scan that its 3D camera gives.
+    pub fn scan(&self) -> crate::geometry::OrganizedCloud<crate::geometry::Camera> {
+        self.world.borrow().sim.scan()
     }
 
     /// Serves until `asks` leaves; `eyes` may stand before the cell's own.

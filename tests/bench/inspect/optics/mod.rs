@@ -15,7 +15,7 @@ mod scene;
 mod water;
 
 use panelprep::geometry::{ColorPicture, Mask};
-use panelprep::inspect::{Demands, Footprint, Inspection, Watch, score_within};
+use panelprep::inspect::{ByCell, Demands, Footprint, Inspection, Watch, score_within};
 use panelprep::verdict::Verdict;
 use scene::Scene;
 use std::time::{Duration, Instant};
@@ -61,6 +61,7 @@ fn one(seed: u64, reduction: usize, observed_s: f64, kind: Option<&str>, tally: 
         frames_per_second: scene.spec.frames_per_second,
         min_break_mm2: (1.2 * limit_mm2).max(5.0),
         persist_s: settings.persist_s(),
+        by_cell: ByCell::default(),
     };
     let mut watch =
         Watch::new(&scene.taught, &scene.camera, scene.camera_from_panel, settings, demands).expect("in view");

@@ -1,0 +1,108 @@
+//! The gate of a clip that is taken to set up lamp, camera and recipe: is the light fit for the test, and are the method's
+//! settings? What it finds wrong is for a person.
+
+use super::advice::Advice;
+use super::film_advice::GridContrast;
+use super::gate::Demands;
+use super::place::too_coarse;
+use crate::verdict::{Check, Reason, SetBy, Severity};
+use crate::words::{apart, fixed};
+
+/// Fewer times the noise is too little to tell wet from dry by.
+const MIN_CONTRAST_TO_NOISE: f64 = 5.0;
+/// Light less even than this leaves a part of the panel dark or overexposed sooner than the rest.
+const MIN_EVENNESS: f64 = 0.6;
+/// Share of the dry region that may be overexposed.
+const MAX_OVEREXPOSED: f64 = 0.001;
+
+/// What a clip says to the film method.
+#[derive(Debug, Clone)]
+pub struct Tuning {
+    /// Light and channels.
+    pub advice: Advice,
+    /// Each grid in the method's brightness.
+    pub grids: Vec<GridContrast>,
+    /// How long places look dry and then wet again, s.
+    pub flash_s: f64,
+    /// The smallest break that is surely found, mm².
+    pub detection_limit_mm2: f64,
+    /// Why the panel is not where the grids are looked for.
+    pub elsewhere: Option<Reason>,
+}
+
+impl Tuning {
+    /// How long a break must be seen so that no flash is taken for one, s.
+    pub fn needed_persist_s(&self, demands: &Demands) -> f64 {
+        let interval_s = 1.0 / demands.frames_per_second;
+        tenth_up((self.flash_s + interval_s).max(2.0 * interval_s))
+    }
+
+    /// Every number that is judged.
+    pub fn checks(&self, demands: &Demands) -> Vec<Check> {
+        let worst = self.grids.iter().min_by(|a, b| a.contrast_to_noise.total_cmp(&b.contrast_to_noise));
+        let of_grid = worst.map(|grid| contrast(&format!("grid {}", grid.id), grid.contrast_to_noise));
+        let coarse = too_coarse(self.detection_limit_mm2, demands.min_break_mm2);
+        let detection = Check::new("smallest break that is surely found", "mm²", self.detection_limit_mm2)
+            .at_most(demands.min_break_mm2, demands.min_break_set_by())
+            .gives(coarse, Severity::Review);
+        let needed_s = self.needed_persist_s(demands);
+        let persist = Check::new("persist_s of the recipe", "s", demands.persist_s)
+            .at_least(needed_s, SetBy::Program)
+            .reviews("persist", || {
+                let [persist, longer] = apart(demands.persist_s, needed_s, 1);
+                format!(
+                    "places look dry for up to {} s and then wet again, and persist_s is {persist} s: needed are {longer} s, or \
+                     fewer reflections",
+                    fixed(self.flash_s, 1)
+                )
+            });
+        let place = place(self.elsewhere.clone());
+        [place].into_iter().chain(of_grid).chain(light(&self.advice)).chain([detection, persist]).collect()
+    }
+}
+
+/// The same for the thesis's method, which has no grids and no flashes.
+pub fn thesis_checks(advice: &Advice, elsewhere: Option<Reason>) -> Vec<Check> {
+    let best = advice.channels.iter().map(|channel| channel.contrast_to_noise()).fold(0.0, f64::max);
+    [place(elsewhere), contrast("the best channel", best)].into_iter().chain(light(advice)).collect()
+}
+
+fn place(elsewhere: Option<Reason>) -> Check {
+    Check::new("the panel stands where the grids are looked for", "", None).gives(elsewhere, Severity::Review)
+}
+
+/// What is wrong with the light, whatever the method.
+fn light(advice: &Advice) -> [Check; 2] {
+    let darkest = advice.evenness[0];
+    [
+        Check::new("the darkest twentieth of the region, of its mean light", "", darkest)
+            .at_least(MIN_EVENNESS, SetBy::Program)
+            .broken(darkest < MIN_EVENNESS, Severity::Review, "uneven", || {
+                let [darkest, needed] = apart(darkest, MIN_EVENNESS, 2);
+                format!(
+                    "the darkest twentieth of the region has {darkest} of its mean light, needed are {needed}: a diffuser, or \
+                     a lamp farther away"
+                )
+            }),
+        Check::new("dry region that is overexposed", "", advice.overexposed)
+            .at_most(MAX_OVEREXPOSED, SetBy::Program)
+            .reviews("overexposed", || {
+                format!("{:.1} % of the dry region is overexposed: a shorter exposure", 100.0 * advice.overexposed)
+            }),
+    ]
+}
+
+fn contrast(what: &str, contrast_to_noise: f64) -> Check {
+    Check::new(format!("change of {what} by the film, times the noise"), "", contrast_to_noise)
+        .at_least(MIN_CONTRAST_TO_NOISE, SetBy::Program)
+        .reviews("contrast", || {
+            let [found, needed] = apart(contrast_to_noise, MIN_CONTRAST_TO_NOISE, 1);
+            format!(
+                "the film changes {what} by {found} times the noise, needed are {needed}: more light, or a longer exposure"
+            )
+        })
+}
+
+fn tenth_up(seconds: f64) -> f64 {
+    (10.0 * seconds - 1e-6).ceil() / 10.0
+}
