@@ -192,8 +192,15 @@ fn changed(folder: &Path) {
     let clip = body(&ask(&page.2, "GET", "clip.json", ""));
     assert_eq!(clip["now"]["said"]["breaks"].as_array().map(Vec::len), Some(2));
     assert!(clip["now"]["note"].as_str().is_some_and(|note| note.contains("has changed")), "{clip}");
+    assert!(ask(&page.2, "POST", "draft", &said(&[]).to_string()).starts_with("HTTP/1.1 200"));
     let (told, _) = ended(page);
-    assert_eq!((&told["saved"], told["labels"].is_string()), (&value!(0), true), "{told}");
+    assert_eq!(
+        (&told["saved"], &told["unsaved"], told["labels"].is_string()),
+        (&value!(0), &value!(true), true),
+        "{told}"
+    );
+    let kept = std::fs::read_to_string(folder.join("cell/clip/labels.json")).expect("labels");
+    assert!(kept.contains("\"clean\": false"), "a draft is no label: {kept}");
 }
 
 #[test]

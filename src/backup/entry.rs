@@ -1,5 +1,5 @@
-//! What may be in an archive: a closed list of names. A name that is none of them (an absolute one, one with `..`) is refused
-//! before anything is read of its entry.
+//! The entries that an archive may have: a closed list of names. Any other name (an absolute one, one with `..`) is refused
+//! before anything of its entry is read.
 
 use crate::store::{BLOBS, ROW_FILES};
 use std::path::{Component, Path};

@@ -1,7 +1,7 @@
-//! Puts what stands ready beside its place into its place, step by step; where a step fails, the steps before are undone.
+//! Moves what was unpacked into its final place, step by step; if a step fails, the steps before are undone.
 //!
-//! Each step is one renaming, which a file system does whole or not at all. What is replaced changes places with its
-//! successor and is then kept under another name, so that at every moment one of the two is in its place.
+//! Each step is one renaming, which a file system does completely or not at all. What is replaced is exchanged with its
+//! successor and then kept under another name, so that at every moment one of the two is in place.
 
 use super::error::BackupError;
 use rustix::fs::{CWD, RenameFlags, renameat_with};
@@ -89,7 +89,7 @@ impl Placing {
         Ok(kept_all)
     }
 
-    /// Undoes everything, the last step first, and gives the error back; what could not be undone is told with it.
+    /// Undoes everything, the last step first, and gives the error back; what could not be undone is reported with it.
     pub fn undo(self, cause: BackupError) -> BackupError {
         for (index, step) in self.steps.iter().enumerate().rev() {
             if let Err(words) = step.undo() {

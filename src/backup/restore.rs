@@ -1,4 +1,4 @@
-//! Restores an archive: everything is unpacked and verified beside its place, then put there.
+//! Restores an archive: everything is unpacked and verified beside its final place, then moved there.
 
 use super::entry::Entry;
 use super::error::BackupError;
@@ -14,7 +14,7 @@ use std::os::unix::fs::{MetadataExt, PermissionsExt, chown};
 use std::os::unix::net::UnixStream;
 use std::path::{Component, Path, PathBuf};
 
-/// What is wanted of it.
+/// What is to be restored of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Wanted {
     /// The store.

@@ -52,7 +52,7 @@ fn frame(hash: [u8; 32]) -> Vec<u8> {
 /// What the seal says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sealed {
-    /// The file is what was written: so many bytes before the seal.
+    /// The file is what was written: the number of bytes before the seal.
     Whole(u64),
     /// It has no seal: cut short, or no backup.
     Missing,

@@ -33,7 +33,7 @@ pub struct Noise {
 const NOISE_FLOOR: Noise = Noise { corner: 1e-4, turn_rad: 2e-7, shift_mm: 1e-4 };
 const NOISE_START: Noise = Noise { corner: 0.2, turn_rad: 3e-4, shift_mm: 0.1 };
 const MAX_STEPS: usize = 200;
-/// After so many steps the noise may still creep where camera and board stand.
+/// The number of steps after which the noise estimate may still change slowly where camera and board are stationary.
 const ENOUGH_STEPS: usize = 60;
 /// The steps end when camera and board move by less than this, mm and mrad.
 const SETTLED: f64 = 1e-7;

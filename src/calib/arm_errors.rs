@@ -1,10 +1,10 @@
-//! An arm whose links are a little other than its drawing says.
+//! The kinematics of an arm whose links differ slightly from the drawing.
 //!
 //! Forward kinematics of six axes with an ortho-parallel basis and a spherical wrist (Brandstötter, Angerer, Hofbaur 2014),
-//! and after each of the first five axes a small motion Eᵢ of six numbers: the zero of the axis, its two twists, three
-//! lengths. Whatever six axes can be off by is in these, up to what the frames at both ends take over (what stands before
-//! axis 1 belongs to the base, what comes with axis 6 to the tool). Under its weight the arm sinks about axes 2 and 3 by an
-//! angle that grows with the lever of what they carry.
+//! with a small motion Eᵢ of six numbers after each of the first five axes: the axis zero, its two twists, and three
+//! lengths. These numbers describe every geometric error of six axes, except what the frames at both ends absorb (an error before
+//! axis 1 belongs to the base, one after axis 6 to the tool). Under its weight the arm sags about axes 2 and 3 by an
+//! angle that is proportional to the lever of the load.
 
 use super::arrangement::{Twist, exp};
 use crate::cell::ArmGeometry;
@@ -29,7 +29,7 @@ const LENGTH_MM: f64 = 0.4;
 /// 0.3 mm at the end of a lever of 600 mm.
 const SAG: f64 = 8e-7;
 
-/// The name of a number, with the unit in which it is told, and how many of those one unit of the number is.
+/// The name of a number, with the unit in which it is reported, and how many of those one unit of the number is.
 pub fn name(index: usize) -> (String, f64) {
     const ALONG: [char; 3] = ['x', 'y', 'z'];
     // The first axis turns about z, axes 2, 3 and 5 about y, axis 4 about z.

@@ -23,7 +23,7 @@ const MOST_SHARE: f64 = 0.03;
 const ROUND: f64 = 0.12;
 /// The longest axis by the shortest: a circle seen at 70° is 2.9.
 const LONGEST: f64 = 3.5;
-/// A pixel must differ from its surroundings by so many grey levels.
+/// The least difference of a pixel from its surroundings, grey levels.
 const LEAST_CONTRAST: f64 = 6.0;
 /// From this grey level on a pixel may belong to a glare, which would lift the mean of what is around it.
 const GLARE: u8 = 225;
@@ -91,7 +91,7 @@ impl Integral {
 
 /// Grey levels around each pixel, for any reach.
 pub(super) struct Sums {
-    /// Of those that no glare can be: each adds [`COUNT`], and so the number is told as well.
+    /// Of those that no glare can be: each adds [`COUNT`], and so the number is reported as well.
     without: Integral,
     all: Integral,
 }

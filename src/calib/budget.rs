@@ -1,6 +1,6 @@
-//! The parts of the error at the tool that calibrations know, each a radius that holds the error with 95 %, mm.
+//! The parts of the error at the tool that calibrations determine, each as the radius that contains 95 % of the errors, mm.
 //!
-//! Whole budgets stand in the cycle's record; the panel's place and the surface's fit are not known here.
+//! The complete budget is part of the cycle's record; the panel's pose and the surface's fit are not known here.
 
 use super::health::Verification;
 

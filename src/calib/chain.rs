@@ -5,7 +5,7 @@ use super::arrangement::Arrangement;
 use crate::geometry::{Base, Board, Flange, Frame, PinholeCamera, Pixel, Point, Rigid};
 use nalgebra::{Isometry3, Matrix3, Matrix6, SMatrix, SVector, Vector3};
 
-/// What a camera sees of the board.
+/// A camera's observation of the board.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BoardObservation<C: Frame> {
     /// Corners in a picture.
@@ -29,12 +29,12 @@ impl<C: Frame> BoardObservation<C> {
     }
 }
 
-/// One picture of the board with the robot's word on where the flange was.
+/// One picture of the board with the flange pose that the robot reported.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Station<C: Frame> {
     /// The picture's name in messages.
     pub name: String,
-    /// Where the robot says that the flange was.
+    /// The flange pose that the robot reported.
     pub base_from_flange: Rigid<Base, Flange>,
     /// What the picture shows.
     pub seen: BoardObservation<C>,

@@ -1,8 +1,8 @@
-//! ChArUco: markers say which corners are seen, also where a part of the board is covered.
+//! ChArUco boards: their markers identify the corners, also where a part of the board is covered.
 //!
-//! The markers are found by OpenCV's aruco. From their corners those of the squares are foretold, and found by the print
-//! around them (`print`); from these the next ones, so that a few markers are enough. Where that finds too little, the lattice
-//! of a chessboard (`charuco_lattice`) does, which needs no marker that can be read.
+//! OpenCV's aruco module finds the markers. The corners of the squares are predicted from the corners of the markers and located by
+//! the print around them (`print`); each located corner predicts the next ones, so that a few markers are enough. Where that finds
+//! too few corners, the lattice of a chessboard (`charuco_lattice`) is used, which needs no readable marker.
 //! The layout is our own, so that boards printed by OpenCV before 4.6 (`legacy`) and since are both read by any version.
 
 use super::board::{Board, Charuco, Corners};

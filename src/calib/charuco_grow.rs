@@ -1,6 +1,6 @@
-//! The corners of a ChArUco board from those near them: each is foretold by what is known around it, and found by the print.
+//! Grows the corners of a ChArUco board: each corner is predicted from those around it and located by the print.
 //!
-//! What is found foretells the next ones. A board is believed where the picture shows its markers between the corners.
+//! Each located corner predicts the next ones. A board is accepted if the picture shows its markers between the corners.
 
 use super::board::{Board, Corners};
 use super::charuco_lattice::{ALIKE, Cells, correlation};
@@ -104,7 +104,7 @@ impl Search<'_> {
             && rows.iter().any(|all| !all.is_empty())
     }
 
-    /// A corner as those near it foretell it.
+    /// A corner as its neighbours predict it.
     fn view(&self, known: &Known, column: usize, row: usize) -> Option<View> {
         let q = self.board.corner(column, row)?;
         let place = [q.mm.x, q.mm.y];

@@ -1,9 +1,9 @@
-//! Which corners of a ChArUco board the corners of a lattice are: told by the cells of its markers, none of which need be read.
+//! Assigns the corners of a lattice to those of a ChArUco board by the cells of its markers, none of which needs to be readable.
 //!
-//! A ChArUco board's squares meet in corners as a chessboard's do, and `chessboard` joins them to a lattice also where
-//! blur, noise or a glare hides what the markers say. The lattice may lie on the board in four turns and at several
-//! places. For each the grey levels at the middles of all cells are compared with what is printed there, square by
-//! square, and one place must be clearly the best.
+//! The squares of a ChArUco board meet in corners as those of a chessboard do, and `chessboard` joins them to a lattice also where
+//! blur, noise or a glare hides the markers' codes. The lattice can lie on the board in four rotations and at several
+//! positions. For each of these the grey levels at the centres of all cells are compared with the print, square by
+//! square, and one assignment must be clearly the best.
 
 use super::board::Board;
 use super::chessboard::Grid;

@@ -20,7 +20,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 const MOST_PX: usize = 3_400_000;
 /// A picture is not reduced below this length of its longer side, px.
 const LEAST_SIDE_PX: usize = 480;
-/// The last look sees at most so many pixels.
+/// The largest number of pixels that the last pass examines.
 const SECTOR_BASED_PX: usize = 850_000;
 /// An outer line of which less was seen is none: of a board with a glare near its rim, of one with a glare, and of one beside
 /// which something looks like corners.
@@ -31,11 +31,11 @@ const SMALLEST: usize = 3;
 const SEEN_SHARE: f64 = 0.5;
 /// … and of another board, before it is called one.
 const OTHER_SHARE: f64 = 0.8;
-/// A line beyond the board of which so many places are corners is one of a larger board.
+/// A line beyond the board with this share of corners belongs to a larger board.
 const REAL_SHARE: f64 = 0.4;
 /// The contrast of a corner by that of its neighbour.
 const HALF_CONTRAST: f64 = 0.7;
-/// A corner that is foretold is looked for in ± so much of the distance to its neighbour.
+/// A predicted corner is searched within this share of the distance to its neighbour.
 const WINDOW_SHARE: f64 = 0.3;
 
 /// A corner of the board.
@@ -43,7 +43,7 @@ const WINDOW_SHARE: f64 = 0.3;
 pub(super) struct Node {
     /// Where it is.
     pub pixel: Pixel,
-    /// Was it seen, or is it where its neighbours foretell it?
+    /// Was it detected, or is it predicted from its neighbours?
     pub is_seen: bool,
 }
 

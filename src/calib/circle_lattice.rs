@@ -10,7 +10,7 @@ use super::board::Board;
 use nalgebra::Vector2;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
-/// A step differs from what the one before foretells by at most so much of its length.
+/// A step differs from the prediction of the one before by at most this share of its length.
 const FORETOLD: f64 = 0.27;
 /// The areas of neighbours differ by at most this factor; one circle of a board may be larger, as its mark.
 const AREAS: f64 = 5.5;

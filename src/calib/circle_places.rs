@@ -12,13 +12,13 @@ use nalgebra::Matrix3;
 
 /// What is placed no better is not there, each way, px.
 const PRESENT_PX: f64 = 3.0;
-/// A circle's radius may be so many times that of a first estimate.
+/// The factors by which a circle's radius may differ from its first estimate.
 const RADII: [f64; 5] = [0.9, 0.95, 1.0, 1.05, 1.1];
 
 /// What is looked for by its print alone.
 pub(super) struct ByPrint<'a> {
     pub picture: &'a GrayPicture,
-    /// It is looked for in the picture made smaller by so many times.
+    /// The factor by which the picture is reduced for the search.
     pub times: usize,
     pub reach_mm: f64,
     /// The contrast's sign: 1 where the print is darker than the ground.

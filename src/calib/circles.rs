@@ -18,7 +18,7 @@ use super::surface::{pixel_of, without_strays};
 use crate::geometry::{GrayPicture, Pixel, median};
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
-/// Candidates beyond so many times the board's circles are not all looked at.
+/// At most this multiple of the board's number of circles is examined as candidates.
 const CANDIDATES_EACH: usize = 3;
 const MOST_CANDIDATES: usize = 450;
 /// Blobs of all reaches together, at most: of a weave there are more, and each is compared with all.
@@ -27,7 +27,7 @@ const MOST_TOGETHER: usize = 2_000;
 const REACHES: [usize; 3] = [12, 32, 80];
 /// Grids that are placed.
 const MOST_GRIDS: usize = 3;
-/// The window reaches so far towards the neighbours' middles; the outermost part of it is ground.
+/// The extent of the window towards the neighbours' centres; its outermost part is background.
 const WINDOW: f64 = 0.48;
 const GROUND: f64 = 0.40;
 /// Circles with windows that reach farther are placed in a smaller picture, px.

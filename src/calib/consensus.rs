@@ -1,8 +1,8 @@
-//! The start of the adjustment, which a few wrong poses cannot spoil.
+//! The start value of the adjustment, robust against a few wrong poses.
 //!
-//! From three stations at a time the mount follows in closed form (Park & Martin). With it every station says where
-//! the board is held, and right stations agree. Best is the mount with the least median of these distances
-//! (Rousseeuw, J. Am. Stat. Assoc. 79, 1984): it bears almost half of all poses wrong.
+//! Three stations at a time give the mount in closed form (Park & Martin). With this mount every station predicts where
+//! the board is held, and correct stations agree. The best mount has the least median of these distances
+//! (Rousseeuw, J. Am. Stat. Assoc. 79, 1984), which tolerates almost half of all poses being wrong.
 
 use super::arrangement::Arrangement;
 use super::error::CalibError;

@@ -38,13 +38,13 @@ const LEAST_CONTRAST: f64 = 3.0;
 const LEAST_BY_NOISE: f64 = 3.0;
 /// The smoothing leaves this share of white noise.
 const NOISE_LEFT: f64 = 0.27;
-/// Opposite changes of the ring lie on a line to so many rad.
+/// Opposite changes of the ring lie on a line within this angle, rad.
 const BENT_RAD: f64 = 0.6;
 /// Edges that cross at less than this are none, rad.
 const LEAST_ANGLE_RAD: f64 = 0.3;
 /// Hardly a board has more corners; the ones with the most contrast are kept.
 const MOST: usize = 6000;
-/// A saddle's place in a window of ± so many px.
+/// A saddle's position in a window of this half width, px.
 const APART_PX: usize = 3;
 
 impl Smooth {

@@ -1,6 +1,6 @@
-//! Where a picture shows the board's corners, to sub-pixel.
+//! Detects the board's corners in a picture, to sub-pixel.
 //!
-//! `chessboard` and `charuco` find them to about a pixel, `placing` makes that a hundredth; `circles` does both.
+//! `chessboard` and `charuco` find them to about a pixel, and `placing` refines them to a hundredth; `circles` does both.
 
 use super::board::Board;
 pub use super::board::Corners;

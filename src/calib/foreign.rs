@@ -111,7 +111,7 @@ pub(super) fn chessboard(
     Ok((seen && found.len() == columns * rows).then(|| pixels_of(&found)))
 }
 
-/// The picture so many times smaller; each pixel is the mean of those that it stands for.
+/// The picture reduced by this factor; each pixel is the mean of those that it replaces.
 pub(super) fn reduced(picture: &GrayPicture, times: usize) -> Result<GrayPicture, ImagingError> {
     const OPERATION: &str = "a smaller picture";
     let source = picture_of(picture)?;

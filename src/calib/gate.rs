@@ -1,4 +1,4 @@
-//! From evidence to a verdict: which calibration may be used, which a person must look at, which not.
+//! The gate: turns evidence into a verdict, namely which calibration may be used, which a person must look at, and which is refused.
 
 use super::arrangement::Arrangement;
 use super::hand_eye::HandEye;

@@ -1,4 +1,4 @@
-//! Is a calibration still true? What a look at a known target found, and whether a cycle may start on it.
+//! Is a calibration still valid? Judges verifications against a known target, and whether a cycle may start with the calibration.
 
 use super::board::Board;
 use crate::cell::{LensExtent, Limits};
@@ -59,14 +59,14 @@ pub fn distance_mm(
     corners.iter().map(|&corner| known.distance_at_mm(*found, corner)).fold(0.0, f64::max)
 }
 
-/// Corners of a flat board of squares lie so far from where a right lens sees them at most, px rms.
+/// The largest reprojection error of a flat board of squares with a correct lens, px rms.
 const MAX_PNP_RMS_PX: f64 = 1.0;
 /// A camera that was bumped turns what it sees by less; corners that are counted from another one turn it by 90° or 180°.
 const MAX_TURN_DEG: f64 = 20.0;
 /// Squares as the 3D camera measures them differ by less from the board's.
 const MAX_SQUARE_SHARE: f64 = 0.02;
 
-/// Where one look at a board puts it.
+/// A board's pose by one picture of it.
 #[derive(Debug, Clone, Copy)]
 pub struct BoardMeasurement {
     /// The board in the base.
@@ -112,7 +112,7 @@ pub fn outside_of_lens(extent: &LensExtent, pixels: impl IntoIterator<Item = Pix
     Some(Reason::new("outside_of_lens", message))
 }
 
-/// Why a look says nothing of the calibration: it is of another board, of one that stands elsewhere, or from another pose
+/// Why a measurement carries no information on the calibration: it is of another board, of one that stands elsewhere, or from another pose
 /// of the flange; `None` where it can be kept.
 ///
 /// A camera that was bumped shows the board displaced by less than half of the board's own diagonal, and turned by less

@@ -1,9 +1,9 @@
-//! What one station, or a lens that is a little off, does to an adjustment: to first order, from its normal equations.
+//! The influence of one station, or of a lens error, on an adjustment: to first order, from its normal equations.
 //!
-//! A station adds its information Λᵢ to Λ = Σ Λᵢ and pulls with gᵢ: without it the result moves by −(Λ − Λᵢ)⁻¹ gᵢ, and a
-//! station that was not in it is held against what is left. A lens off by δ moves the result by Λ⁻¹ B δ, where B gathers
-//! how the corners move with the lens, so that a lens of covariance C adds Λ⁻¹ B C Bᵀ Λ⁻¹. It is the largest part where
-//! the robot is good: a principal point that is 0.1 px off turns the mount by 0.1 px of view.
+//! A station adds its information Λᵢ to Λ = Σ Λᵢ and its gradient gᵢ. Without it the result moves by −(Λ − Λᵢ)⁻¹ gᵢ; a
+//! station that was not part of the adjustment is compared with the result. A lens error δ moves the result by Λ⁻¹ B δ, where B holds
+//! the derivatives of the corners by the lens, so that a lens of covariance C adds Λ⁻¹ B C Bᵀ Λ⁻¹. This is the largest part if
+//! the robot is good: an error of 0.1 px of the principal point rotates the mount by 0.1 px of view.
 
 use super::adjust::{Adjusted, prior, scaled_inverse};
 use super::arrangement::{Arrangement, Twist, log};

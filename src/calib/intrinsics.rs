@@ -2,9 +2,9 @@
 //!
 //! `lens_fit` minimises the reprojection error of all corners over the camera and every board's pose, among lenses that can
 //! be inverted all over the picture. A picture whose corners fit far worse than the others' (blurred, bent board, wrong
-//! corners) is set aside with the reason and the rest is calibrated again. `lens_choice` says how many distortion
-//! coefficients the pictures support. Coverage of the picture and tilts of the board say what the pictures can determine:
-//! without tilt, focal length and distance cannot be told apart; without corners near the rim, distortion is guessed.
+//! corners) is set aside with the reason, and the rest is calibrated again. `lens_choice` selects how many distortion
+//! coefficients the pictures support. The coverage of the picture and the tilts of the board show what the pictures can determine:
+//! without tilt, focal length and distance cannot be distinguished; without corners near the rim, distortion is extrapolated.
 
 use super::board::Board as BoardPattern;
 use super::detect::Corners;
@@ -262,7 +262,7 @@ pub fn coverage<'c>(
     seen.iter().filter(|seen| **seen).count() as f64 / seen.len() as f64
 }
 
-/// Of the boards from the picture's plane: a board that is parallel to it says nothing of the focal length, wherever it is.
+/// Of the boards from the picture's plane: a board that is parallel to it carries no information on the focal length, wherever it is.
 fn tilts(poses: &[Rigid<Camera, Board>]) -> [f64; 2] {
     let tilt = |pose: &Rigid<Camera, Board>| (pose.rotation() * Vector3::z()).angle(&Vector3::z()).to_degrees();
     poses.iter().map(tilt).fold([f64::INFINITY, 0.0], |[low, high], tilt| [low.min(tilt), high.max(tilt)])

@@ -1,9 +1,9 @@
-//! Crossings joined to the lattice of a chessboard, from corner to corner along its edges.
+//! Joins edge crossings to the lattice of a chessboard, from corner to corner along its edges.
 //!
-//! Between two neighbouring corners runs one edge: left of it is one colour, right of it the other, all the way. From a first
-//! corner the lattice grows along its edges, each step foretold by the one before, and a corner joins it where an edge leads to
-//! each of the neighbours that are already there. So a lattice stays right where corners are missing, under a glare, and
-//! ends where the board ends. The looks at edges are counted, and their number is bounded.
+//! One edge runs between two neighbouring corners, with one colour to its left and the other to its right over its whole length. The
+//! lattice grows from a first corner along its edges. Each step is predicted from the one before, and a corner joins if edges lead to
+//! all of its neighbours that are already part of the lattice. The lattice therefore stays correct where corners are missing under a
+//! glare, and ends where the board ends. The number of edge evaluations is counted and bounded.
 
 use super::crossings::{Crossing, Smooth};
 use nalgebra::Vector2;
@@ -18,13 +18,13 @@ const LEAST_PX: f64 = 6.0;
 const MOST_PX: f64 = 170.0;
 /// Where so near are candidates enough, none is looked for farther away, px.
 const FIRST_PX: f64 = 60.0;
-/// A first step leaves an edge's direction by at most so much: cosine.
+/// The largest angle between a first step and an edge's direction, as its cosine.
 const CONE: f64 = 0.966;
 /// A neighbour's own edge runs along the line to it: cosine.
 const ALONG: f64 = 0.90;
-/// A step differs from what the one before foretells by at most so much of its length.
+/// A step differs from the prediction of the one before by at most this share of its length.
 const FORETOLD: f64 = 0.28;
-/// Along a first edge so many crossings are looked at.
+/// The number of crossings that are examined along a first edge.
 const NEAREST: usize = 10;
 /// The contrast across the edge by that of the corners.
 const EDGE_SHARE: f64 = 0.3;

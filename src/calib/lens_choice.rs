@@ -1,7 +1,7 @@
-//! Which lens model the data support: each is fitted without some of the pictures, and judged by those.
+//! Selects the lens model that the data support: each model is fitted without some of the pictures and judged by these.
 //!
-//! A coefficient that the data do not hold follows noise, and foretells left-out pictures no better. The simplest model
-//! is chosen whose left-out pictures are not worse than the best model's by more than the scatter of that comparison from
+//! A coefficient that the data do not support follows the noise and does not improve the prediction of left-out pictures. The simplest
+//! model is selected whose left-out pictures are not worse than the best model's by more than the scatter of that comparison from
 //! picture to picture (the one-standard-error rule, Breiman et al. 1984).
 
 use super::detect::Corners;
@@ -9,7 +9,7 @@ use super::lens_fit::{self, LensFit};
 use super::lens_model::LensModel;
 use rayon::prelude::*;
 
-/// How one model foretold the left-out pictures.
+/// How well one model predicted the left-out pictures.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Trial {
     /// The model.
@@ -33,7 +33,7 @@ pub(super) struct Choice {
     pub left_out: Vec<LeftOut>,
 }
 
-/// Pictures are left out in so many groups.
+/// The number of groups in which pictures are left out.
 const GROUPS: usize = 5;
 
 /// Chooses among fits of all pictures, one for each model.

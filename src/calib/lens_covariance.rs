@@ -15,7 +15,7 @@ use super::lens_gram::LensGram;
 use crate::cell::LensCovariance;
 use crate::geometry::PinholeCamera;
 
-/// Radial terms move the rim by at most so much of its radius, as a standard deviation.
+/// Standard deviation of the displacement of the rim by radial terms, as a share of its radius.
 const RADIAL_SHARE: f64 = 0.2;
 /// The same of tangential terms: lenses of one maker differ by a thousandth.
 const TANGENTIAL_SHARE: f64 = 0.01;

@@ -1,4 +1,4 @@
-//! The normal equations of one picture of a board: how its corners pull on the lens's nine numbers and on the board's pose.
+//! The normal equations of one picture of a board: the contributions of its corners to the lens's nine numbers and to the board's pose.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;

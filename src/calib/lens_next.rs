@@ -1,7 +1,7 @@
-//! Which picture of the board would help a lens most.
+//! Suggests the picture of the board that would improve a lens most.
 //!
-//! The board is put into nine parts of the picture, flat and tilted four ways. Of the places where the picture holds it
-//! whole, the best is the one after which the lens's error, summed over the picture, is least.
+//! The board is simulated in nine parts of the picture, flat and tilted four ways. Of the poses at which the picture contains it
+//! completely, the best is the one after which the lens's error, summed over the picture, is least.
 
 use super::adjust::scaled_inverse;
 use super::board::Board;

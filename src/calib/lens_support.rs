@@ -1,9 +1,9 @@
-//! Which part of the picture the data support: where the lens is known to a stated error.
+//! The part of the picture that the data support: where the lens is known to a stated error.
 //!
-//! With C the lens's covariance, J how a pixel moves with the lens and Jp how it moves with the pose of a board, a lens
-//! that is off by δ shows a board elsewhere, and a pose follows that as far as it can: P δ, by least squares over the
-//! corners that were seen. What remains, (J − Jp P) δ, is what nobody can mend afterwards; its 95 % circle is the error of
-//! the lens at that pixel. From the middle of the corners outwards it grows; the outline is where it passes the limit.
+//! C is the lens's covariance, J the derivative of a pixel by the lens, and Jp the one by the pose of a board. A lens error δ
+//! makes a board appear displaced, and a pose compensates a part of that: P δ, by least squares over the
+//! corners that were used. The remainder, (J − Jp P) δ, cannot be compensated later; its 95 % circle is the error of
+//! the lens at that pixel. It grows from the centre of the corners outwards; the outline is where it exceeds the limit.
 
 use super::adjust::scaled_inverse;
 use super::detect::Corners;
@@ -31,7 +31,7 @@ const MOST_PX: f64 = 3.0;
 const CIRCLE_95: f64 = 5.991;
 const DIRECTIONS: usize = 48;
 const STEPS: usize = 60;
-/// The pose follows at most so many corners.
+/// The largest number of corners that the pose is fitted to.
 const CORNERS: usize = 2000;
 
 /// The part in which a lens of this covariance is known.

@@ -1,7 +1,7 @@
-//! Corners that were found to about a pixel, placed to sub-pixel.
+//! Refines corners that were found to about a pixel, to sub-pixel.
 //!
-//! `cornerSubPix` moves each to where grey gradients around it meet, and `saddle` fits a model of the grey levels, which is
-//! several times as exact. The window of ± N px must hold one corner alone and enough edge: by default N is 0.35 of the
+//! `cornerSubPix` moves each corner to where the grey gradients around it intersect, and `saddle` fits a model of the grey levels, which
+//! is several times as precise. The window of ± N px must contain one corner alone and enough edge: by default N is 0.35 of the
 //! shortest distance between neighbours, 3 to 11. Where N is given, the corners are those of `cornerSubPix`, as OpenCV's
 //! users know them.
 
@@ -136,7 +136,7 @@ fn one_by_one(found: Detected, placed: Vec<Option<CornerEstimate>>, is_seen: &[b
     Detected { corners: kept.collect(), modelled, ..found }
 }
 
-/// The model of the grey levels around corners whose neighbours tell the directions of their edges.
+/// The model of the grey levels around corners whose neighbours give the directions of their edges.
 struct Model<'a> {
     picture: &'a GrayPicture,
     noise: f64,

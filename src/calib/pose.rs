@@ -1,4 +1,4 @@
-//! Where one picture, or one 3D shot, puts the board: perspective-n-point (thesis 3.7) and Kabsch.
+//! The pose of the board from one picture, or from one 3D shot: perspective-n-point (thesis 3.7) and Kabsch.
 
 use super::chain::BoardObservation;
 use super::error::CalibError;

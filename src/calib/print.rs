@@ -1,11 +1,11 @@
-//! A place of a board by all of its print around it: for poor pictures, in which a corner alone is not well known.
+//! Locates a corner of a board by all of the print around it: for poor pictures, in which the corner alone is not well determined.
 //!
-//! What is printed is known, and where the rest of the board is tells how it is turned and tilted. The print around a place is
-//! drawn as the camera would see it, p(x), with the picture's blur. The grey levels are
+//! The print is known, and the rest of the board gives its rotation and tilt. The print around the corner is
+//! rendered as the camera would see it, p(x), with the picture's blur. The grey levels are
 //!     g(x) = m + l · x + x · q x + a · p(x − d),                                                                (1)
-//! with mean m, light that changes by l and q, contrast a and the shift d that is looked for. With p(x − d) ≈ p(x) − ∇p · d this
-//! is linear in m, l, q, a and a d; the print is drawn again at the place that was found. Pixels that show something else, such as
-//! a glare, lose their weight. So the rims of markers and circles count with the corners.
+//! with mean m, a light gradient l and q, contrast a and the unknown shift d. With p(x − d) ≈ p(x) − ∇p · d this
+//! is linear in m, l, q, a and a d; the print is rendered again at the position that was found. Pixels that show something else, such as
+//! a glare, are down-weighted. The rims of markers and circles contribute as well as the corners.
 
 use super::board::Board;
 use crate::geometry::{GrayPicture, Pixel, median};
@@ -63,7 +63,7 @@ pub(super) struct View {
 const UNKNOWNS: usize = 9;
 /// Blurs that are tried, px.
 const BLURS_PX: [f64; 6] = [0.3, 0.7, 1.2, 1.7, 2.3, 3.0];
-/// The print is drawn so many times at most, until it moves by less, px.
+/// The largest number of times that the print is rendered, and the displacement that ends it, px.
 const DRAWN: usize = 5;
 const SETTLED_PX: f64 = 0.03;
 /// Turns in which pixels lose weight.

@@ -1,4 +1,4 @@
-//! How far 95 % reaches: quantiles for covariances that were estimated from few residuals.
+//! The 95 % radius of an error: quantiles for covariances that were estimated from few residuals.
 
 use nalgebra::Matrix3;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor};

@@ -1,14 +1,14 @@
-//! The arm's own errors, from pictures of boards and from touches, together with camera mounts, boards and tool tip.
+//! Estimates the arm's own errors from pictures of boards and from touches, together with camera mounts, boards and tool tip.
 //!
-//! Unknown are the arm's numbers p (of `arm_errors`, or of a smooth correction where no axis angles are known), the mount
-//! and the board of each rig, the tip and the spots that it touched. A picture gives the board's pose before the camera; with
-//! the residual twists r of pictures and vectors of touches, each divided by its deviation,
+//! The unknowns are the arm's numbers p (of `arm_errors`, or of a smooth correction where no axis angles are known), the mount
+//! and the board of each rig, the tip and the spots that it touched. A picture gives the pose of the board in the camera's frame. With
+//! the residual twists r of pictures and the residual vectors of touches, each divided by its standard deviation,
 //!     Σ r² + Σ (p / usual size)²                                                                                  (1)
-//! is least. The second sum is what is known of any arm: a number that the data do not tell stays at its drawing's. How
-//! well it is told is its deviation after by that before. The scatter is taken from the residuals themselves, and how far this
-//! arm is from the usual one from its numbers.
+//! is minimised. The second sum is prior knowledge of any arm: a number that the data do not determine keeps the value of the drawing. The
+//! ratio of its standard deviation after the estimate to that before states how well it is determined. The scatter is estimated from the
+//! residuals, and the size of the prior from the arm's numbers.
 //!
-//! What counts is judged on pictures that were left out: the same with and without p.
+//! The result is judged by cross-validation on pictures that were left out, with and without p.
 
 use super::adjust::scaled_inverse;
 use super::arm_errors::ARM_NUMBERS;
@@ -26,7 +26,7 @@ use nalgebra::Vector3;
 pub const MIN_VIEWS: usize = 12;
 /// How often it is asked how large this arm's numbers are.
 const SIZINGS: usize = 3;
-/// Pictures are left out in so many groups.
+/// The number of groups in which pictures are left out.
 pub(super) const GROUPS: usize = 5;
 
 /// The correction to begin with: geometry where every pose has its axis angles, else smooth over the measured volume.
@@ -103,7 +103,7 @@ pub fn calibrate(data: &RobotData) -> Result<RobotFound, CalibError> {
     })
 }
 
-/// A touch of what cannot be touched, and touches that tell no tip.
+/// A touch of what cannot be touched, and touches that do not determine the tip.
 fn wrong_touch(data: &RobotData) -> Option<String> {
     let is_other = |touch: &&ArmTouch| match touch.at {
         Touched::Spot(_) => false,
@@ -152,7 +152,7 @@ fn scatter_mm(full: &Settled, data: &RobotData, left_out: &[LeftOut]) -> Option<
     Some((square / f64::max(count, 1.0)).max(0.0).sqrt().max(REPEAT_MM / 3.0))
 }
 
-/// A picture's number, and how far off the others foretell its board, seen from the board, mm.
+/// A picture's number, and the error of the prediction of its board by the others, in the board's frame, mm.
 type LeftOut = (usize, Vector3<f64>);
 
 fn rms_mm(left_out: &[LeftOut]) -> f64 {

@@ -1,4 +1,4 @@
-//! Axis angles that are not what they are said to be: two exchanged, a wrong sign, another arm's.
+//! Detects axis angles that are not what the file says: two exchanged, a wrong sign, or those of another arm.
 
 use super::arm_errors::{self, ARM_NUMBERS, AxisFault};
 use super::robot_data::{ArmView, RigKind, RobotData};
@@ -6,14 +6,14 @@ use crate::geometry::{Base, Flange, Joints, Rigid};
 use crate::words::apart;
 use nalgebra::Isometry3;
 
-/// Axis angles and controller differ by no more, mm and degrees, where both are of one robot.
+/// The largest difference between axis angles and controller, mm and degrees, where both are of one robot.
 const SAME_MM: f64 = 5.0;
 const SAME_DEG: f64 = 1.0;
-/// The board turns between two pictures as the flange does, to so many degrees, rms.
+/// The board rotates between two pictures as the flange does; the largest difference, degrees rms.
 const SAME_TURN_DEG: f64 = 0.7;
-/// … and shifts along the axis of that turn as the flange does, to so many mm, rms.
+/// … and shifts along the axis of that rotation as the flange does; the largest difference, mm rms.
 const SAME_SHIFT_MM: f64 = 5.0;
-/// Turns whose axis says something.
+/// Rotations whose axis is well defined.
 const AXIS_DEG: (f64, f64) = (5.0, 170.0);
 
 /// Do the axis angles belong to the controller's poses and to the pictures? If not, which fault explains it.
@@ -84,7 +84,7 @@ fn screw_misfit(data: &RobotData, flange: &dyn Fn(&Joints) -> Rigid<Base, Flange
             };
             let ((moved_deg, moved_mm), (seen_deg, seen_mm)) = (screw(&moved), screw(&seen));
             turns += (moved_deg - seen_deg).powi(2);
-            // The axis of a small turn is not known, and that of half a turn has no sign.
+            // The axis of a small rotation is not known, and that of half a turn has no sign.
             let has_axis = |deg: &f64| (AXIS_DEG.0..AXIS_DEG.1).contains(deg);
             let is_screw = has_axis(&moved_deg) && has_axis(&seen_deg);
             shifts += if is_screw { (moved_mm - seen_mm).powi(2) } else { 0.0 };

@@ -1,8 +1,8 @@
-//! How the flange is where the controller does not say: by the arm's geometry, or by a motion that changes smoothly with place.
+//! The true pose of the flange where it differs from the controller's: by the arm's geometry, or by a motion that varies smoothly over the volume.
 //!
-//! With the pose N that the controller reports, the flange truly stands at T:
+//! With the pose N that the controller reports, the flange is truly at T:
 //!     geometry, by the axis angles q:  T = N F₀(q)⁻¹ F(q),   F₀ the drawing's forward kinematics, F that with the errors    (1)
-//!     smooth, by the place p of N:     T = (exp r(p) R, p + t(p)),   r and t linear in p, held constant outside of the volume  (2)
+//!     smooth, by the position p of N:  T = (exp r(p) R, p + t(p)),   r and t linear in p, held constant outside of the volume  (2)
 //! To bring the flange to T, the controller is sent the N for which (1) or (2) gives T.
 
 use super::arm_errors::{self, ARM_NUMBERS};
@@ -13,7 +13,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 pub use crate::cell::SMOOTH_NUMBERS;
 
-/// Where the robot was.
+/// The robot's pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArmPose {
     /// The axes, where they are known.

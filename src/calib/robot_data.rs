@@ -39,7 +39,7 @@ pub struct ArmView {
     pub name: String,
     /// Which rig took it.
     pub rig: usize,
-    /// Where the robot was.
+    /// The robot's pose.
     pub pose: ArmPose,
     /// Where it shows the board.
     pub camera_from_board: Isometry3<f64>,
@@ -49,10 +49,10 @@ pub struct ArmView {
     pub rms_px: f64,
 }
 
-/// The robot comes back to a pose to so many mm, and degrees in rad.
+/// The robot's repeatability, mm and rad.
 pub(super) const REPEAT_MM: f64 = 0.03;
 const REPEAT_RAD: f64 = 5e-5;
-/// Corners are never better than so many px.
+/// The least assumed error of a corner, px.
 const LEAST_PX: f64 = 0.02;
 
 impl ArmView {
@@ -116,7 +116,7 @@ pub enum Touched {
 pub struct ArmTouch {
     /// What it touches.
     pub at: Touched,
-    /// Where the robot was.
+    /// The robot's pose.
     pub pose: ArmPose,
 }
 

@@ -14,7 +14,7 @@ pub struct Number {
     pub value: f64,
     /// How far off it may be, 95 %.
     pub uncertainty: f64,
-    /// Its deviation after by that before: 1 where the data say nothing, 0 where they say all.
+    /// Its deviation after by that before: 1 where the data carry no information, 0 where they determine it completely.
     pub untold: f64,
 }
 
@@ -37,6 +37,6 @@ pub struct RobotFound {
     pub(super) state: State,
     pub(super) covariance: DMatrix<f64>,
     pub(super) variance: f64,
-    /// What is left of a single pose that no number of the arm tells, each way, mm.
+    /// What is left of a single pose that no number of the arm explains, each way, mm.
     pub(super) scatter_mm: f64,
 }

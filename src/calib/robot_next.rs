@@ -1,10 +1,10 @@
-//! Which pose would help an arm most next, and whether one still would.
+//! Suggests the pose that would improve the calibration of an arm most, and says whether any still would.
 //!
-//! A rig's board is put into parts of its camera's picture, tilted and turned, as near and far as it was seen. The caller
-//! says which of these flange poses the arm may take, and with which axes. A picture with the information W, whose twist moves
-//! with the unknowns by J, leaves of their covariance C
+//! A rig's board is simulated in parts of its camera's picture, tilted and rotated, within the distances at which it was seen. The caller
+//! states which of these flange poses the arm may take, and with which axes. A picture with the information W, whose twist depends
+//! on the unknowns by J, reduces their covariance C to
 //!     C − C Jᵀ (J C Jᵀ + W⁻¹)⁻¹ J C.                                                                          (1)
-//! The best picture is that after which the weakest of the numbers that the data tell is known best.
+//! The best picture is the one after which the least certain of the determined numbers is known best.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::log;
@@ -44,7 +44,7 @@ pub struct NextPose {
     pub rig: usize,
     /// The pose.
     pub pose: ArmPose,
-    /// The weakest number that the data tell.
+    /// The weakest number that the data determine.
     pub weakest: String,
     /// Its deviation after this picture by that before.
     pub weakest_share: f64,
@@ -53,7 +53,7 @@ pub struct NextPose {
 }
 
 impl NextPose {
-    /// Would no other picture change the tip's stated error by so much that it is worth taking?
+    /// Would no further picture reduce the tip's stated error enough to be worth taking?
     pub fn is_enough(&self) -> bool {
         self.tip_share > ENOUGH
     }
@@ -98,7 +98,7 @@ pub fn sights(
     all
 }
 
-/// Flat and tilted several ways, each turned about the view several times.
+/// Flat and tilted several ways, each rotated about the view several times.
 fn turns() -> Vec<UnitQuaternion<f64>> {
     let about = |index: usize, count: usize| std::f64::consts::TAU * index as f64 / count as f64;
     let tilt = |tilt_deg: f64| {
@@ -140,7 +140,7 @@ fn sight(
     Some(Sight { rig, base_from_flange: Rigid::claim(base_from_flange), information })
 }
 
-/// What a picture would leave of the weakest told number, and of the tip's error.
+/// What a picture would leave of the weakest determined number, and of the tip's error.
 struct Gain {
     weakest_share: f64,
     tip_share: f64,

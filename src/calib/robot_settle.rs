@@ -1,4 +1,4 @@
-//! The least of (1) in `robot`: Levenberg–Marquardt over the arm's numbers, mounts, boards, tip and spots.
+//! Minimises (1) of `robot`: Levenberg–Marquardt over the arm's numbers, mounts, boards, tip and spots.
 
 use super::adjust::scaled_inverse;
 use super::arrangement::{Twist, exp, log};
@@ -8,10 +8,10 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6, Vector3};
 
 /// Deviation of one touch, mm.
 const TOUCH_MM: f64 = 0.1;
-/// The tip is within so many mm of the flange, as a deviation: it counts where touches do not tell.
+/// Standard deviation of the tip's distance from the flange, mm: it is the prior where touches do not determine the tip.
 const TIP_MM: f64 = 300.0;
 const MAX_STEPS: usize = 40;
-/// An arm is so much better or worse than usual.
+/// The factors by which an arm may be better or worse than usual.
 const SIZES: (f64, f64) = (0.3, 4.0);
 
 /// The unknowns.
@@ -110,7 +110,7 @@ pub(super) struct Settled {
 
 impl Settled {
     /// How large the numbers of this arm are, by what is usual: the variance component of the second sum of (1), from the
-    /// numbers that the data tell (Förstner, as in `adjust`).
+    /// numbers that the data determine (Förstner, as in `adjust`).
     pub fn size(&self) -> f64 {
         let (mut square, mut redundancy) = (0.0, 0.0);
         for (index, (number, usual)) in self.state.correction.numbers().iter().zip(self.state.usual()).enumerate() {
@@ -169,7 +169,7 @@ pub(super) fn settle(start: State, views: &[&ArmView], touches: &[ArmTouch]) -> 
         damping *= 0.1;
         state = next;
         let inverse = scaled_inverse(&undamped)?;
-        // The numbers that the data tell, of those that are free.
+        // The numbers that the data determine, of those that are free.
         let told: f64 =
             state.count() as f64 - (0..state.own()).map(|at| inverse[(at, at)] / usual[at].powi(2)).sum::<f64>();
         let redundancy = (there.len() as f64 - told).max(1.0);

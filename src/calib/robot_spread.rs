@@ -1,4 +1,4 @@
-//! How far off the corrected arm may be, anywhere in its volume.
+//! The uncertainty of the corrected arm anywhere in its volume.
 
 use super::quantile::radius_95;
 use super::robot_correction::ArmPose;

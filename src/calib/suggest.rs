@@ -1,8 +1,8 @@
-//! Which pose would help most next.
+//! Suggests the next pose for a hand-eye calibration.
 //!
-//! Every station so far is tilted and turned about the board's middle, and moved nearer and farther. Of those that keep
+//! Every station so far is tilted and rotated about the board's centre, and moved nearer and farther. Of those that keep
 //! the whole board in the picture, the best is the one after which the uncertainty at the panel is least, as the
-//! information of (2) in `adjust` foretells it.
+//! information of (2) in `adjust` predicts it.
 
 use super::adjust::covariance_at;
 use super::arrangement::Arrangement;

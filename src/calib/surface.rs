@@ -1,4 +1,4 @@
-//! The smooth surface through the corners of a board as a picture shows them, and how a corner stands to it.
+//! The smooth surface through the corners of a board as a picture shows them, and the distance of a corner from it.
 
 use super::board::Corners;
 use super::foreign;
@@ -12,24 +12,24 @@ const STANDS_APART_PX: f64 = 0.4;
 const STANDS_APART: f64 = 5.0;
 /// … and where it is placed well, by how well the surface is known there.
 const UNCERTAIN: f64 = 5.0;
-/// … and so far there in any case, px: at a board's outer corners a lens bends by more than a third degree.
+/// … and the least limit there, px: at a board's outer corners a lens bends by more than a third degree.
 const WELL_APART_PX: f64 = 0.9;
-/// The noise lets a corner be known to so much, each way, px, where it is alone.
+/// The standard deviation up to which a single corner is accepted, px.
 pub(super) const KNOWN_PX: f64 = 0.2;
-/// The noise lets a corner be known to so much, each way, px, where a surface through all of them helps.
+/// The standard deviation up to which a corner is accepted where a surface through all of them supports it, px.
 pub(super) const KNOWN_TOGETHER_PX: f64 = 0.7;
 /// … and after that, px.
 const KNOWN_AT_LAST_PX: f64 = 0.17;
 /// A corner that the model places worse is looked for by its print as well, px.
 pub(super) const WELL_PX: f64 = 0.08;
-/// The print is looked at so far around a corner, in squares, and so far in the picture, px.
+/// The extent of the print that is examined around a corner, in squares, and in the picture, px.
 pub(super) const PRINT_SQUARES: f64 = 0.5;
 pub(super) const PRINT_PX: f64 = 16.0;
-/// A first place may be farther from where it is foretold, px.
+/// A start position may be this much farther from its prediction, px.
 pub(super) const START_PX: f64 = 1.5;
-/// The blur is found at so many corners.
+/// The number of corners at which the blur is estimated.
 pub(super) const BLUR_CORNERS: usize = 6;
-/// Prints and lenses leave corners so far from a smooth surface, each way, px.
+/// The standard deviation of corners from a smooth surface that prints and lenses cause, px.
 const ROUGH_PX: f64 = 0.05;
 /// A place that has lost more than this share of the contrast of those within so many squares stands in a
 /// glare's rim, which moves it, by so many px for the whole contrast.
@@ -41,7 +41,7 @@ const SLANT: f64 = 0.1;
 const SLANT_PX: f64 = 1.0;
 /// What the model leaves beside the noise, as a share of the half contrast, beyond which the corner is less well known …
 const USUAL_LEFT: f64 = 0.06;
-/// … by so many px for the whole half contrast.
+/// … in px for the whole half contrast.
 const LEFT_PX: f64 = 2.0;
 
 /// A corner as the model places it.
@@ -50,7 +50,7 @@ pub(super) struct CornerEstimate {
     pub at: Pixel,
     /// How well noise, and what the model leaves, let it be known, each way, px.
     pub deviation_px: f64,
-    /// White less black there, grey levels; 0 where nothing tells it.
+    /// White less black there, grey levels; 0 where it is not determined.
     pub contrast: f64,
 }
 

@@ -1,7 +1,7 @@
-//! What is wrong with a station that does not fit: named, never repaired.
+//! Names what is wrong with a station that does not fit; nothing is repaired.
 //!
-//! A picture says where the flange must have been. Held against what the file says, that tells a board seen upside
-//! down, two pictures that changed places, a number that was mistyped, and poses that are wrong altogether.
+//! A picture implies a pose of the flange. The difference from the pose in the file identifies a board that was detected upside
+//! down, two exchanged pictures, a mistyped number, and poses that are wrong altogether.
 
 use super::adjust::Adjusted;
 use super::arrangement::Arrangement;

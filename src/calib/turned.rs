@@ -1,13 +1,13 @@
-//! Which way round a board was taken that looks alike from several sides: the robot's poses tell.
+//! Determines by the robot's poses in which rotation a symmetric board was detected.
 //!
-//! A grid of circles looks the same turned by 180°, a square one by 90°; a detector then begins with the corner that is
-//! uppermost, which is not always the same one. Between two stations i, j the flange and the board turn by the same angle,
+//! A grid of circles looks the same rotated by 180°, a square one by 90°; a detector then starts with the uppermost corner,
+//! which is not always the same one. Between two stations i, j the flange and the board rotate by the same angle,
 //!     ∠(Aᵢ⁻¹ Aⱼ) = ∠((Bᵢ Tᵢ⁻¹)(Bⱼ Tⱼ⁻¹)⁻¹),                                                                       (1)
-//! with flange poses A, board poses B and turns T of the board. The turns of three stations that fulfil (1) give a mount in
-//! closed form; with it each other station takes the turn that puts its board nearest to theirs. Best is the least median of
-//! the distances, as in `consensus`.
+//! with flange poses A, board poses B and rotations T of the board. The rotations of three stations that fulfil (1) give a mount in
+//! closed form; with it each other station takes the rotation that brings its board nearest to theirs. The best solution has the least
+//! median of the distances, as in `consensus`.
 //!
-//! Judges nothing: stations that fit in no turn stay as they are, and are for the adjustment to name.
+//! Nothing is judged here: stations that fit in no rotation stay as they are and are named by the adjustment.
 
 use super::arrangement::Arrangement;
 use super::board::Board;
@@ -122,7 +122,7 @@ impl Stations {
         let held = |index: usize, way: usize| self.holder_from_to[index] * mount * self.turned[index][way];
         let first = held(three[0].0, 0);
         let apart_mm = |index: usize, way: usize| {
-            // A turn moves corners about the middle: a point beside it tells the turns apart.
+            // A turn moves corners about the middle: a point beside it distinguishes the rotations.
             let beside = self.middle + Vector3::x() * self.middle.coords.norm();
             let board = held(index, way);
             (first * self.middle - board * self.middle).norm() + (first * beside - board * beside).norm()

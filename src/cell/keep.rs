@@ -7,7 +7,7 @@ use crate::config::Section;
 pub struct KeepFor {
     /// Days before the newest cycle's end.
     pub days: Option<usize>,
-    /// The newest so many cycles.
+    /// This number of newest cycles.
     pub cycles: Option<usize>,
 }
 

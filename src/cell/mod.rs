@@ -112,7 +112,7 @@ pub struct Cell {
     arm: Arm,
 }
 
-/// The keys at the top of a cell's file, by which it is told from other files.
+/// The keys at the top of a cell's file, by which it is distinguished from other files.
 pub const CELL_KEYS: [&str; 12] = [
     "store",
     "socket",

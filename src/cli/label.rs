@@ -82,21 +82,20 @@ fn grids(recipe_file: &Path, args: &Label, common: &Common) -> Result<(Vec<GridO
 
 /// What is kept now.
 fn told(keeping: &Keeping, folder: &Path, saved: u32) -> Result<Outcome, Fault> {
-    let found = keeping.now()?;
+    let (labels, is_draft) = (keeping.labels()?, keeping.now()?.is_draft);
     let file = folder.join(LABELS);
-    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
-    outcome.words.clear();
-    let said = match (found.saved_at.is_some(), &found.said) {
-        _ if saved == 0 => "nothing was saved".to_owned(),
-        (true, said) if said.clean => "saved: the clip is clean".to_owned(),
-        (_, said) => format!("saved, breaks: {}", said.breaks.len()),
+    let words = match &labels {
+        Some(labels) if saved > 0 && labels.clean => "saved: the clip is clean".to_owned(),
+        Some(labels) if saved > 0 => format!("saved, breaks: {}", labels.breaks.len()),
+        _ => "nothing was saved".to_owned(),
     };
-    outcome.say(format!("{}: {said}", file.display()));
-    if found.is_draft {
-        outcome.say("what was drawn after that is kept and shown again by the same command; it is not saved yet");
+    let mut outcome = Outcome::of(&Judgement { verdict: Verdict::Accept, reasons: vec![] });
+    outcome.words = vec![format!("{}: {words}", file.display())];
+    if is_draft {
+        outcome.say("what is drawn and not saved is kept, and the same command shows it again");
     }
-    outcome.put("labels", json!(found.saved_at.is_some().then_some(file)));
+    outcome.put("labels", json!(labels.is_some().then_some(file)));
     outcome.put("saved", json!(saved));
-    outcome.put("unsaved", json!(found.is_draft));
+    outcome.put("unsaved", json!(is_draft));
     Ok(outcome)
 }

@@ -1,8 +1,8 @@
-//! What stands outside of the program: the robot's controller and the cameras, real or played.
+//! The devices: the robot's controller and the cameras, real, simulated or recorded.
 //!
 //! - [`cameras`]: what a shot is; simulated and recorded cameras
 //! - [`gige`]: GigE Vision cameras
-//! - [`mock`]: a stand-in for the robot's controller
+//! - [`mock`]: a mock of the robot's controller
 //! - [`robot`]: the link to a controller, over TCP
 //! - [`world`]: the simulated world around the mock
 //! - [`zivid`]: the Zivid 3D camera, through its SDK in a process of its own

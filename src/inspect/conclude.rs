@@ -1,4 +1,4 @@
-//! The end of the test: from what every pixel showed to breaks, grids and a verdict.
+//! The end of the test: computes breaks, grids and a verdict from the history of every pixel.
 
 use super::InspectError;
 use super::doubt::{Dryness, wet_when_dry};

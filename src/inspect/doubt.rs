@@ -1,8 +1,8 @@
-//! Places that were wet already in the dry picture: of them the test says nothing.
+//! Places that were wet already in the dry picture; the test cannot judge them.
 //!
-//! Water that was left from rinsing darkens a place in the dry picture as a film does. Later it is as bright as it was
-//! dry, like a place on which no water stays; but what water never wetted was as bright as its surroundings when dry, and
-//! this was darker: nearer to τ than to 1 of them.
+//! Water that remained from rinsing darkens a place in the dry picture as a film does. Later the place is as bright as it was in that
+//! picture, like a place on which no water stays. The two differ in the dry picture: a place that was never wet
+//! was as bright as its surroundings, while a wet one was darker, closer to τ than to 1 times their brightness.
 
 use super::connected::{AROUND, components, neighbours};
 use super::footprint::Window;

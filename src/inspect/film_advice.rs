@@ -78,7 +78,7 @@ impl Sampler {
     pub fn flashes(&self, settings: &recipe::Inspect, broken: Option<&Mask>) -> Flashes {
         let weights = shares(settings);
         let (dry, wet) = (self.dry_means(weights), self.wet_means(weights));
-        // A pixel without contrast tells nothing.
+        // A pixel without contrast carries no information.
         let tells = |index: &&usize| {
             dry[*index] > wet[*index] + 1.0 && !broken.is_some_and(|broken| broken.inside[**index])
         };

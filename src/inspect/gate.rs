@@ -1,11 +1,11 @@
-//! The gate: what was seen of the film becomes pass, fail or invalid.
+//! The gate: turns what was observed of the film into pass, fail or invalid.
 //!
-//! Invalid where the test does not say enough to judge by: no dry picture, too short, too few pictures, a gap between
-//! them, pictures that cannot be judged by, a panel that stands elsewhere, pixels too coarse for the break that must not be
-//! missed, too little ever wet, or a grid out of sight. That outranks fail, since a
-//! verdict from part of a test would name part of the grids; or where a place was wet already in the dry picture. Fail
-//! where film broke on a grid. What the recipe masks is no part of the test: it hides no break elsewhere, and its grids
-//! do not pass. A break always stays in the reasons.
+//! The test is invalid if it cannot be judged: no dry picture, too short, too few pictures, a gap between
+//! them, unusable pictures, a panel that is not at its pose, pixels too coarse for the break that must not be
+//! missed, too little of the region ever wet, places that were wet already in the dry picture, or a grid out of view. Invalid
+//! outranks fail, since a verdict from an incomplete test would name only some of the grids. The test fails
+//! where the film broke on a grid. Grids that the recipe masks are not part of the test: a mask hides no break elsewhere, and masked
+//! grids do not pass. A break is always listed in the reasons.
 
 use super::model::FILM_ASSUMED;
 use super::place::{MAX_OFF_PX, elsewhere, too_coarse};
@@ -32,7 +32,7 @@ pub struct ByCell {
     pub min_break: bool,
 }
 
-/// What is asked of a test: the recipe's values, or the cell's where the recipe has none.
+/// The requirements of a test: the recipe's values, or the cell's where the recipe has none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Demands {
     /// How long the film is watched, s.
@@ -83,7 +83,7 @@ impl Demands {
 
     /// Pictures that must show a place dry.
     pub fn persist_frames(&self) -> u8 {
-        // Of so many pictures the first is what the second is held against.
+        // With this number of pictures, the second is compared with the first.
         (self.persist_s * self.frames_per_second).round().clamp(2.0, 250.0) as u8
     }
 
@@ -98,7 +98,7 @@ impl Demands {
         (MIN_FRAME_SHARE * self.observation_s * self.frames_per_second).ceil()
     }
 
-    /// The fewest of so many wet pictures that must be fit to judge by.
+    /// The least number of wet pictures that must be usable.
     pub fn min_usable(&self, frames: usize) -> f64 {
         (MIN_FRAME_SHARE * frames as f64).ceil()
     }
@@ -120,7 +120,7 @@ pub struct GridInspection {
     pub seen: bool,
     /// Is all of it that was not seen what the recipe masks?
     pub only_masked: bool,
-    /// Was so much of it wet already in the dry picture that a break in it would fail the grid?
+    /// Was enough of it wet already in the dry picture that a break there would fail the grid?
     pub wet_when_dry: bool,
     /// Broken film, mm².
     pub broken_mm2: f64,
@@ -143,7 +143,7 @@ pub struct Observation {
     pub has_dry: bool,
     /// Share of the region's surface that was wet in no picture, percent.
     pub never_wet_percent: f64,
-    /// What the film leaves of the panel's dry brightness, 0…1, where the clip told it.
+    /// What the film leaves of the panel's dry brightness, 0…1, where the clip determined it.
     pub film_left: Option<f64>,
     /// The region's mean brightness when dry, grey levels.
     pub dry_levels: f64,

@@ -1,16 +1,17 @@
 //! The water-break test: where, when and on how much surface the water film broke (thesis 4.2–4.4, Fig. 4.9).
 //!
-//! The one idea: a film darkens the panel by one factor, light changes it smoothly, glints move on; a place that looks
-//! dry long enough has broken ([`model`]). The thesis's own pipeline ([`thesis`], [`film`]) stands beside it (`method =
-//! "thesis"`). The taught pixels of the region, projected to where the panel stands now, turn broken pixels into mm² of
-//! each grid ([`footprint`]). Each picture says whether it can be judged by ([`quality`], [`steady`]); what broke is put
-//! together at the end ([`conclude`], [`settle`], [`pieces`]), without what the dry picture makes doubtful ([`doubt`]). One
-//! gate turns all of it into a verdict ([`gate`], [`place`]). Pictures go in one by one and none is kept: memory does not grow with the clip.
+//! The method: a film darkens the panel by one factor, the light changes this smoothly, and glints move. A place that looks
+//! dry for long enough has broken ([`model`]). The thesis's own pipeline ([`thesis`], [`film`]) can be chosen instead (`method =
+//! "thesis"`). The taught pixels of the region are projected to the panel's present pose and convert broken pixels into mm² of
+//! each grid ([`footprint`]). Each picture is checked for whether it can be used ([`quality`], [`steady`]). At the end the broken
+//! pixels are assembled ([`conclude`], [`settle`], [`pieces`]), without those that were wet already in the dry picture ([`doubt`]). One
+//! gate turns all of it into a verdict ([`gate`], [`place`]). Pictures are processed one by one and not kept, so that memory does not
+//! grow with the clip.
 //!
-//! A dry picture before the spray is part of the test: by it a pixel is wet or not. A place that never becomes wet, or
-//! dries under the spray, is a break at 0 s.
+//! A dry picture before the spray is part of the test: it is the reference by which a pixel is wet or dry. A place that never
+//! becomes wet, or dries under the spray, is a break at 0 s.
 //!
-//! Times are counted from the first fully wet picture. Does not decide where the panel stands, does not draw.
+//! Times are counted from the first fully wet picture. This room does not locate the panel and draws nothing.
 
 mod advice;
 mod conclude;

@@ -1,4 +1,4 @@
-//! What the panel's place says before any film runs: does it stand there, and are the pixels fine enough for it?
+//! What is checked before any film runs: is the panel at its pose, and are the pixels fine enough?
 
 use crate::verdict::Reason;
 use crate::words::apart;

@@ -1,10 +1,10 @@
-//! Can each picture be judged by? What is wrong with those that cannot, and how long the film went unseen by it.
+//! Can each picture be used? What is wrong with those that cannot, and how long the film was not observed because of them.
 
 use super::model::PictureMeasurement;
 use super::steady::Steadiness;
 use crate::recipe;
 
-/// Of the region this share must be as bright as its state lets expect.
+/// The share of the region that must have the brightness predicted from its state.
 pub const MIN_TOLD: f64 = 0.5;
 /// A picture with less of the first one's sharpness is out of focus.
 pub const MIN_SHARPNESS: f64 = 0.6;

@@ -1,4 +1,4 @@
-//! How well what was found agrees with a truth that the test did not see.
+//! Compares the breaks that were found with a ground truth that the test did not use.
 
 use super::{InspectError, Inspection};
 use crate::geometry::Mask;

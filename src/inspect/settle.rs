@@ -1,9 +1,9 @@
-//! From pixels that broke to places that broke, once the film is over.
+//! From broken pixels to broken places, once the film is over.
 //!
-//! What looked dry at the end, though not long enough, belongs to the break that it touches. A few pixels alone are noise.
-//! A place no larger than a glint must have the dry brightness all over, as a break has: a glint that lingers is a bell,
-//! which is that bright at a ring alone. A small wet place within a break is a bead of water on grease, no film: it
-//! belongs to the break.
+//! Pixels that looked dry at the end, though not long enough, belong to the break that they touch. Isolated small groups are noise.
+//! A place no larger than a glint must have the dry brightness all over, as a break has: a glint that does not move has a bell-shaped
+//! brightness, which equals the dry brightness on a ring alone. A small wet place within a break is a bead of water on grease and not
+//! a film; it belongs to the break.
 
 use super::connected::{AROUND, BESIDE, at_rim, components, neighbours};
 use super::film::NEVER;
@@ -16,12 +16,12 @@ const MIN_PIECE_PX: usize = 4;
 const NEAR_DRY: f32 = 0.2;
 /// … and so much may its inner part vary from tenth to tenth; renderings: 0.12 at most, glints from 0.3 on.
 const MAX_UNEVEN: f32 = 0.22;
-/// A smaller inner part says nothing by its evenness. Where such a place closed soon it must be nearer to dry.
+/// A smaller inner part carries no information by its evenness. Where such a place closed soon it must be nearer to dry.
 const MIN_CORE_PX: usize = 9;
 const SOON_S: f32 = 5.0;
 const NEARER_DRY: f32 = 0.12;
 
-/// What is known of the window's pixels besides when they broke.
+/// The observed history of the window's pixels besides the times at which they broke.
 pub struct FilmObservation<'a> {
     /// Since when a pixel that did not break has looked dry, s.
     pub looks_dry_since_s: &'a dyn Fn(usize) -> Option<f32>,

@@ -1,12 +1,12 @@
-//! Is the panel still where it was, and is it in focus? Told by its outline, which is seen wet or dry.
+//! Has the panel moved, and is it in focus? Both are measured at its outline, which is visible wet or dry.
 //!
-//! Across the outline, a profile's gradient has its centre where the edge is and a peak that is as high as the edge is
-//! sharp; neither changes with light, nor with the film inside. For edges at normals nᵢ that moved by δᵢ, the panel moved
-//! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without those that lie far from it.  (1)
-//! An outline without contrast tells nothing, and is said to.
+//! Across the outline, the gradient of a profile has its centre at the edge, and the height of its peak measures the sharpness.
+//! Neither changes with the light, nor with the film inside. For edges with normals nᵢ that moved by δᵢ, the panel moved
+//! by the d that minimises  Σ (nᵢ·d − δᵢ)²,  without outliers.  (1)
+//! An outline without contrast is reported as not measurable.
 //!
-//! Does it stand where the pose puts it? The same profiles in the taught picture say where on each the edge is when the
-//! panel is in its place. In the dry picture of a panel that stands there each edge is at the same place of its profile.
+//! Is the panel at its located pose? The same profiles in the taught picture give the position of the edge on each when the
+//! panel is at its pose. In the dry picture of a panel at this pose each edge is at the same position of its profile.
 
 use crate::geometry::{Camera, ColorPicture, Panel, PinholeCamera, Pixel, Rigid, median};
 use crate::panel::TaughtPanel;
@@ -15,10 +15,10 @@ use nalgebra::{Matrix2, Vector2};
 /// Places on the outline, and how far a profile reaches to both sides, px.
 const PLACES: usize = 240;
 const REACH_PX: i32 = 8;
-/// A profile needs this much contrast in the dry picture, and a peak of this share of it, to tell anything.
+/// A profile needs this much contrast in the dry picture, and a peak of this share of it, to carry information.
 const MIN_CONTRAST: f32 = 12.0;
 const MIN_PROFILES: usize = 40;
-/// A profile of the taught picture is expected again where it keeps so many times the least contrast in today's light.
+/// A profile of the taught picture is expected again if its contrast in the present light is at least this multiple of the least contrast.
 const SURE_CONTRAST: f32 = 1.5;
 /// Of a profile's gradient, what is below this share of its largest step is noise.
 const NOISE_SHARE: f32 = 0.25;

@@ -1,4 +1,4 @@
-//! The test as it runs: pictures in, one by one.
+//! The running test: takes pictures one by one.
 
 use super::film::NEVER;
 use super::footprint::Footprint;

@@ -1,9 +1,9 @@
-//! Has the camera moved since teaching? The fixture answers, for it stands still.
+//! Has the camera moved since teaching? This is measured on the fixture, which does not move.
 //!
-//! Outside of the search box both scans show the same things at the same pixels, as long as the camera stands where it
-//! stood. A small twist of the camera shows as a change of depth on the fixture's faces and as a shift of its edges in
-//! the picture; both are constraints of one robust least-squares fit (`solve`). Things that were put there or taken away
-//! are outliers. A direction that the fixture does not show is said to be unseen, not unmoved.
+//! Outside of the search box both scans show the same objects at the same pixels as long as the camera has not
+//! moved. A small twist of the camera changes the depths of the fixture's faces and shifts its edges in
+//! the picture. Both are constraints of one robust least-squares fit (`solve`). Objects that were added or removed
+//! are outliers. A direction that the fixture does not constrain is reported as not observed, never as not moved.
 
 use super::covariance::{WITHIN_95_PERCENT, worst_mm};
 use super::grid::{self, DepthReading, Grid, Motion, Scan, camera_point};
@@ -20,7 +20,7 @@ use rayon::prelude::*;
 /// Faces and edges that are compared, at most.
 const FACES: usize = 3_000;
 const EDGES: usize = 700;
-/// Fewer say nothing.
+/// Fewer carry no information.
 const MIN_FACES: usize = 150;
 /// What range noise makes of the depth of a face, over what area it is alike, and how far away it is still the same face.
 const FACE_NOISE_MM: f64 = 0.06;
@@ -67,7 +67,7 @@ pub(super) fn check(
     compared(panel, model, (&taught_grid(panel, model), grid, scan), inside, placed)
 }
 
-/// What the fixture of the taught scan itself would tell of a camera that has moved by nothing: 95 % of the errors are
+/// What the fixture of the taught scan itself would show of a camera that has moved by nothing: 95 % of the errors are
 /// smaller at the taught panel, mm. `None` where too little of it is seen.
 pub(super) fn at_teaching_mm(panel: &TaughtPanel, model: &Model, settings: &recipe::Locate) -> Option<f64> {
     let (taught, inside) = at_teaching(panel, model, settings);
@@ -166,7 +166,7 @@ impl<'a> StaticScene<'a> {
         StaticScene { taught, blocks, is_still }
     }
 
-    /// How far the taught faces stand before the scan's, along their normals.
+    /// The distance of the taught faces before the scan's, along their normals.
     fn faces(&self, grid: &Grid) -> Vec<Constraint> {
         let chosen = spread_over(self.blocks.len(), FACES);
         let face = |&k: &usize| {
@@ -284,7 +284,7 @@ impl<'a> StaticScene<'a> {
 /// What a scan shows where the taught picture has an edge of the fixture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum FixtureEdge {
-    /// It, moved so far across itself, px.
+    /// The edge, moved across itself by this distance, px.
     Moved(f64),
     /// The fixture, but no such edge.
     Gone,

@@ -1,8 +1,8 @@
-//! Two placements of one panel against each other: what speaks for one of them alone.
+//! Comparison of two pose hypotheses of one panel: what supports one of them alone.
 //!
-//! Only where the two differ is there something to say: a stretch of outline that has its edge at the one placement and not
-//! at the other, a piece of surface that lies on the scan at the one and not at the other. What is hidden at either says
-//! nothing. Both are told as a length: a square of surface counts as its side.
+//! Only places at which the two differ carry information: a stretch of the outline that has its edge at one pose and not
+//! at the other, or a piece of surface that lies on the scan at one and not at the other. Places that are occluded at either
+//! pose are left out. Both kinds are expressed as a length; a square of surface counts as its side.
 
 use super::edges::Edge;
 use super::fit::FitInputs;
@@ -19,17 +19,17 @@ const SURFACE_NEAR_MM: f64 = 0.35;
 /// Side of the square that a point of the surface stands for, mm.
 const SQUARE_MM: f64 = 8.0;
 
-/// What a placement says of each place of the panel: explained, contradicted, or nothing.
+/// What the scan shows of each place of the panel at a pose: consistent, contradicted, or unknown.
 pub(super) struct ConsistencyScore {
     said: Vec<Option<bool>>,
     lengths_mm: Vec<f64>,
 }
 
 impl ConsistencyScore {
-    /// At a placement.
-    pub fn of(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> ConsistencyScore {
+    /// At a pose.
+    pub fn of(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> ConsistencyScore {
         let motion = Motion::of(placed);
-        let FitInputs { model, grid, scan } = seen;
+        let FitInputs { model, grid, scan } = inputs;
         let outline = (0..model.outline.len()).into_par_iter().with_min_len(64).map(|k| {
             match outline_edges::observe(&motion, model, &grid.camera, scan, k).map(|observed| observed.edge)? {
                 Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } => Some(offset_px.abs() <= EDGE_NEAR_PX),
@@ -50,7 +50,7 @@ impl ConsistencyScore {
         ConsistencyScore { said, lengths_mm }
     }
 
-    /// What speaks for these alone and what for the others alone, mm.
+    /// The lengths that support this pose alone and the other alone, mm.
     pub fn against(&self, other: &ConsistencyScore) -> [f64; 2] {
         let mut alone_mm = [0.0; 2];
         for ((a, b), length_mm) in self.said.iter().zip(&other.said).zip(&self.lengths_mm) {

@@ -1,7 +1,7 @@
-//! Who belongs to whom: the correspondence set K of thesis Eq. 3.20, by the closest point.
+//! The correspondence set K of thesis Eq. 3.20: pairs of closest points.
 //!
-//! Pairs farther apart than a limit are dropped; the
-//! limit follows the median distance of all pairs down to a floor, so that it shrinks as the fit gets better.
+//! Pairs farther apart than a limit are dropped. The limit follows the median distance of all pairs down to a floor, so that it
+//! decreases as the fit improves.
 
 use crate::geometry::{Base, Panel, Point, Rigid, median};
 use kiddo::{ImmutableKdTree, SquaredEuclidean};

@@ -20,14 +20,14 @@ const TRUST_CELLS: f64 = 12.0;
 /// A cell needs this share of the points of a full one.
 const CELL_FILLED: f64 = 0.3;
 
-/// The direction in which a pose is held least.
+/// The direction in which a pose is constrained least.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Weakest {
     /// A shift along the panel's normal, or a tilt of it.
     Normal,
     /// A shift in the panel's plane.
     Sideways,
-    /// A turn in the panel's plane.
+    /// A rotation in the panel's plane.
     Turn,
 }
 

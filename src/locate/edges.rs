@@ -1,11 +1,12 @@
 //! Where the scan shows the panel's edge beside a point of its taught outline.
 //!
-//! The measured depths say roughly: inside of the edge they lie on the panel's surface, outside of it behind. Colour says
-//! exactly, where both sides differ in brightness. Where something nearer hides the edge there is none to be found.
+//! The measured depths give the edge roughly: inside of it they lie on the panel's surface, outside of it behind. The colour
+//! picture gives it exactly where both sides differ in brightness. Where a nearer object occludes the edge, none is reported.
 //!
-//! A 3D camera has no points where its projector does not reach: the panel's shadow lies on what is behind it, along its
-//! edge on one side, and the shadow of a thing before the panel on the panel. Missing points beyond the surface are therefore
-//! no distance to its edge, and where points are missing inside of the edge depth says nothing and colour alone decides.
+//! A 3D camera has no points where its projector does not reach. The panel's shadow lies on the background along one side of its
+//! edge, and the shadow of an object before the panel lies on the panel. Missing points beyond the surface are therefore
+//! no measure of the distance to its edge. Where points are missing inside of the edge, depth gives no information and the colour
+//! picture alone decides.
 
 use super::grid::Scan;
 use super::profile::{self, REACH};
@@ -17,7 +18,7 @@ const ON_MM: f64 = 1.5;
 const ON_MM_PER_PX: f64 = 0.15;
 /// A surface more slanted than this is judged as if it were not: cosine of the angle.
 const MOST_SLANTED: f64 = 0.3;
-/// So many of the last pixels inside of an edge are looked at, and so many of them must be on the surface.
+/// The number of last pixels inside of an edge that are examined, and how many of them must be on the surface.
 const INSIDE_PX: i32 = 6;
 const MIN_INSIDE: usize = 3;
 /// Colour and depth may put the edge this far apart, px.
@@ -30,7 +31,7 @@ const MAX_OPEN_PX: i32 = 8;
 /// What was found beside a point of the outline.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Edge {
-    /// The edge by colour, so far outside of the point, px; the step is so wide.
+    /// The edge by colour: its distance outside of the point and the width of its step, px.
     Colour { offset_px: f64, width_px: f64 },
     /// The edge by depth alone.
     Depth { offset_px: f64 },

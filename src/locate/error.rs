@@ -1,4 +1,4 @@
-//! Why a panel was not found at all. A panel that was found and is not to be trusted is `gate`'s matter.
+//! Why a panel was not found at all. Whether a panel that was found can be trusted is decided by `gate`.
 
 use crate::words::apart;
 

@@ -1,7 +1,8 @@
-//! What a localization knows about itself.
+//! The evidence for a located pose, in numbers.
 //!
-//! What found a partner (`shares`), how well the pose is known (`covariance`), what else was asked of it (starts, rivals, the
-//! fixture), and how far it stands from its nominal place: numbers alone, `gate` judges. Does not know what both scans share: the error of the camera's calibration.
+//! It consists of what was matched (`shares`), how well the pose is known (`covariance`), the results of further checks
+//! (independent starts, competing poses, the fixture), and the displacement from the nominal pose. `gate` judges these numbers.
+//! An error that both scans share, that of the camera's calibration, is not visible here.
 
 use super::LocateError;
 use super::camera_check::CameraCheck;
@@ -19,10 +20,10 @@ use nalgebra::Matrix6;
 /// (`make bench-locate`): the noise is stated on the safe side.
 const WORST_95_PERCENT: f64 = 1.7;
 
-/// A pose with what speaks for and against it.
+/// A pose with its evidence.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fit {
-    /// Where the panel stands.
+    /// The panel's pose.
     pub base_from_panel: Rigid<Base, Panel>,
     /// Root mean square of the point-to-plane residuals, mm.
     pub rms_mm: f64,
@@ -55,39 +56,39 @@ pub struct Fit {
     pub last_step_mm: f64,
     /// How far apart fits from independent starts end, at most, mm.
     pub agreement_mm: f64,
-    /// The placement that explains the scan next best.
+    /// The pose that explains the scan second best.
     pub rival: Option<CompetingPose>,
-    /// What the fixture says of the camera's place; `None` where too little of it is seen.
+    /// What the fixture shows of the camera's pose; `None` where too little of it is visible.
     pub camera: Option<CameraCheck>,
-    /// 95 % of the errors would be smaller with which the taught scan's own fixture tells the camera's place, mm. Asked where
-    /// this scan's does not tell it well enough; `None` also where the taught scan shows too little of it.
+    /// 95 % of the errors would be smaller with which the taught scan's own fixture determines the camera's pose, mm. Computed where
+    /// this scan's does not determine it well enough; `None` also where the taught scan shows too little of it.
     pub camera_at_teaching_mm: Option<f64>,
     /// Covariance of a small twist (ω, v) about the panel's centre in the camera's frame, rad and mm.
     pub covariance: Matrix6<f64>,
     /// 95 % of the errors are smaller, at the worst point of the panel, mm.
     pub uncertainty_mm: f64,
-    /// 95 % of the errors along the weakest direction are smaller, mm, where a turn counts by what it moves on average.
+    /// 95 % of the errors along the weakest direction are smaller, mm; a rotation counts by its mean displacement.
     pub weakest_mm: f64,
-    /// That direction: what of the panel it moves.
+    /// That direction.
     pub weakest: Weakest,
-    /// How far the panel's centre stands from its nominal place, mm.
+    /// Distance of the panel's centre from its nominal position, mm.
     pub shift_mm: f64,
-    /// The turn in the panel's plane, about its mean normal, −180…180°.
+    /// The rotation in the panel's plane, about its mean normal, −180…180°.
     pub turn: Degrees,
     /// The tilt of its mean normal.
     pub tilt: Degrees,
-    /// Taught points that took part.
+    /// Taught points that were used.
     pub points: usize,
 }
 
-/// Another placement, and what tells the two apart.
+/// A competing pose, and what distinguishes the two.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CompetingPose {
-    /// Where it puts the panel.
+    /// The panel's pose by it.
     pub base_from_panel: Rigid<Base, Panel>,
-    /// The turn between the two.
+    /// The rotation between the two.
     pub turned: Degrees,
-    /// Outline and surface that speak for the first alone, as a length, mm.
+    /// Outline and surface that support the first alone, as a length, mm.
     pub for_first_mm: f64,
     /// The same for the rival alone, mm.
     pub for_rival_mm: f64,
@@ -131,23 +132,23 @@ pub(super) struct FurtherEvidence {
 /// Weighs the end of a fit.
 pub(super) fn weigh(
     fitted: &Fitted,
-    seen: FitInputs<'_>,
+    inputs: FitInputs<'_>,
     pieces: &[Piece],
     base_from_camera: Rigid<Base, Camera>,
     beside: FurtherEvidence,
 ) -> Result<Fit, LocateError> {
-    let FitInputs { model, grid, .. } = seen;
+    let FitInputs { model, grid, .. } = inputs;
     let placed = fitted.camera_from_panel;
     let motion = Motion::of(&placed);
     let samples = Samples::all(model);
-    let residuals = Residuals::at(&placed, seen, &samples);
+    let residuals = Residuals::at(&placed, inputs, &samples);
     let weighing = residuals.weighing(model, &samples);
     let (covariance, weakest) =
         covariance(&residuals, &weighing, model, &motion).ok_or(LocateError::Degenerate {
             surface: residuals.surface.len(),
             outline: residuals.colour.len() + residuals.depth.len(),
         })?;
-    let surface = SurfaceShares::of(&motion, seen);
+    let surface = SurfaceShares::of(&motion, inputs);
     let outline = OutlineShares::of(&residuals, model);
     // Where points were missing at teaching and now is independent of each other.
     let of_expected = |share: f64| (share / model.given).min(1.0);
@@ -160,14 +161,14 @@ pub(super) fn weigh(
         outline_rms_mm: outline.rms_px / px_per_mm,
         outline_rms_px: outline.rms_px,
         taught_found: of_expected(surface.found),
-        scan_found: of_expected(scan_found(&motion, seen, pieces)),
+        scan_found: of_expected(scan_found(&motion, inputs, pieces)),
         outline_found: outline.found,
         seen_through: surface.through,
         outline_absent: outline.absent,
         measured: of_expected(surface.measured),
         edge_width_px: outline.width_px,
         taught_edge_width_px: model.edge_width_px,
-        saturated: saturated(&motion, seen),
+        saturated: saturated(&motion, inputs),
         iterations: fitted.iterations,
         last_step_mm: fitted.last_step_mm,
         agreement_mm: beside.agreement_mm,

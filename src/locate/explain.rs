@@ -1,6 +1,6 @@
-//! What a verdict's reasons look like in the scan's picture: for people, who then know where to look.
+//! Marks in the scan's picture where the reasons of a verdict come from, for a person who has to look there.
 //!
-//! Everything is looked at once more at the place found, sample by sample, as `evidence` counted it. Decides nothing.
+//! Every sample is evaluated once more at the located pose, as `evidence` counted it. Nothing is decided here.
 
 use super::camera_check::{self, FixtureEdge};
 use super::edges::Edge;
@@ -14,13 +14,13 @@ use super::solve::twisted;
 use super::{Prepared, covariance, pieces};
 use crate::geometry::{Camera, Panel, Pixel, Rigid};
 
-/// The stated error is drawn so many times larger.
+/// The factor by which the stated error is enlarged in the drawing.
 pub const ENLARGED: f64 = 50.0;
 
 /// What the scan shows where a taught point should be.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum SurfaceMark {
-    /// A scanned surface so far before the taught one, along its normal, mm; behind it where negative.
+    /// Distance of the scanned surface before the taught one, along its normal, mm; negative behind it.
     On(f64),
     /// The taught surface, beside an edge or missing points, where the depth is good for no number.
     Near,
@@ -79,7 +79,7 @@ pub const MOVED_PX: f64 = 0.5;
 impl Prepared<'_> {
     /// Looks at everything again; `fit` is what was found, if anything was.
     pub fn explain(&self, fit: Option<&Fit>) -> Explained {
-        let (grid, seen) = (&self.grid, self.seen());
+        let (grid, inputs) = (&self.grid, self.inputs());
         let of_block = |&block: &u32| grid.pixel(block as usize % grid.columns, block as usize / grid.columns);
         let thing = |piece: &pieces::Piece| (piece.area_mm2, piece.blocks.iter().map(of_block).collect());
         let mut explained = Explained {
@@ -89,9 +89,9 @@ impl Prepared<'_> {
         };
         let Some(fit) = fit else { return explained };
         let placed: Rigid<Camera, Panel> = self.view.base_from_camera.inverse() * fit.base_from_panel;
-        explained.surface = surface(&placed, seen);
-        (explained.outline, explained.widest) = outline(&placed, seen);
-        explained.weakest = weakest(&placed, seen, fit);
+        explained.surface = surface(&placed, inputs);
+        (explained.outline, explained.widest) = outline(&placed, inputs);
+        explained.weakest = weakest(&placed, inputs, fit);
         let mark = |(pixel, edge): (Pixel, FixtureEdge)| match edge {
             FixtureEdge::Moved(px) if px.abs() <= MOVED_PX => (pixel, FixtureMark::Stands),
             FixtureEdge::Moved(_) | FixtureEdge::Gone => (pixel, FixtureMark::Moved),
@@ -104,12 +104,12 @@ impl Prepared<'_> {
     }
 }
 
-fn surface(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> Vec<(Pixel, SurfaceMark)> {
+fn surface(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> Vec<(Pixel, SurfaceMark)> {
     let motion = Motion::of(placed);
     let mark = |i: usize| {
-        let pixel = seen.grid.camera.project(camera_point(&motion.point(&seen.model.points[i])))?;
-        let mark = match observe_point(&motion, seen.model, seen.grid, i) {
-            // The residual says how far the taught point stands before the scan.
+        let pixel = inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.points[i])))?;
+        let mark = match observe_point(&motion, inputs.model, inputs.grid, i) {
+            // The residual is the distance of the taught point before the scan.
             PointObservation::On(residual_mm) => SurfaceMark::On(-residual_mm),
             PointObservation::Near => SurfaceMark::Near,
             PointObservation::Through => SurfaceMark::Through,
@@ -118,13 +118,13 @@ fn surface(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> Vec<(Pixel, Su
         };
         Some((pixel, mark))
     };
-    (0..seen.model.points.len()).filter_map(mark).collect()
+    (0..inputs.model.points.len()).filter_map(mark).collect()
 }
 
-fn outline(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
+fn outline(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>) -> (Vec<(Pixel, OutlineMark)>, Option<Pixel>) {
     let motion = Motion::of(placed);
-    let residuals = Residuals::at(placed, seen, &Samples::all(seen.model));
-    let pixel = |k: usize| seen.grid.camera.project(camera_point(&motion.point(&seen.model.outline[k].point)));
+    let residuals = Residuals::at(placed, inputs, &Samples::all(inputs.model));
+    let pixel = |k: usize| inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)));
     let mark = |(k, edge): &(usize, Edge)| {
         let mark = match edge {
             Edge::Colour { offset_px, .. } | Edge::Depth { offset_px } if offset_px.abs() <= EDGE_FOUND_PX => {
@@ -144,15 +144,16 @@ fn outline(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>) -> (Vec<(Pixel, O
 }
 
 /// Where the stated error along its largest direction would put the outline.
-fn weakest(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
+fn weakest(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, fit: &Fit) -> Vec<(Pixel, Pixel)> {
     let motion = Motion::of(placed);
-    let centre = motion.point(&seen.model.centre);
-    let twist = covariance::weakest(&fit.covariance, seen.model).twist * (covariance::WITHIN_95_PERCENT * ENLARGED);
+    let centre = motion.point(&inputs.model.centre);
+    let twist =
+        covariance::weakest(&fit.covariance, inputs.model).twist * (covariance::WITHIN_95_PERCENT * ENLARGED);
     let moved = Motion::of(&twisted(placed, &centre, &twist));
     let project = |motion: &Motion, k: usize| {
-        seen.grid.camera.project(camera_point(&motion.point(&seen.model.outline[k].point)))
+        inputs.grid.camera.project(camera_point(&motion.point(&inputs.model.outline[k].point)))
     };
-    (0..seen.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()
+    (0..inputs.model.outline.len()).filter_map(|k| Some((project(&motion, k)?, project(&moved, k)?))).collect()
 }
 
 #[cfg(test)]

@@ -1,9 +1,10 @@
-//! The fit: moves the panel by its surface and its outline together until no point of it moves any more.
+//! The fit: moves the panel by its surface and its outline together until it converges.
 //!
-//! The surface holds the panel along its normal and hardly sideways: a smooth panel slides along itself. The outline holds
-//! it sideways, and through the picture's perspective a little along the normal as well. Both are residuals of one
-//! Gauss–Newton iteration (`solve`), each kind weighed by its noise and by how many neighbours share one error: a scanner's
-//! range noise is alike over centimetres, so that thousands of points tell no more than a few dozen would.
+//! The surface constrains the panel along its normal and hardly in its plane: a smooth panel slides along itself. The outline
+//! constrains it in its plane, and through the picture's perspective a little along the normal as well. Both are residuals of one
+//! Gauss–Newton iteration (`solve`). Each kind is weighted by its noise and by the number of neighbours whose errors are
+//! correlated: a scanner's range noise is correlated over centimetres, so that thousands of points carry no more information than
+//! a few dozen independent ones.
 
 use super::edges::Edge;
 use super::grid::{Grid, Motion, Scan};
@@ -36,7 +37,7 @@ const SURFACE_FLOOR_MM: f64 = 0.4;
 const EDGE_FLOOR_PX: f64 = 0.5;
 const DEPTH_EDGE_FLOOR_PX: f64 = 2.0;
 
-/// Everything that holds the panel at a placement.
+/// All residuals that constrain the panel at a pose.
 pub(super) struct Residuals {
     pub surface: Vec<Constraint>,
     pub colour: Vec<Constraint>,
@@ -49,7 +50,7 @@ pub(super) struct Residuals {
     taught_noise_px: f64,
 }
 
-/// What takes part in a fit.
+/// The inputs of a fit.
 #[derive(Clone, Copy)]
 pub(super) struct FitInputs<'a> {
     pub model: &'a Model,
@@ -68,7 +69,7 @@ impl Samples {
         Samples { surface: (0..model.points.len()).collect(), outline: (0..model.outline.len()).collect() }
     }
 
-    /// About so many of the surface, and a tenth as many of the outline.
+    /// About this number of the surface, and a tenth as many of the outline.
     pub fn some(model: &Model, wanted: usize) -> Samples {
         Samples {
             surface: spread_over(model.points.len(), wanted),
@@ -78,10 +79,10 @@ impl Samples {
 }
 
 impl Residuals {
-    /// At a placement.
-    pub fn at(placed: &Rigid<Camera, Panel>, seen: FitInputs<'_>, samples: &Samples) -> Residuals {
+    /// At a pose.
+    pub fn at(placed: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Residuals {
         let motion = Motion::of(placed);
-        let FitInputs { model, grid, scan } = seen;
+        let FitInputs { model, grid, scan } = inputs;
         let surface: Vec<Option<Constraint>> = samples
             .surface
             .par_iter()
@@ -161,14 +162,14 @@ pub(super) struct Fitted {
 }
 
 /// Moves the guess until no point of the panel moves any more; `None` where a direction is free.
-pub(super) fn fit(guess: &Rigid<Camera, Panel>, seen: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
+pub(super) fn fit(guess: &Rigid<Camera, Panel>, inputs: FitInputs<'_>, samples: &Samples) -> Option<Fitted> {
     let mut fitted = Fitted { camera_from_panel: *guess, iterations: 0, last_step_mm: f64::INFINITY };
     while fitted.iterations < MAX_STEPS && fitted.last_step_mm > CONVERGED_MM {
-        let residuals = Residuals::at(&fitted.camera_from_panel, seen, samples);
-        let weighing = residuals.weighing(seen.model, samples);
+        let residuals = Residuals::at(&fitted.camera_from_panel, inputs, samples);
+        let weighing = residuals.weighing(inputs.model, samples);
         let twist = residuals.sums(&weighing).twist()?;
         let next = twisted(&fitted.camera_from_panel, &residuals.centre, &twist);
-        fitted.last_step_mm = seen.model.largest_distance_mm(&fitted.camera_from_panel, &next);
+        fitted.last_step_mm = inputs.model.largest_distance_mm(&fitted.camera_from_panel, &next);
         fitted.camera_from_panel = next;
         fitted.iterations += 1;
     }

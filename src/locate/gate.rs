@@ -1,9 +1,9 @@
 //! The gate of the localization: turns evidence into accept, review or reject, each with reasons in words.
 //!
-//! Three questions in this order: Is it this panel, whole and dry, before a camera that stands where it stood? Is it known
-//! well enough where it stands, and is there no second answer? Does it stand where it may? Shift, turn and tilt are judged
-//! at the panel's centre, never at the base's origin: a small turn moves a far origin by much, and that says nothing about
-//! the panel. What speaks against the panel itself rejects; what a person may judge better is for review.
+//! It asks three questions in this order. Is it this panel, complete and dry, and has the camera not moved? Is its pose known
+//! well enough, and is it unique? Is the pose within its limits? Shift, rotation and tilt are judged
+//! at the panel's centre and never at the base's origin: a small rotation moves a distant origin far, which says nothing about
+//! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
 
 use super::LocateError;
 use super::evidence::Fit;
@@ -31,7 +31,7 @@ pub const MAX_BLUR_PX: f64 = 1.0;
 pub const MAX_SATURATED: f64 = 0.2;
 /// Fits from independent starts end together, mm.
 pub const MAX_DISAGREEMENT_MM: f64 = 0.1;
-/// So many times more must speak for a placement than for any other.
+/// The least ratio of the support of a pose to that of any other.
 pub const MIN_MARGIN: f64 = 2.0;
 /// A camera that has moved the panel by this much is another camera, mm.
 pub const MAX_CAMERA_MOVED_MM: f64 = 0.25;
@@ -52,12 +52,12 @@ pub fn min_outline_found(limits: &recipe::Locate) -> f64 {
     (limits.min_overlap() - OUTLINE_ALLOWANCE).max(0.0)
 }
 
-/// From how far on a camera that moved is noticed, by a fixture that tells its place with this uncertainty, 95 %, mm.
+/// From how far on a camera that moved is noticed, by a fixture that determines its pose with this uncertainty, 95 %, mm.
 pub fn noticed_mm(uncertainty_mm: f64) -> f64 {
     MAX_CAMERA_MOVED_MM + uncertainty_mm
 }
 
-/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it tells nothing.
+/// Whether a fixture that tells a camera's place with this uncertainty, mm, watches it; `None` where it carries no information.
 pub fn is_watched(uncertainty_mm: Option<f64>) -> bool {
     uncertainty_mm.is_some_and(|mm| !exceeds(noticed_mm(mm), MAX_CAMERA_NOTICED_MM))
 }
@@ -157,7 +157,7 @@ fn picture(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Does the camera stand where it stood at teaching?
+/// Has the camera not moved since teaching?
 fn camera(fit: &Fit) -> Vec<Check> {
     let camera = fit.camera.as_ref();
     let (moved_mm, uncertainty_mm) = (camera.map(|it| it.moved_mm), camera.map(|it| it.uncertainty_mm));
@@ -192,7 +192,7 @@ fn camera(fit: &Fit) -> Vec<Check> {
     ]
 }
 
-/// Can this scan tell that the camera stands where it stood?
+/// Can this scan show that the camera has not moved?
 fn watch(fit: &Fit) -> Vec<Check> {
     let uncertainty_mm = fit.camera.map(|camera| camera.uncertainty_mm);
     let noticed = Check::new("a camera is noticed that moves it by", "mm", uncertainty_mm.map(noticed_mm));
@@ -451,8 +451,8 @@ mod tests {
         assert_eq!(rival(40.0, 0.0).0, Verdict::Accept);
     }
 
-    /// By hand: told to 0.2 mm, a camera is noticed from 0.45 mm on; told to 0.3 mm, from 0.55 mm on, which is more than 0.5.
-    /// 2 ± 2 mm is no camera that stands where it stood.
+    /// By hand: known to 0.2 mm, a camera is noticed from 0.45 mm on; known to 0.3 mm, from 0.55 mm on, which is more than 0.5.
+    /// 2 ± 2 mm is a camera that has moved.
     #[test]
     fn a_camera_that_nobody_watches_any_more_is_for_a_person() {
         let told = |uncertainty_mm| Some(CameraCheck { moved_mm: uncertainty_mm, uncertainty_mm, same: 0.9 });

@@ -1,13 +1,13 @@
-//! Where the panel stands: 3D registration of a scan (thesis 3.8) and its correction by a corner (thesis 3.9).
+//! Where the panel is: 3D registration of a scan (thesis 3.8) and its correction by corners (thesis 3.9).
 //!
-//! No start value: wherever the panel stands in the search box, it is found or not found. The scan is made small
-//! ([`grid`]) and cut to connected pieces in the box ([`pieces`]); the taught panel is laid upon them at every turn
-//! ([`search`]); the best placements are fitted to the surface and to the outline's edges in the colour picture together
-//! ([`fit`], [`edges`]), and weighed against each other ([`consistency`]). The result is evidence, a [`Fit`], with its covariance,
-//! the agreement of independent starts, and what the fixture says of the camera's place; [`gate`] judges it.
-//! [`explain`] shows where in the scan a reason comes from. [`corner`] finds the panel's corner in a picture of the flange camera, [`refine`] moves the pose by what it says.
-//! [`thesis_icp`] is the thesis's own method, to be compared with.
-//! Does not know the error of the camera's calibration, which moves taught and located panel alike.
+//! The search needs no start value and covers all poses in the search box. The scan is downsampled ([`grid`]) and
+//! segmented into connected pieces in the box ([`pieces`]). The taught panel is aligned with these pieces at every rotation
+//! ([`search`]). The best pose hypotheses are fitted to the surface and to the outline's edges in the colour picture together
+//! ([`fit`], [`edges`]), and compared with each other ([`consistency`]). The result is a [`Fit`]: the pose with its covariance,
+//! the agreement of independent starts, and what the fixture shows of the camera's pose. [`gate`] judges this evidence.
+//! [`explain`] marks in the scan's picture where a reason comes from. [`corner`] finds the panel's corner in a picture of the
+//! flange camera, and [`refine`] corrects the pose by it. [`thesis_icp`] is the thesis's own method, for comparison.
+//! An error of the camera's calibration moves taught and located panel alike and cannot be detected here.
 
 mod camera_check;
 mod consistency;
@@ -58,21 +58,21 @@ use search::PoseHypothesis;
 /// A scan and where its camera stands.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
-    /// What the camera saw.
+    /// The scan.
     pub scan: &'a OrganizedCloud<Camera>,
     /// Its lens.
     pub camera: &'a PinholeCamera,
-    /// Its place.
+    /// Its pose.
     pub base_from_camera: Rigid<Base, Camera>,
 }
 
-/// Samples of a fit that only weighs a placement, and of the independent starts.
+/// Samples of a fit that only compares hypotheses, and of the independent starts.
 const WEIGHING_SAMPLES: usize = 3_000;
 /// How far the independent starts are from the end: a shift as a share of the panel's reach, and a turn, rad.
 const START_SHIFT: f64 = 0.02;
 const START_TURN_RAD: f64 = 0.015;
 
-/// A taught panel and a scan made ready: what finding the one in the other and explaining that look at.
+/// A taught panel and a scan, prepared for localization and for explaining its result.
 pub struct Prepared<'a> {
     taught: &'a TaughtPanel,
     view: View<'a>,
@@ -92,7 +92,7 @@ pub fn locate(taught: &TaughtPanel, view: &View<'_>, settings: &recipe::Locate) 
 }
 
 impl<'a> Prepared<'a> {
-    /// Makes both ready.
+    /// Prepares both.
     ///
     /// # Errors
     /// Where the taught panel has too little surface or outline.
@@ -112,7 +112,7 @@ impl<'a> Prepared<'a> {
         self.model.outline_seen
     }
 
-    fn seen(&self) -> FitInputs<'_> {
+    fn inputs(&self) -> FitInputs<'_> {
         FitInputs { model: &self.model, grid: &self.grid, scan: self.view.scan }
     }
 
@@ -126,36 +126,36 @@ impl<'a> Prepared<'a> {
         if candidates.is_empty() {
             return Err(nothing_fits(model, pieces, inside.iter().filter(|inside| **inside).count()));
         }
-        let placements = search::search(model, grid, &candidates);
-        let seen = self.seen();
-        let (best, rival) = choose(&placements, seen, view.base_from_camera)
+        let hypotheses = search::search(model, grid, &candidates);
+        let inputs = self.inputs();
+        let (best, rival) = choose(&hypotheses, inputs, view.base_from_camera)
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
-        let fitted = fit::fit(&best, seen, &Samples::all(model))
+        let fitted = fit::fit(&best, inputs, &Samples::all(model))
             .ok_or(LocateError::Degenerate { surface: model.points.len(), outline: model.outline.len() })?;
         let (agreement_mm, camera) = rayon::join(
-            || agreement_mm(&fitted, seen),
+            || agreement_mm(&fitted, inputs),
             || camera_check::check(taught, model, (grid, view.scan), inside, &fitted.camera_from_panel),
         );
         let is_watched = gate::is_watched(camera.map(|camera| camera.uncertainty_mm));
         let asked = (!is_watched).then(|| camera_check::at_teaching_mm(taught, model, self.settings));
         let beside = FurtherEvidence { agreement_mm, rival, camera, camera_at_teaching_mm: asked.flatten() };
-        evidence::weigh(&fitted, seen, pieces, view.base_from_camera, beside)
+        evidence::weigh(&fitted, inputs, pieces, view.base_from_camera, beside)
     }
 }
 
-/// Fits the placements and finds the one that no other beats, with the one that comes nearest to it.
+/// Fits the hypotheses and finds the one that no other beats, with its closest competitor.
 fn choose(
-    placements: &[PoseHypothesis],
-    seen: FitInputs<'_>,
+    hypotheses: &[PoseHypothesis],
+    inputs: FitInputs<'_>,
     base_from_camera: Rigid<Base, Camera>,
 ) -> Option<(Rigid<Camera, Panel>, Option<CompetingPose>)> {
-    let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
-    let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = placements
+    let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
+    let fitted: Vec<Option<(Rigid<Camera, Panel>, ConsistencyScore)>> = hypotheses
         .par_iter()
-        .take(search::kept(seen.model) - 1)
-        .map(|placement| {
-            let end = fit::fit(&placement.camera_from_panel, seen, &samples)?.camera_from_panel;
-            Some((end, ConsistencyScore::of(&end, seen)))
+        .take(search::kept(inputs.model) - 1)
+        .map(|hypothesis| {
+            let end = fit::fit(&hypothesis.camera_from_panel, inputs, &samples)?.camera_from_panel;
+            Some((end, ConsistencyScore::of(&end, inputs)))
         })
         .collect();
     let mut fitted: Vec<(Rigid<Camera, Panel>, ConsistencyScore)> = fitted.into_iter().flatten().collect();
@@ -172,22 +172,22 @@ fn choose(
     if fitted.is_empty() {
         return None;
     }
-    let (first, votes) = fitted.swap_remove(best);
-    let same_mm = 0.05 * search::reach_mm(seen.model);
-    let rivals = fitted.iter().filter(|(other, _)| seen.model.largest_distance_mm(&first, other) > same_mm);
+    let (first, score) = fitted.swap_remove(best);
+    let same_mm = 0.05 * search::reach_mm(inputs.model);
+    let rivals = fitted.iter().filter(|(other, _)| inputs.model.largest_distance_mm(&first, other) > same_mm);
     let rival = rivals.map(|(other, against)| {
-        let [for_first_mm, for_rival_mm] = votes.against(against);
+        let [for_first_mm, for_rival_mm] = score.against(against);
         let turned = (first.inverse() * *other).turn();
         CompetingPose { base_from_panel: base_from_camera * *other, turned, for_first_mm, for_rival_mm }
     });
     Some((first, rival.min_by(|a, b| a.margin().total_cmp(&b.margin()))))
 }
 
-/// How far apart fits from other starts end, mm; infinite where one goes elsewhere.
-fn agreement_mm(fitted: &Fitted, seen: FitInputs<'_>) -> f64 {
-    let shift_mm = START_SHIFT * search::reach_mm(seen.model);
-    let centre = Motion::of(&fitted.camera_from_panel).point(&seen.model.centre);
-    // Three starts around the end, each aside and turned about another axis.
+/// The largest distance between the results of independent starts, mm; infinite if one does not converge.
+fn agreement_mm(fitted: &Fitted, inputs: FitInputs<'_>) -> f64 {
+    let shift_mm = START_SHIFT * search::reach_mm(inputs.model);
+    let centre = Motion::of(&fitted.camera_from_panel).point(&inputs.model.centre);
+    // Three starts around the end, each aside and rotated about another axis.
     let starts = [0.0, 120.0, 240.0f64].map(|turn_deg| {
         let around = Rotation3::from_axis_angle(&Vector3::z_axis(), turn_deg.to_radians());
         let shift = around * Vector3::new(shift_mm, 0.0, 0.5 * shift_mm);
@@ -195,10 +195,11 @@ fn agreement_mm(fitted: &Fitted, seen: FitInputs<'_>) -> f64 {
         let twist = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
         solve::twisted(&fitted.camera_from_panel, &centre, &twist)
     });
-    let samples = Samples::some(seen.model, WEIGHING_SAMPLES);
-    let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, seen, &samples)).collect();
+    let samples = Samples::some(inputs.model, WEIGHING_SAMPLES);
+    let ends: Vec<Option<Fitted>> = starts.par_iter().map(|start| fit::fit(start, inputs, &samples)).collect();
     let Some(ends) = ends.into_iter().collect::<Option<Vec<Fitted>>>() else { return f64::INFINITY };
-    let apart = |a: &Fitted, b: &Fitted| seen.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);
+    let apart =
+        |a: &Fitted, b: &Fitted| inputs.model.largest_distance_mm(&a.camera_from_panel, &b.camera_from_panel);
     let pairs = (0..ends.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
     pairs.map(|(i, j)| apart(&ends[i], &ends[j])).fold(0.0, f64::max)
 }

@@ -11,7 +11,7 @@ use crate::geometry::{Camera, Panel, Pixel, Point, Rigid, Vector};
 use crate::panel::TaughtPanel;
 use nalgebra::Vector3;
 
-/// A panel of which so much gave points is whole.
+/// A panel is complete if at least this share of it gave points.
 const WHOLE: f64 = 0.9;
 /// Fewer points hold no panel.
 const MIN_SURFACE: usize = 200;
@@ -104,7 +104,7 @@ impl Model {
         Vector::new(self.normal)
     }
 
-    /// The sine of the angle between the taught view of the panel and the one at a placement.
+    /// The sine of the angle between the taught view of the panel and the one at a pose.
     pub fn view_change(&self, placed: &Motion) -> f64 {
         let taught = Motion::of(&self.camera_from_panel);
         let view = |motion: &Motion| (motion.turn.transpose() * -motion.point(&self.centre)).normalize();

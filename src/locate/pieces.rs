@@ -1,10 +1,9 @@
-//! What stands in the search box: connected smooth pieces of the scan, and how far each place of the picture is from
-//! their edge.
+//! The connected smooth pieces of the scan in the search box, and the distance of each pixel block from their edge.
 //!
-//! Neighbouring blocks belong together where their depths do not jump. A piece's border is true where something farther
-//! or nothing is seen beyond it; it is not where something nearer hides what goes on behind, where the picture ends, or
-//! where missing points part a piece from itself that may have holes.
-//! The nearest true border of every block comes from two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
+//! Neighbouring blocks belong to one piece if their depths do not jump. A piece's border is a true border where something farther
+//! away, or nothing, is seen beyond it. It is not a true border where a nearer object occludes the continuation, where the
+//! picture ends, or where missing points divide a piece that may have holes.
+//! The nearest true border of every block is computed by two sweeps over the picture (8SSED: Danielsson, Comput. Graph. Image
 //! Process. 14, 1980).
 
 use super::grid::{Grid, Motion};

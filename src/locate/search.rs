@@ -1,10 +1,10 @@
-//! Every placement that a scan might show, without a start value.
+//! Pose hypotheses for a scan, without a start value.
 //!
-//! A piece of the scan has a middle and a mean normal; the taught panel's are laid upon them, at every turn about the
-//! normal and at some shifts, since part of the piece may be hidden. Each of these starts is moved by the surface and by
-//! the piece's true border until it fits as it can, and scored both ways: taught points that the scan has, against those
-//! that the scan sees through; the outline on the border; the piece's points that the taught panel has. No features: a
-//! smooth panel has none.
+//! A piece of the scan has a centroid and a mean normal. The taught panel is aligned with them at every rotation about the
+//! normal, and at some shifts, since part of the piece may be occluded. Each of these starts is moved by the surface and by
+//! the piece's true border to its local optimum. Its score counts in both directions: taught points that lie on the scan against
+//! those that the scan sees through; outline points on the border; the piece's points that the taught panel covers. No features
+//! are used: a smooth panel has none.
 
 use super::grid::{DepthReading, Grid, Motion, camera_point};
 use super::model::Model;
@@ -15,7 +15,7 @@ use crate::geometry::{Camera, Panel, Rigid};
 use nalgebra::{Isometry3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
-/// Turns about the normal.
+/// Rotations about the normal.
 const TURNS: usize = 36;
 /// Shifts to each side along both axes, and their step as a share of the panel's reach.
 const SHIFTS: i32 = 2;
@@ -39,13 +39,13 @@ const LAST_REACH_BLOCKS: f64 = 3.0;
 /// A taught point lies on the scan within this, mm; a point of the outline on a border within this, blocks.
 const ON_MM: f64 = 1.5;
 const ON_BLOCKS: f64 = 1.8;
-/// Whether points are missing inside of the outline is looked at this far from it, mm.
+/// Distance from the outline at which missing points are looked for, mm.
 const BESIDE_MM: f64 = 3.0;
-/// Placements nearer than this are one, as a share of the panel's reach.
+/// Hypotheses closer than this are the same, as a share of the panel's extent.
 const SAME: f64 = 0.06;
-/// So much worse than the best, of 3, a placement is none.
+/// A hypothesis whose score, of at most 3, is this much below the best is dropped.
 const WORSE: f64 = 1.2;
-/// Placements that are kept; and where so much of the taught panel is missing that pieces and borders say less of it, so many.
+/// Pose hypotheses that are kept; and their number where much of the taught panel is missing, so that pieces and borders carry less information.
 const KEPT: usize = 5;
 const KEPT_OF_PATCHES: usize = 20;
 /// A piece with a smaller share of the panel's area is no start by itself, and with a still smaller one no part of one.
@@ -54,14 +54,14 @@ const PART: f64 = 0.05;
 /// A piece this many times as large as the panel is something else.
 const TOO_LARGE: f64 = 3.5;
 
-/// A placement and how well it explains the scan, −2…3.
+/// A pose hypothesis, and how well it explains the scan, −2…3.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PoseHypothesis {
     pub camera_from_panel: Rigid<Camera, Panel>,
     pub score: f64,
 }
 
-/// How many placements are worth a fit.
+/// How many hypotheses are fitted.
 pub(super) fn kept(model: &Model) -> usize {
     if model.is_patchy() { KEPT_OF_PATCHES } else { KEPT }
 }
@@ -101,7 +101,7 @@ pub(super) fn reach_mm(model: &Model) -> f64 {
     model.outline.iter().map(|sample| (sample.point - model.centre).norm()).fold(0.0, f64::max)
 }
 
-/// The placements that these pieces allow, best first, no two alike.
+/// The pose hypotheses that these pieces allow, best first, no two alike.
 pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<PoseHypothesis> {
     let reach_mm = reach_mm(model);
     let mut found: Vec<PoseHypothesis> = Vec::new();
@@ -119,13 +119,13 @@ pub(super) fn search(model: &Model, grid: &Grid, pieces: &[Piece]) -> Vec<PoseHy
     }
     found.sort_by(|a, b| b.score.total_cmp(&a.score));
     let mut distinct: Vec<PoseHypothesis> = Vec::new();
-    for placement in found {
-        let best = distinct.first().map_or(placement.score, |best| best.score);
+    for hypothesis in found {
+        let best = distinct.first().map_or(hypothesis.score, |best| best.score);
         let far = |other: &PoseHypothesis| {
-            model.largest_distance_mm(&other.camera_from_panel, &placement.camera_from_panel) > SAME * reach_mm
+            model.largest_distance_mm(&other.camera_from_panel, &hypothesis.camera_from_panel) > SAME * reach_mm
         };
-        if distinct.len() < kept(model) && placement.score > best - WORSE && distinct.iter().all(far) {
-            distinct.push(placement);
+        if distinct.len() < kept(model) && hypothesis.score > best - WORSE && distinct.iter().all(far) {
+            distinct.push(hypothesis);
         }
     }
     distinct
@@ -200,7 +200,7 @@ fn move_onto(
     Some(placed)
 }
 
-/// Residuals of taught surface points at a placement.
+/// Residuals of taught surface points at a pose.
 pub(super) fn surface_at(motion: &Motion, model: &Model, grid: &Grid, chosen: &[usize]) -> Vec<Constraint> {
     chosen.iter().filter_map(|&sample| surface_residual(motion, model, grid, sample)).collect()
 }
@@ -240,7 +240,7 @@ fn is_unknown_beside(motion: &Motion, model: &Model, grid: &Grid, k: usize) -> b
     grid.camera.project(camera_point(&inside)).is_some_and(|pixel| grid.look(pixel) == DepthReading::Nothing)
 }
 
-/// How a placement explains the scan, both ways.
+/// How well a pose explains the scan, in both directions.
 fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piece, border: &Border) -> f64 {
     let motion = Motion::of(placed);
     let chosen = spread_over(model.points.len(), SCORE_POINTS);
@@ -269,14 +269,14 @@ fn score(placed: &Rigid<Camera, Panel>, model: &Model, grid: &Grid, piece: &Piec
     surface + outline + covered
 }
 
-/// What a scan says of a taught point at a placement.
+/// What a scan shows of a taught point at a pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum PointObservation {
-    /// It has it; the taught point stands so far before the scan along the normal, (1) of `grid`, mm.
+    /// The scan has the point; its distance before the scan along the normal, (1) of `grid`, mm.
     On(f64),
-    /// It has it beside an edge or missing points, where the depth is good for no more.
+    /// The scan has the point beside an edge or missing points, where the depth is not precise.
     Near,
-    /// It sees something behind: the panel is not there.
+    /// The scan shows something behind the point: the panel is not there.
     Through,
     /// Something nearer is seen, the point looks away, or it lies outside of the picture.
     Hidden,
@@ -284,7 +284,7 @@ pub(super) enum PointObservation {
     Unknown,
 }
 
-/// What the scan says of one taught point.
+/// What the scan shows of one taught point.
 pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample: usize) -> PointObservation {
     let point = motion.point(&model.points[sample]);
     let normal = motion.turn * model.normals[sample];
@@ -302,7 +302,7 @@ pub(super) fn observe_point(motion: &Motion, model: &Model, grid: &Grid, sample:
     }
 }
 
-/// The share of a piece's points that the taught panel has at a placement.
+/// The share of a piece's points that the taught panel covers at a pose.
 pub(super) fn covered(motion: &Motion, model: &Model, grid: &Grid, piece: &Piece, wanted: usize) -> f64 {
     let back = motion.inverse();
     let taught = Motion::of(&model.camera_from_panel);

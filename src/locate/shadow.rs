@@ -1,11 +1,11 @@
-//! Where a thing before the panel may keep the 3D camera's light from it.
+//! Where an object before the panel may block the light of the 3D camera's projector.
 //!
-//! A camera that projects has no points where its projector does not reach. The projector stands beside the lens, along the
-//! picture's rows, at most B away. A thing at the depth z′ keeps its light from a place at the depth z only if it is
-//! seen in the same row, no farther away than
+//! A camera with a projector has no points where its projector does not reach. The projector stands beside the lens, along the
+//! picture's rows, at a distance of at most B. An object at the depth z′ can shade a place at the depth z only if it is
+//! seen in the same row, at a distance of at most
 //!     f B (1/z′ − 1/z) px.                                                                               (1)
-//! On which side depends on the camera: both are looked at. No panel is so steep that it does this to itself: with slope s
-//! over k px (1) is k s B / z, less than k up to s = 6, 81°.
+//! The side depends on the camera, so both are examined. A panel cannot shade itself: with slope s
+//! over k px, (1) is k s B / z, which is less than k up to s = 6, 81°.
 
 use super::grid::Grid;
 use crate::geometry::Pixel;

@@ -1,8 +1,8 @@
-//! What of the panel and of the scan found a partner.
+//! How much of the panel and of the scan was matched.
 //!
-//! Each taught point is looked for where it projects to, each point of the outline where its edge should be, and the scan's
-//! pieces where the taught panel would show them. What is hidden or out of view says nothing, but is not found either; nor
-//! does a point that is missing beside a nearer thing, in whose shadow it may lie.
+//! Each taught point is looked up where it projects to, each point of the outline where its edge should be, and the scan's
+//! pieces where the taught panel would show them. A point that is occluded or out of view is neither counted against the pose nor
+//! as matched; nor is a missing point beside a nearer object, which may shade it.
 
 use super::edges::Edge;
 use super::fit::{FitInputs, Residuals};
@@ -30,8 +30,8 @@ pub(super) struct SurfaceShares {
 }
 
 impl SurfaceShares {
-    pub fn of(motion: &Motion, seen: FitInputs<'_>) -> SurfaceShares {
-        let FitInputs { model, grid, scan } = seen;
+    pub fn of(motion: &Motion, inputs: FitInputs<'_>) -> SurfaceShares {
+        let FitInputs { model, grid, scan } = inputs;
         let look = |i: usize| {
             let pixel = grid.camera.project(camera_point(&motion.point(&model.points[i])));
             let place = pixel.and_then(|pixel| pixel.whole(scan.width(), scan.height()));
@@ -110,17 +110,17 @@ impl OutlineShares {
 
 /// Of the pieces that are part of the panel, the share that the taught panel has. What hangs on the panel where it is held is
 /// another piece.
-pub(super) fn scan_found(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> f64 {
-    if !seen.model.held_px.is_empty() {
-        return share_of(motion, seen, &cut_where_held(motion, seen, pieces));
+pub(super) fn scan_found(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+    if !inputs.model.held_px.is_empty() {
+        return share_of(motion, inputs, &cut_where_held(motion, inputs, pieces));
     }
-    share_of(motion, seen, pieces)
+    share_of(motion, inputs, pieces)
 }
 
-fn share_of(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> f64 {
+fn share_of(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> f64 {
     let (mut found, mut whole) = (0.0, 0.0);
     for piece in pieces {
-        let share = covered(motion, seen.model, seen.grid, piece, 1_500);
+        let share = covered(motion, inputs.model, inputs.grid, piece, 1_500);
         if share >= PART_OF_PANEL {
             found += share * piece.area_mm2;
             whole += piece.area_mm2;
@@ -130,8 +130,8 @@ fn share_of(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> f64 {
 }
 
 /// The pieces without the blocks that the taught picture shows where something holds the panel.
-fn cut_where_held(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
-    let FitInputs { model, grid, .. } = seen;
+fn cut_where_held(motion: &Motion, inputs: FitInputs<'_>, pieces: &[Piece]) -> Vec<Piece> {
+    let FitInputs { model, grid, .. } = inputs;
     let (back, taught) = (motion.inverse(), Motion::of(&model.camera_from_panel));
     let is_held = |block: usize| {
         let point = grid.point(block % grid.columns, block / grid.columns);
@@ -147,8 +147,8 @@ fn cut_where_held(motion: &Motion, seen: FitInputs<'_>, pieces: &[Piece]) -> Vec
 }
 
 /// Share of the panel's pixels that are overexposed.
-pub(super) fn saturated(motion: &Motion, seen: FitInputs<'_>) -> f64 {
-    let FitInputs { model, grid, scan } = seen;
+pub(super) fn saturated(motion: &Motion, inputs: FitInputs<'_>) -> f64 {
+    let FitInputs { model, grid, scan } = inputs;
     let (mut asked, mut over) = (0usize, 0usize);
     for point in model.points.iter().step_by(7) {
         let pixel = grid.camera.project(camera_point(&motion.point(point)));

@@ -38,12 +38,12 @@ impl Constraint {
     }
 }
 
-/// How constraints of one kind are weighed.
+/// The weighting of constraints of one kind.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ResidualWeighting {
     /// Standard deviation of a residual.
     pub sigma: f64,
-    /// So many neighbours share one error.
+    /// The number of neighbours whose errors are correlated.
     pub correlated_count: f64,
     /// Residuals beyond this size have no weight.
     pub cutoff: f64,
@@ -116,7 +116,7 @@ pub(super) fn spread(constraints: &[Constraint]) -> f64 {
     NORMAL * median(&mut sizes).unwrap_or(0.0)
 }
 
-/// The transform followed by a small turn about a point and a small shift, both in the camera's frame.
+/// The transform followed by a small rotation about a point and a small shift, both in the camera's frame.
 pub(super) fn twisted(
     camera_from_panel: &Rigid<Camera, Panel>,
     centre: &Vector3<f64>,

@@ -1,9 +1,10 @@
-//! The taught outline in space: where the ray through the edge in the taught picture, found to a fraction of a pixel, meets the
-//! surface beside it.
+//! The taught outline in space: the points at which rays through the edge in the taught picture, located to a fraction of a pixel,
+//! meet the surface beside it.
 //!
-//! The contour of the scan's points runs beside the edge; colour says exactly where it is, and where colour shows no edge the
-//! border of the points takes its place. An outline that a person drew is looked at as a scan is when the panel is located
-//! (`edges`): what neither colour nor depth shows there is no measurement, and takes no part. Nor does what something holds.
+//! The contour of the scan's points runs close to the edge. The colour picture gives the edge exactly; where colour shows no edge,
+//! the border of the points is used instead. Beside an outline that a person drew, the edge is searched as in a scan that is being
+//! located (`edges`): a place at which neither colour nor depth shows it is not measured and not used. Places at which the panel is
+//! held are not used either.
 
 use super::edges::{self, Edge};
 use super::grid::{Grid, Motion, Scan};
@@ -16,13 +17,13 @@ use rayon::prelude::*;
 
 /// Half the length of outline that is averaged to say where and which way it runs, px of the contour.
 const CONTOUR_REACH: usize = 5;
-/// Every so many pixels of the contour is a point of the outline.
+/// Distance of the outline's points along the contour, px.
 const CONTOUR_STEP: usize = 2;
 /// The mask's border lies this far inside of the edge, px: pixels that are half panel have no point.
 const MASK_INSET_PX: f64 = 1.0;
 /// A place of the contour whose mean takes in what is this near to a held one says nothing, px.
 const HELD_NEAR_PX: f64 = (CONTOUR_REACH + 1) as f64;
-/// The direction of the outline is taken from so many points to each side.
+/// The number of points to each side from which the direction of the outline is taken.
 const ALONG_REACH: usize = 3;
 /// Fewer points of the outline hold no panel.
 pub(super) const MIN_OUTLINE: usize = 60;
@@ -75,7 +76,7 @@ struct EdgePoint {
     width_px: Option<f64>,
 }
 
-/// What the edges are looked for in.
+/// The data in which the edges are searched.
 struct OutlineContext<'a> {
     panel: &'a TaughtPanel,
     grid: &'a Grid,
@@ -194,7 +195,7 @@ impl OutlineContext<'_> {
         }
     }
 
-    /// An edge with its directions; `None` where its neighbours say nothing of them.
+    /// An edge with its directions; `None` where its neighbours do not determine them.
     fn point(&self, edges: &[EdgePoint], k: usize) -> Option<OutlinePoint> {
         let count = edges.len();
         let EdgePoint { point: here, normal, width_px } = edges[k];

@@ -1,8 +1,8 @@
-//! A taught corner: where the flange camera stood, which pixel the corner had, and where that is on the panel.
+//! A taught corner: the pose of the flange camera, the pixel at which it saw the corner, and the corner's position on the panel.
 //!
-//! Nominal camera pose and reference pixel are taught together (thesis 3.9). The corner's place on the panel is
-//! where the reference pixel's ray meets the plane of the surface beside it; with it the expected pixel is known for
-//! any camera pose, not only for the nominal one.
+//! Nominal camera pose and reference pixel are taught together (thesis 3.9). The corner's position on the panel is
+//! where the reference pixel's ray meets the plane of the surface beside it. From this position the expected pixel follows for
+//! every camera pose, not only for the nominal one.
 
 use super::error::LearnError;
 use super::taught::TaughtPanel;

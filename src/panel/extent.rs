@@ -1,8 +1,8 @@
-//! Which pixels of the taught scan are the panel, and where its outline runs.
+//! Which pixels of the taught scan belong to the panel, and where its outline runs.
 //!
-//! Without an outline in the recipe, the panel is the connected piece of scan in the search box under the region's centre.
-//! With one, it is what lies inside of that polygon and on the surface there, however many points are missing. Where
-//! something holds the panel, neither surface nor outline counts.
+//! Without an outline in the recipe, the panel is the connected piece of the scan in the search box under the region's centre.
+//! With one, it is everything inside of that polygon and on the panel's surface, however many points are missing. Where
+//! a holder or clamp touches the panel, neither surface nor outline is used.
 
 use super::error::{LearnError, WrongCorner};
 use super::region::Region;

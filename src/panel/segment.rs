@@ -1,7 +1,7 @@
-//! Which pixels of a scan are one smooth object: the connected piece around a seed, or the largest piece.
+//! Segmentation of a scan into smooth objects: the connected piece around a seed, or the largest piece.
 //!
-//! Two neighbouring pixels belong together where the depth between them changes by less than a step that no smooth
-//! panel makes from one pixel to the next. No shape is assumed.
+//! Two neighbouring pixels belong to one object if the step in depth between them is smaller than any smooth panel
+//! causes from one pixel to the next. No shape is assumed.
 
 use crate::geometry::{Frame, Mask, OrganizedCloud, median};
 

@@ -1,8 +1,8 @@
-//! Which pieces of scan are parts of one sheet: missing points part a panel, and things before or behind it are no part of it.
+//! Which pieces of a scan belong to one sheet. Missing points can divide a panel into pieces; objects before or behind it do not belong to it.
 //!
-//! Heights over the plane of least scatter are a polynomial of second order in the two directions of that plane, fitted to
-//! the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A piece belongs where its median
-//! height differs from that by no more than [`MAX_AWAY_MM`].
+//! The heights over the plane of least scatter are modelled as a polynomial of second order in the two directions of that plane,
+//! fitted to the pieces that are known to belong: h(s, t) = a + b s + c t + d s² + e st + f t². A piece belongs to the sheet if
+//! its median height differs from this model by at most [`MAX_AWAY_MM`].
 
 use crate::geometry::{OrganizedCloud, Panel, median};
 use nalgebra::{Matrix3, Matrix6, Point3, Vector3, Vector6};
@@ -80,7 +80,7 @@ impl Sheet {
     }
 }
 
-/// Evenly chosen ones of these, about so many at most.
+/// About `count` of these at most, evenly chosen.
 fn some(pixels: &[usize], wanted: usize) -> impl Iterator<Item = usize> + '_ {
     pixels.iter().copied().step_by(pixels.len().div_ceil(wanted).max(1))
 }

@@ -137,7 +137,7 @@ impl TaughtPanel {
         (self.mask.count() as f64 / (whole_px2 - held_px2 / 2.0).max(1.0)).min(1.0)
     }
 
-    /// Does something hold the panel within so many pixels of this place of the taught picture?
+    /// Is the panel held within this distance of a pixel of the taught picture?
     pub fn is_held_near(&self, pixel: Pixel, within_px: f64) -> bool {
         let near = |held: &[Pixel; 4]| polygon::distance_to_side_px(held, pixel) <= within_px;
         extent::is_held(&self.held_px, pixel) || self.held_px.iter().any(near)
@@ -153,7 +153,7 @@ impl TaughtPanel {
         self.scan.valid().filter(|(index, _)| self.mask.inside[*index])
     }
 
-    /// The middle of the panel's points: where shift and turn are judged.
+    /// The centroid of the panel's points, at which shift and rotation are judged.
     pub fn centre(&self) -> Point<Panel> {
         let mut sum = nalgebra::Vector3::zeros();
         let mut count = 0usize;

@@ -30,7 +30,7 @@ pub struct Recipe {
     path: Path,
 }
 
-/// The keys at the top of a recipe, by which it is told from other files.
+/// The keys at the top of a recipe, by which it is distinguished from other files.
 pub const RECIPE_KEYS: [&str; 8] = ["panel", "process", "locate", "corner", "region", "inspect", "surface", "path"];
 
 impl Recipe {

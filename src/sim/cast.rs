@@ -87,7 +87,7 @@ fn covered(edge_px: f64, growth: Vector2<f64>) -> f64 {
     if edge_px > 0.0 { beyond } else { 1.0 - beyond }
 }
 
-/// What one pixel sees.
+/// What one pixel shows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PixelHit {
     /// The undistorted ray (x, y, 1) in the camera's frame.

@@ -18,12 +18,12 @@ use crate::geometry::{
     Base, Camera, ColorPicture, Flange, FlangeCamera, KukaPose, OrganizedCloud, Panel, PinholeCamera, Pixel, Rigid,
 };
 
-/// Which of the panel's two places a camera looks at.
+/// Which of the panel's two poses a camera looks at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PanelPosition {
-    /// Where the taught panel stands at teaching.
+    /// The taught panel at its nominal pose.
     Nominal,
-    /// Where the panel of the scene stands later, if there is one.
+    /// The panel of the scene at its later pose, if there is one.
     Displaced,
 }
 
@@ -149,7 +149,7 @@ impl Cell {
         self.shot(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)), 1)
     }
 
-    /// A scan with the scene's panel put elsewhere; `shot` tells exposures apart, for each has its own noise.
+    /// A scan with the scene's panel put elsewhere; `shot` distinguishes exposures, since each has its own noise.
     pub fn scan_at(&self, base_from_panel: &Rigid<Base, Panel>, shot: u64) -> OrganizedCloud<Camera> {
         self.shot(self.present.as_ref().map(|shape| (shape, base_from_panel)), shot + 2)
     }
@@ -231,14 +231,14 @@ impl Cell {
         self.film_as(spots, &self.film, 0)
     }
 
-    /// A test of the panel with these spots, as hard to read as `spec` says; `index` tells films of one cell apart.
+    /// A test of the panel with these spots, as hard to read as `spec` says; `index` distinguishes the films of one cell.
     pub fn film_as(&self, spots: &[Spot], spec: &FilmSpec, index: u64) -> Film {
         let view = self.scanner_view(self.present.as_ref().map(|shape| (shape, &self.base_from_panel)));
         let seed = self.seed.child(Purpose::Film, spots.len() as u64 + (index << 8));
         Film::new(&view, spots, spec, &self.pixels, seed)
     }
 
-    /// Other grease on this panel than its scene's; `index` tells drawings of one cell apart.
+    /// Other grease on this panel than its scene's; `index` distinguishes the drawings of one cell.
     pub fn greased(&self, grease: &Grease, index: u64) -> Vec<Spot> {
         let shape = self.present.as_ref().unwrap_or(&self.taught);
         spots::greased(self.seed.child(Purpose::Grease, index), shape, WET_FROM_S, grease)

@@ -1,4 +1,4 @@
-//! Things beside and before the panel: flat slabs somewhere in the cell, which do not move with it.
+//! Objects beside and before the panel: flat slabs somewhere in the cell, which do not move with it.
 
 use nalgebra::{Isometry3, Point3, Vector3};
 

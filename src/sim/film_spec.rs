@@ -1,4 +1,4 @@
-//! What troubles the view of a film, beside the film itself: light, glints, drops, exposure.
+//! Disturbances of the view of a film: light, glints, drops, exposure.
 
 use super::noise::{Purpose, Seed};
 use rand::RngExt;

@@ -1,9 +1,9 @@
-//! An arm as it was built: near its drawing, and off it by a stated length at the tool.
+//! An arm as it was built: it differs from its drawing by a stated error at the tool.
 //!
-//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; where the flange truly is, is said here. Lengths,
-//! zeros and twists of the links are drawn for each seed; the weights of upper arm, forearm and wrist bend the drives of axes
-//! 2, 3 and 5; the gears of axes 1 to 3 lead and lag a little with the angle. Sagging by moments and the gears are no part
-//! of what a calibration of the arm estimates: it is judged on an arm that is not of its own model.
+//! The simulated controller computes with the drawing of a KUKA KR 6 R700-2; this file gives the true pose of the flange. Errors of the
+//! links' lengths, axis zeros and twists are drawn for each seed. The weights of upper arm, forearm and wrist bend the drives of axes
+//! 2, 3 and 5, and the gears of axes 1 to 3 have a periodic error. Sagging by moments and gear errors are not part
+//! of the model that a calibration of the arm estimates: it is judged on an arm that its model does not describe exactly.
 //!
 //! Chain: with q = (−A1, A2 + 90°, A3, −A4, A5, −A6), each plus its zero, and small rotations Tᵢ,
 //!     Rz(q1) T₁ (a1, b, c1) Ry(q2) T₂ (0, 0, c2) Ry(q3) T₃ (a2, 0, c3) Rz(q4) T₄ Ry(q5) T₅ Rz(q6) (0, 0, c4)
@@ -13,7 +13,7 @@ use super::noise::{Normal, Purpose, Seed};
 use crate::geometry::{Base, Flange, Joints, Rigid, Tool};
 use nalgebra::{Isometry3, SMatrix, SVector, Translation3, UnitQuaternion, Vector3};
 
-/// The pad of the simulated tool is so far before the flange, its axis the flange's, mm.
+/// The distance of the simulated tool's pad from the flange, along the flange's axis, mm.
 pub const TOOL_LENGTH_MM: f64 = 120.0;
 
 /// a1, b, c1, c2, a2, c3, c4, mm.
@@ -49,7 +49,7 @@ pub struct RealArm {
 }
 
 impl RealArm {
-    /// The arm of this seed whose tool is off by so much, rms over poses before the panel, mm.
+    /// The arm of this seed with this error of its tool, rms over poses before the panel, mm.
     pub fn new(seed: u64, error_mm: f64) -> Self {
         let mut normal = Normal::new(Seed(seed).stream(Purpose::Arm, 0));
         let mut even = |most: f64| (2.0 * normal.share() - 1.0) * most;

@@ -103,7 +103,7 @@ pub(super) fn flange_from_camera() -> Rigid<Flange, FlangeCamera> {
 const MOUNT_ERROR_MM: f64 = 0.1;
 const MOUNT_ERROR_DEG: f64 = 0.01;
 
-/// What a calibration finds instead of the true mount. `index` tells the mounts of a cell apart.
+/// What a calibration finds instead of the true mount. `index` distinguishes the mounts of a cell.
 pub(super) fn calibrated<To: Frame, C: Frame>(seed: Seed, index: u64, true_mount: &Rigid<To, C>) -> Rigid<To, C> {
     let mut normal = Normal::new(seed.stream(Purpose::Calibration, index));
     let shift = direction(&mut normal) * MOUNT_ERROR_MM;

@@ -24,7 +24,7 @@ pub struct Spot {
     pub grows_s: f64,
     /// When the film closes over it again, s of the film; infinite where it does not.
     pub closes_at_s: f64,
-    /// Where it differs from breaking as told above.
+    /// Where it differs from breaking as described above.
     pub kind: SpotKind,
 }
 

@@ -1,6 +1,6 @@
-//! The boards that stand still in the cell: what the cameras' calibrations are verified on, day by day.
+//! The stationary boards in the cell, on which the cameras' calibrations are verified day by day.
 //!
-//! One before each camera. Where they stand is known as a pointer touched them: a little off.
+//! There is one before each camera. Their known poses carry the error of a pointer that touched them.
 
 use super::board::BoardPrint;
 use super::cell::Cell;

@@ -1,4 +1,4 @@
-//! When water comes to the panel of a film, and what each time is called.
+//! The phases of a film and the times at which they begin.
 
 /// What happens to the panel at a time of the film.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,7 +1,7 @@
-//! What travels over the film: glints, additive and bright, and drops, which are thick film that runs down.
+//! What moves over the film: glints, which are additive and bright, and drops, which are thick film that runs down.
 //!
-//! Each lives for a while and is then born elsewhere; where it is follows from the time alone. Its way has a speed that
-//! swells and ebbs: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
+//! Each exists for a while and then appears elsewhere; its position is a function of time alone. Its speed varies
+//! periodically: x(t) = x₀ + v (t + b sin(ω t)/ω), b < 1.
 
 use super::noise::{Purpose, Seed};
 use rand::RngExt;

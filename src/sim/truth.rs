@@ -1,4 +1,4 @@
-//! What is true of a simulated cell: for scores and tests, never for a stage.
+//! The ground truth of a simulated cell: for scores and tests, never for a stage.
 
 use super::scene::{CornerView, Scene};
 use super::shape::Shape;

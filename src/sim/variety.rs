@@ -98,13 +98,13 @@ impl Panel {
         }
     }
 
-    /// The same, bent up by so much at both ends of its length, mm.
+    /// The same, bent up at both ends of its length, mm.
     pub fn bent(&self, rise_mm: f64) -> Panel {
         let bend = 8.0 * rise_mm / (self.size_mm[0] * self.size_mm[0]);
         Panel { relief: Relief { bend_ss: self.relief.bend_ss + bend, ..self.relief }, ..self.clone() }
     }
 
-    /// The same with so much of its length cut off, mm.
+    /// The same with a strip of its length cut off, mm.
     pub fn trimmed(&self, cut_mm: f64) -> Panel {
         let [length, width] = self.size_mm;
         let reach = self.corners.iter().map(|corner| corner.x).fold(0.0, f64::max);

@@ -1,8 +1,8 @@
-//! The chain: what was written to the store, row by row, each link bound to the one before by SHA-256.
+//! The chain: every row that was written to the store, each link bound to the one before by SHA-256.
 //!
-//! A link holds the hash of the columns that one writing set, so that a row that gets its end later has two links. The last
-//! link is the head; it stands outside of the database too (see `head`). Whoever changes, deletes, adds or reorders rows
-//! behind the program's back contradicts a link, and whoever cuts the chain contradicts the head.
+//! A link holds the hash of the columns that one transaction wrote; a row whose end is written later has two links. The last
+//! link is the head, which is also kept outside of the database (see `head`). Rows that are changed, deleted, added or reordered
+//! without this program contradict a link, and a shortened chain contradicts the head.
 
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OptionalExtension, params};

@@ -1,6 +1,6 @@
-//! Checkpoints: what the journal folds to at one of its lines, so that a start reads only what came later.
+//! Checkpoints: the state that the journal folds to at one of its lines, so that a start reads only later lines.
 //!
-//! One is used where the same version of the program wrote it and the journal's line is still the one that it names.
+//! A checkpoint is used only if the same version of the program wrote it and the journal's line is still the one that it names.
 
 use super::commit::{Failed, Writing};
 use super::database::Store;

@@ -1,4 +1,4 @@
-//! A transaction: rows, their links in the chain, and the head outside, all or nothing.
+//! A transaction: rows, their links in the chain, and the head outside of the database, committed completely or not at all.
 
 use super::chain::{self, ChainPosition};
 use super::database::Store;

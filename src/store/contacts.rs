@@ -1,5 +1,5 @@
-//! Contact paths: what each works on, committed with its motion, and how many of its waypoints were permitted to be
-//! sent, committed before they are. What was abraded, or may have been, follows from that after any end.
+//! Contact paths. What each works on is committed with its motion; how many of its waypoints may be sent is committed before they are
+//! sent. This determines what was abraded, or may have been, however the motion ended.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;
@@ -39,7 +39,7 @@ const CLOCK: &str = "clock";
 const RECORDING: &str = "recording";
 
 impl Store {
-    /// Commits that this contact path may begin and that so many of its waypoints may be sent: all three at once.
+    /// Commits that this contact path may begin and how many of its waypoints may be sent: all three at once.
     ///
     /// # Errors
     /// Where it cannot be written, or a motion is open already.
@@ -63,7 +63,7 @@ impl Store {
         })
     }
 
-    /// Commits that so many waypoints of the open motion may be sent.
+    /// Commits how many waypoints of the open motion may be sent.
     ///
     /// # Errors
     /// Where it cannot be written, or no motion is open.
@@ -101,7 +101,7 @@ impl Store {
         Ok(Some(Contact { path, told, permitted }))
     }
 
-    /// Waypoints of this act that the robot told as executed, by the journal.
+    /// Waypoints of this act that the robot reported as executed, by the journal.
     fn told(&self, cycle: CycleId, act: Id) -> Result<u32, StoreError> {
         let read = || -> Result<Vec<String>, rusqlite::Error> {
             let sql = "SELECT event FROM journal WHERE cycle_id = ?1 AND event LIKE '{\"told\":{\"progress\":%'";

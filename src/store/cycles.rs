@@ -1,4 +1,4 @@
-//! Cycles: what each ran with, what its phases found, how it ended.
+//! Cycles: the inputs of each, the findings of its phases, and how it ended.
 
 use super::database::Store;
 use super::error::StoreError;

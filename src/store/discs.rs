@@ -1,4 +1,4 @@
-//! What the disc in use has worn: what it swept, path by path, and when a new one was mounted.
+//! The wear of the present disc: the area that it swept, path by path, and when it was mounted.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -17,7 +17,7 @@ pub(super) const TABLES: &str = "
 ";
 
 impl Store {
-    /// Keeps that the disc in use swept so much panel, mm².
+    /// Records the area of the panel that the disc in use swept, mm².
     ///
     /// # Errors
     /// Where the store is open for reading or cannot be written, or the area is no number.

@@ -1,4 +1,4 @@
-//! What goes wrong with the store.
+//! Errors of the store.
 
 use std::path::{Path, PathBuf};
 

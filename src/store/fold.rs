@@ -1,4 +1,4 @@
-//! What the journal says of motions and cycles: its events, folded by the table of the cycle.
+//! The state of motions and cycles by the journal: its events, folded by the table of the cycle.
 
 use crate::cycle::{Effect, Event, Motion, Outcome, Report, State, step};
 use crate::record::CycleId;

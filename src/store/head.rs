@@ -1,9 +1,9 @@
 //! The chain's head outside of the database, in `panelprep.head` beside it.
 //!
-//! Before a transaction is committed the file says where the chain is and where it will be; afterwards it says where it is.
-//! Wherever the program ends between the two, the database is at one of the places that the file names, or somebody else
-//! changed it. The file has two copies of 512 bytes, a sector that a disk writes whole or not at all, written in turn and
-//! in place: a full disk keeps nobody from writing it. When the store is closed the file also keeps the SHA-256 of the
+//! Before a transaction is committed the file states where the chain is and where it will be; afterwards it states where it is.
+//! If the program ends between the two, the database is at one of the positions that the file names, unless somebody else
+//! changed it. The file holds two copies of 512 bytes, a sector that a disk writes completely or not at all. They are written
+//! alternately and in place, so that a full disk does not prevent it. When the store is closed the file also holds the SHA-256 of the
 //! database's file.
 
 use super::chain::{ChainPosition, Hash, hex};

@@ -1,4 +1,4 @@
-//! What was found changed behind the program's back, kept as evidence of its own.
+//! Changes that were made without this program, kept as evidence.
 
 use super::database::Store;
 use super::error::StoreError;

@@ -1,9 +1,9 @@
-//! One writer at a time: a lock on the store's folder itself.
+//! One writer at a time: a lock on the store's folder.
 //!
-//! A lock of the operating system and not SQLite's exclusive mode: that one would also keep readers out (a `locate`
-//! beside the running daemon), and cannot say who holds it. It is not on a file in the folder, which somebody may remove
-//! and so let a second writer in. The system takes the lock back when its process ends, however it ends. Who holds it
-//! stands in `panelprep.lock`, for messages alone.
+//! It is a lock of the operating system and not SQLite's exclusive mode, which would also exclude readers (a `locate`
+//! beside the running daemon) and cannot say who holds it. It is not on a file in the folder, which somebody could remove
+//! and so admit a second writer. The system releases the lock when its process ends, however it ends. `panelprep.lock` names the
+//! holder, for messages alone.
 
 use super::error::StoreError;
 use std::fs::{self, File, TryLockError};

@@ -1,17 +1,16 @@
-//! What is remembered: taught panels, cycles, the journal of every event, and the files that all of it names.
+//! The store: taught panels, cycles, the journal of every event, and the files that all of these name.
 //!
-//! A folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the chain's head), `panelprep.reserve` (room
-//! for the journal on a full disk), `panelprep.lock` (who writes) and `blobs/`, where scans, pictures, recipes and
-//! calibrations lie under their SHA-256. Blobs are written first, the row that names them last and in one transaction: a
-//! row never names a file that is not whole. Rows of taught panels, findings, journal, requests, contact
-//! paths and permits are never changed; a cycle and a
-//! motion get their end once. Each row is in a chain of hashes (`chain`), whose head also stands outside of the database
-//! (`head`): what was changed, deleted, reordered or rolled back is found (`verify`). Of a panel only raw inputs are kept;
-//! what is derived from them is derived again on loading, by others.
+//! It is a folder with `panelprep.sqlite` (WAL, synchronous FULL), `panelprep.head` (the chain's head), `panelprep.reserve` (disk space
+//! for the journal on a full disk), `panelprep.lock` (which process writes) and `blobs/`, where scans, pictures, recipes and
+//! calibrations are stored under their SHA-256. Blobs are written first, and the row that names them last, in one transaction: a
+//! row never names an incomplete file. Rows of taught panels, findings, journal, requests, contact
+//! paths and permits are never changed; the end of a cycle and of a motion is written once. Each row is part of a chain of hashes
+//! (`chain`), whose head is also kept outside of the database (`head`): changed, deleted, reordered or rolled-back rows are
+//! detected (`verify`). Of a panel only raw inputs are stored; what is derived from them is derived again on loading, by other rooms.
 //!
-//! The journal stands before effects: [`Store::append`] returns when the event is on the disk. After a failed append
-//! nothing more is appended, since nobody knows whether the line is there; the next process finds out. A full disk is no
-//! such failure: the reserve is given up, and the journal goes on until the cell rests (`reserve`, `full_disk`).
+//! The journal is written before effects: [`Store::append`] returns when the event is on the disk. After a failed append
+//! nothing more is appended, since it is unknown whether the line was written; the next process finds out. A full disk is no
+//! such failure: the reserve is released, and the journal continues until the cell is at rest (`reserve`, `full_disk`).
 
 mod blobs;
 mod chain;

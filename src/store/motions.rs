@@ -1,7 +1,7 @@
-//! Motion intents: committed before the first waypoint goes out, closed when the robot said that it stands.
+//! Motion intents: committed before the first waypoint is sent, closed when the robot has reported that it stands.
 //!
-//! The journal knows the same, since intents are effects of its events. A process that ends between an event and its
-//! effects leaves a row behind; the next one writes it from the journal.
+//! The journal implies the same, since intents are effects of its events. If a process ends between an event and its
+//! effects, a row is missing; the next process writes it from the journal.
 
 use super::database::Store;
 use super::error::StoreError;

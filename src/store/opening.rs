@@ -124,7 +124,7 @@ impl Store {
     }
 
     /// What of the chain's end contradicts the head, and what of the rows written lately contradicts the chain; what was
-    /// kept as an incident before is not told again.
+    /// kept as an incident before is not reported again.
     fn unexplained(
         &self,
         told: Result<Option<head::Read>, std::io::Error>,

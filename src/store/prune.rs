@@ -1,4 +1,4 @@
-//! What is removed when it is old: clips and scans of cycles that are over. Pages and records stay for ever.
+//! Removes old files: clips and scans of cycles that are over. Pages and records are kept for ever.
 
 use super::database::Store;
 use super::error::StoreError;
@@ -45,7 +45,7 @@ struct Ended {
 impl Store {
     /// Removes clips and scans of cycles that are over, as long ago as `keep` says, from the store in this folder; beside its
     /// writer, and never while a cycle runs. What waits for a person's word (verdict review), what is on a page, and what
-    /// anything else names, stays. Each file is in the chain before it goes, so that it is told from one that is missing.
+    /// anything else names, stays. Each file is in the chain before it goes, so that it can be distinguished from one that is missing.
     ///
     /// # Errors
     /// Where the store cannot be read or written, or a file cannot be removed.

@@ -1,7 +1,7 @@
-//! What was asked of the cell, by whom, and what came of it. A row is written once, with its answer.
+//! Requests: what was requested of the cell, by whom, and the reply. A row is written once, with its reply.
 //!
-//! What the table decides about stands in the journal too, before its effects. Where the program ended between the two,
-//! the journal alone has it: who asked and what came of it was then not recorded, and the record says so.
+//! A request that the table decides about is also in the journal, before its effects. If the program ended between the two,
+//! only the journal has it; who requested it and the reply were then not recorded, and the record says so.
 
 use super::database::{Store, unix_ms};
 use super::error::StoreError;

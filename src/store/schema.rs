@@ -1,4 +1,4 @@
-//! The tables' version: looked at before anything is written, raised step by step.
+//! The version of the tables: checked before anything is written, raised step by step.
 
 use super::chain::ChainPosition;
 use super::error::StoreError;

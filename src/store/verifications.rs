@@ -1,4 +1,4 @@
-//! Verifications of calibrations: each is kept, none is changed. One that says nothing can be struck out: it stays, with
+//! Verifications of calibrations: each is kept, none is changed. An invalid one can be struck out: it is kept, with
 //! who did so and why.
 
 use super::database::{DATABASE, Store};

@@ -1,4 +1,4 @@
-//! Is everything in the store what was written? Names what was changed, deleted, put in, reordered or rolled back.
+//! Verifies that the store holds what was written. Names what was changed, deleted, inserted, reordered or rolled back.
 
 use super::chain::{self, ChainPosition, Hash, PARTS, Part, hex};
 use super::database::{DATABASE, Store};
@@ -9,7 +9,7 @@ use rusqlite::{Connection, Row};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A start verifies so many links: all of a small store, of a large one those since its last checkpoint.
+/// The number of links that a start verifies: all of a small store, of a large one those since its last checkpoint.
 const AT_START: i64 = 20_000;
 /// Messages of one kind; the rest is counted.
 const MOST: usize = 200;

@@ -27,7 +27,7 @@ pub enum SurfaceError {
         /// Control points that the knots ask for.
         needed: usize,
     },
-    /// The side that the camera saw cannot be told.
+    /// The side that the camera saw cannot be determined.
     #[error("the surface has no normal in its middle, or the camera looks along it")]
     NoSide,
 }
@@ -188,7 +188,7 @@ impl BSplineSurface {
         straight.then(|| Vector::new(cross * (self.side / length)))
     }
 
-    // The k + 1 rows of l + 1 control points that bear on one span of u and v.
+    // The k + 1 rows of l + 1 control points that influence one span of u and v.
     fn rows(&self, (i, j): (usize, usize)) -> impl Iterator<Item = &[Point<Panel>]> {
         let (stride, width) = (self.knots_v.controls(), self.knots_v.degree() + 1);
         (i..=i + self.knots_u.degree()).map(move |i| &self.controls[i * stride + j..i * stride + j + width])

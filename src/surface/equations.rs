@@ -15,9 +15,9 @@ use nalgebra::Vector3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Control points that a span bears on, along one parameter.
+/// Control points that influence a span, along one parameter.
 const SIDE: usize = DEGREE + 1;
-/// Control points that a pair of spans bears on.
+/// Control points that influence a pair of spans.
 const LOCAL: usize = SIDE * SIDE;
 /// Pairs of functions of one span along one parameter, (0, 0), (1, 0), (1, 1), (2, 0) …
 const PAIRS: usize = SIDE * (SIDE + 1) / 2;

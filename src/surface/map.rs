@@ -1,4 +1,4 @@
-//! The deviation of a fit as a map: where the scan lies before and behind the surface, and where it has holes.
+//! The deviation of a fit as a map: where the scan lies in front of the surface, where behind it, and where points are missing.
 
 use super::derivatives::Parameter;
 use super::samples::Window;

@@ -1,8 +1,8 @@
-//! The taught pixels that a surface is fitted to, with the knot span that each falls in.
+//! The taught pixels that a surface is fitted to, each with its knot span.
 //!
-//! A pixel's place in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
-//! its ray, hence not its parameter. The knots begin a little outside of the region, so that points beyond its
-//! border, where there are any, hold the surface's edge as well as its middle.
+//! A pixel's position in the region, (s, t) = H⁻¹ (pixel), is its parameter (u, v). Range noise moves a point along
+//! its ray and therefore does not change its parameter. The knots begin slightly outside of the region: points beyond its
+//! border, where there are any, support the surface's edge as well as its middle.
 
 use super::basis::{DEGREE, KnotError, KnotVector, SpanFunctions};
 use super::derivatives::Parameter;

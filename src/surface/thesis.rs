@@ -1,7 +1,7 @@
-//! The thesis's own way (4.5): points of the scan are the control points.
+//! The thesis's method (4.5): points of the scan are the control points.
 //!
-//! The scan is too dense for a control point each, so every control point is the scan's point nearest to its Greville
-//! abscissa: the surface then follows the scan, keeps its noise, and cuts every bulge. It is here to compare with.
+//! The scan is too dense to make every point a control point. Each control point is therefore the scan's point nearest to its
+//! Greville abscissa. The surface then follows the scan, contains its noise, and flattens every bulge. The method is here for comparison only.
 
 use super::basis::{DEGREE, KnotError, KnotVector};
 use super::error::FitError;

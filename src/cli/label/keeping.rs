@@ -36,12 +36,20 @@ impl Keeping {
         Ok(Some(found))
     }
 
+    /// The labels as they were saved last.
+    ///
+    /// # Errors
+    /// Where the file is not what it must be.
+    pub fn labels(&self) -> Result<Option<LabelFile>, Fault> {
+        self.read(LABELS)
+    }
+
     /// What is kept now: the draft where there is one, else the labels.
     ///
     /// # Errors
     /// Where a file is not what it must be.
     pub fn now(&self) -> Result<Now, Fault> {
-        let (labels, draft) = (self.read(LABELS)?, self.read(DRAFT)?);
+        let (labels, draft) = (self.labels()?, self.read(DRAFT)?);
         let saved_at = labels.as_ref().map(|labels| labels.saved_at.clone());
         let is_draft = draft.is_some();
         let Some(found) = draft.or(labels) else {

@@ -1,4 +1,4 @@
-//! What a shot is, and what a camera must do to deliver one.
+//! The data of a shot, and the interface of a camera that takes it.
 
 use super::error::CameraError;
 use crate::geometry::{Base, Camera, ColorPicture, Flange, OrganizedCloud, Rigid};
@@ -33,7 +33,7 @@ pub struct FlangePicture {
     pub time_s: f64,
 }
 
-/// What a camera tells about its last shot, each where it tells it.
+/// What a camera reports about its last shot, each where it reports it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Conditions {
@@ -88,7 +88,7 @@ pub trait Scanner: Send {
     /// Waits while the camera is being started, which may take minutes; how it stands then is for [`Scanner::check`].
     fn warm(&mut self) {}
 
-    /// What it tells about its last shot.
+    /// What it reports about its last shot.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }
@@ -108,7 +108,7 @@ pub trait FlangeCamera: Send {
     /// Where it would not.
     fn check(&mut self) -> Result<(), CameraError>;
 
-    /// What it tells about its last shot.
+    /// What it reports about its last shot.
     fn conditions(&self) -> Conditions {
         Conditions::default()
     }

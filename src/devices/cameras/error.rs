@@ -1,4 +1,4 @@
-//! Why there is no shot.
+//! Why a camera did not deliver a shot.
 
 use crate::devices::zivid::ZividFault;
 use crate::files::{ClipError, CloudFileError, PictureError, PoseError};

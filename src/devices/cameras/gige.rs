@@ -23,7 +23,7 @@ pub struct GigeFlangeCamera {
 
 impl GigeFlangeCamera {
     /// Begins to look for the camera that the cell's file names; its pictures must have the size of `calibrated`,
-    /// the camera with this `serial`, where that is known. That it is not there yet is told by [`FlangeCamera::check`].
+    /// the camera with this `serial`, where that is known. That it is not there yet is reported by [`FlangeCamera::check`].
     ///
     /// # Errors
     /// Where the system gives no thread.

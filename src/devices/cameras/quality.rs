@@ -1,8 +1,8 @@
-//! How good a shot is, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
+//! The quality of a shot, in numbers that a person can act on: sharpness, saturation, darkness, missing points.
 //!
-//! Sharpness is the steepness of edges: the grey levels' slope between neighbours, √(gᵤ² + gᵥ²) by central differences, at the
-//! steepest thousandth of the pixels. It grows as the picture comes into focus and depends on what is in view; so it tells one
-//! focus from another before the same scene, and judges none.
+//! Sharpness is the steepness of edges: the gradient of grey levels, √(gᵤ² + gᵥ²) by central differences, at the
+//! steepest thousandth of the pixels. It increases as the picture comes into focus and depends on what is in view. It can therefore
+//! compare two focus settings before the same scene and cannot judge one alone.
 
 use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 

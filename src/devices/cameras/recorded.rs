@@ -167,7 +167,7 @@ impl FlangeCamera for RecordedFlangeCamera {
     }
 }
 
-/// A picture of the wrong size is told as a shot of the camera, all else as a fault of the file.
+/// A picture of the wrong size is reported as a shot of the camera, all else as a fault of the file.
 fn fitting(
     file: &Path,
     which: Which,

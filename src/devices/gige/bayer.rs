@@ -50,7 +50,7 @@ pub fn demosaic(raw: &[u8], [width, height]: [usize; 2], format: PixelFormat) ->
     Some(picture)
 }
 
-/// The pixel so far on, mirrored at the picture's rim without repeating the rim.
+/// The pixel at this offset, mirrored at the picture's rim without repeating the rim.
 fn mirrored(at: usize, by: isize, count: usize) -> usize {
     let to = at.saturating_add_signed(by);
     match to {

@@ -32,7 +32,7 @@ pub struct Frame {
     pub facts: Facts,
     /// Its pixels, one byte each, row by row.
     pub pixels: Vec<u8>,
-    /// The camera's temperature at that time, °C, where it tells one.
+    /// The camera's temperature at that time, °C, where it reports one.
     pub camera_c: Option<f64>,
 }
 
@@ -135,7 +135,7 @@ impl Connected {
         Err(GigeError::Timeout { waited_ms: whole_ms(begun.elapsed()) })
     }
 
-    /// Whether the camera has told that it is gone.
+    /// Whether the camera has reported that it is gone.
     pub fn check(&self) -> Result<(), GigeError> {
         self.sensor.check()
     }

@@ -1,8 +1,8 @@
-//! The camera's thread: it owns the connection, takes pictures when asked, and connects again where the camera was lost.
+//! The camera's thread: it owns the connection, takes pictures on request, and reconnects when the camera was lost.
 //!
-//! A camera may be unplugged, reboot, or never have been there. That is told once, when it begins and when it is over, in the
-//! program's log; meanwhile every picture that is asked for is refused at once with the reason. Nobody waits for a camera
-//! that is known to be away.
+//! A camera may be unplugged, reboot, or never have been there. The program's log reports this once, when it begins and when it is
+//! over; meanwhile every request for a picture is refused at once with the reason. Nobody waits for a camera that is known to be
+//! away.
 
 use super::camera::{Connected, Frame, WARM_UP};
 use super::error::{GigeError, whole_ms};
@@ -37,7 +37,7 @@ pub enum Standing {
     Away(GigeError),
 }
 
-/// What is asked of the thread.
+/// A request to the thread.
 enum CameraRequest {
     /// A still, or of a free running camera its next picture.
     Picture { asked: Instant, reply: Sender<Result<Frame, GigeError>> },
@@ -164,7 +164,7 @@ impl Gauge {
         lock(&self.0).standing.clone()
     }
 
-    /// What was counted so far.
+    /// The statistics up to now.
     pub fn statistics(&self) -> Statistics {
         lock(&self.0).statistics
     }

@@ -41,7 +41,7 @@ pub enum Exposing {
     },
 }
 
-/// What is asked of a camera.
+/// The requirements of a camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
     /// Which camera.

@@ -50,7 +50,7 @@ pub enum NoStill<G> {
 /// Takes a still.
 ///
 /// # Errors
-/// Where none of so many tries brings a frame that may be used.
+/// Where none of the tries delivers a usable frame.
 pub fn take<S: Shutter>(
     shutter: &mut S,
     acceptance: &mut Acceptance,

@@ -21,11 +21,11 @@ const PACKET_TIMEOUT_US: u32 = 20_000;
 const GLANCE: Duration = Duration::from_millis(50);
 /// The wait for a sensor that is not ready for its trigger.
 const POLL: Duration = Duration::from_millis(2);
-/// The node that tells it, of cameras that have one.
+/// The node that reports it, of cameras that have one.
 const ARMED: &str = "TriggerArmed";
 /// Some models say that they are ready only after the first trigger, and some never: so often it is waited for.
 const MOST_UNARMED: u64 = 3;
-/// Room for pictures of two bytes a pixel, so that one of a deeper format than was set comes whole and tells its name.
+/// Room for pictures of two bytes a pixel, so that one of a deeper format than was set arrives complete and reports its name.
 const ROOM: usize = 2;
 /// The node of the camera's temperature, of cameras that have one.
 const TEMPERATURE: &str = "DeviceTemperature";
@@ -42,7 +42,7 @@ pub(super) struct Streaming {
     tells_temperature: bool,
     /// Triggers given to a camera that did not say that it was ready.
     pub unarmed: u64,
-    /// The camera has told that it is gone.
+    /// The camera has reported that it is gone.
     pub lost: Arc<AtomicBool>,
     /// Nobody asks any more.
     is_ending: Arc<AtomicBool>,
@@ -120,7 +120,7 @@ impl Streaming {
         self.ended.and(self.stream.as_ref().map(Packets::of).unwrap_or_default())
     }
 
-    /// The camera's temperature, °C, where it tells one.
+    /// The camera's temperature, °C, where it reports one.
     pub fn temperature_c(&self) -> Option<f64> {
         self.tells_temperature.then(|| self.camera.float(TEMPERATURE).ok()).flatten()
     }

@@ -1,4 +1,4 @@
-//! What the controller told last.
+//! What the controller sent last.
 
 use super::codec::Template;
 use super::setup::Setup;
@@ -24,7 +24,7 @@ pub(super) struct Ack {
     pub(super) epoch: i32,
 }
 
-/// What was told last.
+/// What was sent last.
 #[derive(Debug)]
 pub(super) struct Answers {
     pub(super) ack: Template,
@@ -47,7 +47,7 @@ impl Answers {
         }
     }
 
-    /// A new client has been told nothing.
+    /// Nothing has been sent to a new client.
     pub(super) fn forget_ack(&mut self) {
         self.last_ack = None;
     }

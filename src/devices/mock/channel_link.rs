@@ -1,4 +1,4 @@
-//! One channel: what came, what is to go.
+//! One channel: its connection, its received values, its outgoing bytes.
 
 use super::channel_file::{ChannelFile, Environment};
 use super::error::EkiFault;

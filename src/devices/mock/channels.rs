@@ -1,4 +1,4 @@
-//! The two channels: who is connected, what came, what is to go, which flags that sets.
+//! The two channels: connections, received and outgoing bytes, and the flags that they set.
 
 use super::channel_file::Environment;
 use super::channel_link::Link;

@@ -1,4 +1,4 @@
-//! What one epoch holds: the ring, base and tool, speeds. Nothing of it outlives the epoch.
+//! The state of one epoch: the ring of commands, base and tool, speeds. Nothing of it outlives the epoch.
 
 use super::wire::{Command, Refusal};
 use crate::geometry::{Flange, KukaPose, Rigid, Tool};

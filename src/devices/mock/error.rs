@@ -1,9 +1,9 @@
 //! What EthernetKRL says to the program, what it closes a channel for, and what keeps the mock from starting.
 
-/// What `Msg_No` tells a program that reads a memory.
+/// What `Msg_No` reports to a program that reads a memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum EkiError {
-    /// Nothing waits in this memory: that is told at once, not waited for.
+    /// Nothing waits in this memory: that is reported at once, not waited for.
     #[error("15: access to an empty memory")]
     Empty,
     /// The memory holds another type.

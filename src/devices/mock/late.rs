@@ -1,4 +1,4 @@
-//! A slow way for bytes: they arrive late, in order, in pieces that know nothing of documents.
+//! A slow connection: bytes arrive late, in order, in pieces that do not follow the documents' boundaries.
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;

@@ -1,4 +1,4 @@
-//! What the controller did, for tests and for the simulated world.
+//! A log of what the controller did, for tests and for the simulated world.
 
 use super::mover::Blocked;
 use super::wire::Refusal;

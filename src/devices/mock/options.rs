@@ -41,5 +41,5 @@ pub enum Rule {
     EpochStep,
 }
 
-/// The checksum of programs that a mock controller tells; no KRL program has it.
+/// The checksum of programs that a mock controller reports; no KRL program has it.
 pub const CHECKSUM: i32 = 1;

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 pub struct Setup {
     /// The arm.
     pub arm: Arm,
-    /// How the arm truly is, where that is not as it is drawn; what is told of the mock from outside is by this one.
+    /// How the arm truly is, where that is not as it is drawn; what the mock reports is by this one.
     pub real_arm: Option<RealArm>,
     /// Where its axes stand at the start.
     pub start: Joints,

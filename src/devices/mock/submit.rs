@@ -18,7 +18,7 @@ const WATCHDOG_MS: u64 = 400;
 const SILENCE_MS: u64 = 3_000;
 /// How long clearing, initialising and opening a channel takes.
 pub(super) const REOPEN_MS: u64 = 24;
-/// By so much, at most, one request may raise the epoch.
+/// The largest step by which one request may raise the epoch.
 const EPOCH_STEP: i32 = 1_000_000;
 /// Highest $VEL.CP, m/s, and $ACC.CP, m/s².
 const MOST: [f64; 2] = [2.0, 10.0];

@@ -1,4 +1,4 @@
-//! What the controller tells: acknowledgements where something changed, states on request and every 100 ms.
+//! What the controller sends: acknowledgements where something changed, states on request and every 100 ms.
 
 use super::answer::Ack;
 use super::codec::Value;

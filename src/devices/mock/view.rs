@@ -1,4 +1,4 @@
-//! What can be seen of a controller from outside: by tests, cameras, servers.
+//! The controller's state as tests, cameras and servers can see it.
 
 use super::log::{Executed, Sample, Stop};
 use super::model::Controller;

@@ -12,7 +12,7 @@ const CONNECT: Duration = Duration::from_secs(2);
 /// Bytes that nobody confirms for this long end the connection.
 const USER_TIMEOUT: Duration = Duration::from_secs(1);
 
-/// Connects the command channel, then the state channel: whoever is asked for his state has both.
+/// Connects the command channel, then the state channel: a controller that is asked for its state has both.
 pub(super) async fn connect(address: &Address) -> Result<(TcpStream, TcpStream), LinkLoss> {
     let command = open(Channel::Command, &address.host, address.command_port).await?;
     let state = open(Channel::State, &address.host, address.state_port).await?;

@@ -1,4 +1,4 @@
-//! What the rest of the program holds of a link: commands go in, reports come out.
+//! The link as the rest of the program uses it: commands go in, reports come out.
 
 use super::address::Address;
 use super::order::LinkRequest;
@@ -15,7 +15,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 use tokio::sync::{mpsc, oneshot};
 
-/// The thread says at least so often that it works.
+/// The longest time without a sign of life of the thread.
 const LONGEST_SILENCE: Duration = Duration::from_secs(4);
 /// It answers each order, and ends, within this time.
 const ANSWERS: Duration = Duration::from_secs(2);
@@ -112,7 +112,7 @@ impl RobotLink {
         self.ask(|reply| LinkRequest::QueuePath(points, reply)).await
     }
 
-    /// The same, of which only so many points are sent before more are permitted.
+    /// The same, of which only `permitted` points are sent before more are permitted.
     ///
     /// # Errors
     /// As [`RobotLink::send_path`].
@@ -204,7 +204,7 @@ impl Drop for RobotLink {
     }
 }
 
-/// How far the link goes before everything else that the machine does.
+/// The priority of the link's thread over other threads of the machine.
 const NICE: i32 = -10;
 
 /// The calling thread, and no other. Where the system does not permit it (`LimitNICE` of the unit does) the link runs at the

@@ -1,4 +1,4 @@
-//! What the link's thread is told to do.
+//! Requests to the link's thread.
 
 use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError};
 use tokio::sync::oneshot;
@@ -9,12 +9,12 @@ type Reply<T> = oneshot::Sender<Result<T, QueueError>>;
 pub(super) enum LinkRequest {
     Queue(Command, Reply<CommandId>),
     QueuePath(Vec<MoveLin>, Reply<CommandId>),
-    /// A path of which only so many points are sent before more are permitted.
+    /// A path of which only the first points are sent before more are permitted.
     QueuePathWithin(Vec<MoveLin>, u32, Reply<CommandId>),
     Permit(Option<CommandId>, Reply<()>),
     OpenEpoch(Epoch, Reply<Epoch>),
     Abort(Reply<()>),
-    /// Let virtual time pass, where nothing was told since this count of reports.
+    /// Let virtual time pass, where nothing was reported since this count of reports.
     Grant {
         told: u64,
     },

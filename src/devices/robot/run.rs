@@ -1,4 +1,4 @@
-//! The link's thread: connects, moves bytes between sockets and session, obeys orders, lets time pass.
+//! The link's thread: connects, moves bytes between sockets and session, performs requests, lets virtual time pass.
 
 use super::address::Address;
 use super::connect::{connect, failed};
@@ -34,7 +34,7 @@ pub(super) struct Link {
     started: Instant,
     /// The controller's time, as last heard; in lock step only.
     virtual_now: Time,
-    /// The trouble that was told, until a controller answers.
+    /// The trouble that was reported, until a controller answers.
     told_loss: Option<LinkLoss>,
     sign: Supervised,
 }
@@ -250,7 +250,7 @@ impl Link {
         }
     }
 
-    /// Hands over what the session tells. In lock step all of one answer at once: whoever reacts to the first report
+    /// Hands over what the session reports. In lock step all of one answer at once: whoever reacts to the first report
     /// of it does so before any more time passes.
     fn publish(&mut self) {
         if self.pace == Pace::LockStep && self.session.awaits_answer() {
@@ -320,7 +320,7 @@ fn write(stream: &TcpStream, bytes: &mut Vec<u8>) -> Result<(), IoError> {
     }
 }
 
-/// Whether two losses are the same trouble, so that it is told once.
+/// Whether two losses are the same trouble, so that it is reported once.
 fn is_same(one: &LinkLoss, other: &LinkLoss) -> bool {
     std::mem::discriminant(one) == std::mem::discriminant(other)
 }

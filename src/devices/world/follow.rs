@@ -1,12 +1,12 @@
-//! The simulated world around a controller that runs elsewhere, as in a rehearsal: all that is known of it is what its
-//! state messages tell, about ten times a second.
+//! The simulated world around a controller in another process, as in a rehearsal: all that is known of it are its state messages,
+//! about ten times a second.
 //!
-//! The arm stands where the last message says, until the next one; time goes on by the wall clock in between. Outputs act
-//! on the world when a message first shows them, up to 100 ms late. Contact is no part of a message: where the tool's
-//! output is on, the tip is taken to have gone in a straight line from one message's place to the next, and sands where
-//! it is as near to the true surface as a pad reaches. So corners of the path are cut by what the arm goes in 100 ms, a few
-//! millimetres under a disc of 20 mm and more. Where messages were late, nothing is taken for granted: only the places that
-//! were told count.
+//! The arm is at the pose of the last message until the next one; in between, time passes by the wall clock. Outputs act
+//! on the world when a message first shows them, up to 100 ms late. Messages do not state contact: where the tool's
+//! output is on, the tip is assumed to move in a straight line from one message's position to the next, and to sand where
+//! it is within a pad's reach of the true surface. Corners of the path are therefore cut by the distance that the arm moves in 100 ms, a
+//! few millimetres under a disc of 20 mm and more. Where messages were late nothing is interpolated: only the reported positions
+//! count.
 
 use super::simulated_world::{Moment, SimulatedWorld};
 use crate::cell::{Cell, Output};
@@ -18,7 +18,7 @@ use std::time::Instant;
 
 /// Farther apart than this, the way between two messages is not known, ms.
 const STRAIGHT_MS: u64 = 350;
-/// Places on the way between two messages are so far apart, mm.
+/// Distance of the interpolated positions between two messages, mm.
 const STEP_MM: f64 = 1.0;
 
 /// Follows a controller by its messages; clones follow the same one.
@@ -29,7 +29,7 @@ pub struct Follower {
     told: Arc<Mutex<ReceivedStates>>,
 }
 
-/// What was told.
+/// What was reported.
 #[derive(Default)]
 struct ReceivedStates {
     last: Option<ReceivedState>,
@@ -96,7 +96,7 @@ impl Follower {
         outputs.into_iter().for_each(|(number, on, time_ms)| terminals.on_output(number, on, time_ms));
     }
 
-    /// Outputs that are not as they were told before.
+    /// Outputs that differ from what was reported before.
     fn changed(&self, known: &mut Vec<(u16, bool)>, state: &State) -> Vec<(u16, bool)> {
         let io = self.cell.io();
         let numbers = io.outputs_in(state.outputs);

@@ -1,7 +1,7 @@
-//! Where the running disc was on the panel, and how it stood: from what the mock executed, against the truth.
+//! Where the running disc was on the panel, and its orientation: from what the mock executed, compared with the ground truth.
 //!
-//! A sample counts where both ends of its stretch are contact, the tool is on, and its point is at most the pad's
-//! reach from the true surface. The disc is taken as wholly in contact, as a compliant pad is.
+//! A sample counts if both ends of its segment are in contact, the tool is on, and its point is at most the pad's
+//! reach from the true surface. The disc is assumed to touch with its whole area, as a compliant pad does.
 
 use crate::devices::mock::Sample;
 use crate::geometry::{Panel, Point, Rigid, Tool, Vector};

@@ -1,10 +1,10 @@
-//! Is what came the shot that was asked for? Pure: each doubt is a fault, nothing is repaired.
+//! Checks whether the shot that arrived is the one that was requested. Pure: every doubt is a fault, nothing is repaired.
 
 use super::fault::ZividFault;
 use super::message::{SettingsHash, ShotInfo, Size};
 use super::sensor::Planes;
 
-/// What a shot is held against.
+/// What a shot is compared with.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ExpectedShot {
     /// What was asked for, in words.

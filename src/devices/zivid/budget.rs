@@ -1,13 +1,13 @@
-//! How often a worker that ends is started again, in any clock's time: so many restarts in a stretch of time, and then it stays
-//! down until a person asks for it.
+//! How often a worker that ended is restarted, by any clock: a number of restarts within a period; then it stays
+//! down until a person requests a restart.
 //!
-//! A worker that ends again and again has a cause that starting does not mend, and each start exposes and heats the
-//! camera. The first start is free.
+//! A worker that ends again and again has a cause that restarting does not remove, and each start exposes and heats the
+//! camera. The first start does not count.
 
 use std::collections::VecDeque;
 use std::time::Duration;
 
-/// So many restarts in so much time.
+/// The allowed number of restarts, and the period in which they are counted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Restarts {
     /// Restarts, at most.

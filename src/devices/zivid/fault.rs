@@ -205,7 +205,7 @@ pub enum Next {
     Restart {
         /// Counted from 1.
         number: usize,
-        /// Of so many.
+        /// Of this number.
         of: usize,
         /// In this time.
         within: Duration,

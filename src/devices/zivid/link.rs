@@ -1,4 +1,4 @@
-//! The daemon's end of the socket: one request, one answer, each by its deadline.
+//! The daemon's end of the socket: one request, one answer, each with a deadline.
 
 use super::clock::now_ns;
 use super::message::{Hello, Reply, Request, ShotInfo, Size};
@@ -29,14 +29,14 @@ pub enum Answer {
     Picture(Delivery, Vec<[u8; 3]>),
 }
 
-/// How a shot came.
+/// A shot as it was delivered.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Delivery {
     /// How it was taken.
     pub taken: ShotInfo,
     /// The checksum of its payload.
     pub sum: u32,
-    /// When it had come whole, ns of the monotonic clock.
+    /// When it had arrived completely, ns of the monotonic clock.
     pub came_ns: u64,
 }
 

@@ -74,7 +74,7 @@ pub enum Request {
     BeginClip {
         /// By these settings.
         settings: SettingsHash,
-        /// At most so many a second.
+        /// The highest rate, 1/s.
         pictures_per_second: f64,
     },
     /// The next of them. Those that nobody took in time are gone.
@@ -156,7 +156,7 @@ impl Size {
     }
 }
 
-/// What is told of a shot or picture.
+/// The metadata of a shot or picture.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ShotInfo {
@@ -202,7 +202,7 @@ pub struct Lens {
     pub distortion: [f64; 5],
 }
 
-/// The camera's temperatures, °C, each where it tells it.
+/// The camera's temperatures, °C, each where it reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Temperatures {

@@ -123,7 +123,7 @@ impl ZividScanner {
         ZividWatch(self.shared.clone())
     }
 
-    /// Whether the camera is as warm as it stays, by the temperatures that it told so far.
+    /// Whether the camera is as warm as it stays, by the temperatures that it has reported.
     pub fn warmth(&self) -> Warmth {
         warmth(self.shared.status().temperatures.make_contiguous(), now_ns() as f64 * 1e-9)
     }

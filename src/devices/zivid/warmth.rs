@@ -6,7 +6,7 @@
 //! through the temperatures of the last minutes,
 //!     T(t) = T₀ + s t,   s = Σ (tᵢ − t̄)(Tᵢ − T̄) / Σ (tᵢ − t̄)²,   σₛ² = Σ rᵢ² / (n − 2) / Σ (tᵢ − t̄)²,          (1)
 //! rises or falls by less than a limit between the two, with its own error 2 σₛ. What was followed for less than the ten
-//! minutes, or lies across the limit, is told as a doubt. Nothing here waits, and nothing here stops a cycle.
+//! minutes, or lies across the limit, is reported as a doubt. Nothing here waits, and nothing here stops a cycle.
 //! Source: support.zivid.com, "Warm-up" and "Thermal Stabilization".
 
 use crate::words::apart;
@@ -19,7 +19,7 @@ const LINE_S: f64 = 300.0;
 const GAP_S: f64 = 120.0;
 /// Three times what the air of a hall does, a fifth of a slow warm-up, °C a minute.
 const LIMIT_C_PER_MIN: f64 = 0.1;
-/// Temperatures are told in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
+/// Temperatures are reported in steps; their error is at least that of half a step of 0.1 °C, evenly distributed.
 const LEAST_ERROR_C: f64 = 0.05 / 1.732;
 /// Older temperatures have no say, s.
 pub const KEPT_S: f64 = FOLLOWED_S + GAP_S;
@@ -46,14 +46,14 @@ pub enum Warmth {
         /// Rise, °C a minute.
         rise_c_per_min: f64,
     },
-    /// Its temperatures scatter too much to tell.
+    /// Its temperatures scatter too much to decide.
     Unclear {
         /// Rise, °C a minute.
         rise_c_per_min: f64,
         /// Its error, 95 %.
         error_c_per_min: f64,
     },
-    /// It was followed for too short a time, or tells no temperature.
+    /// It was followed for too short a time, or reports no temperature.
     NotFollowed {
         /// For so long without a gap, s.
         followed_s: f64,

@@ -261,7 +261,7 @@ struct Queue {
     missed: u32,
     /// When somebody last asked for one.
     asked_ns: u64,
-    /// What ended the clip, told once.
+    /// What ended the clip, reported once.
     failed: Option<Refusal>,
     is_over: bool,
 }

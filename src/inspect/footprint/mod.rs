@@ -22,7 +22,7 @@ use samples::{Sample, mean_areas, region_samples};
 /// A grid of which less than this share of its surface is in the picture was not seen; the rest is rounding at edges.
 const SEEN_SHARE: f64 = 0.99;
 
-/// A break of so many pixels is found by either method; fewer may be lost in its rim. `make bench-inspect` prints the
+/// A break of this number of pixels is found by either method; fewer may be lost in its rim. `make bench-inspect` prints the
 /// miss rate against size.
 const SURE_PX: f64 = 12.0;
 

@@ -1,4 +1,4 @@
-//! What the model knows of each pixel of the window.
+//! Queries of the model: the state of each pixel of the window.
 
 use super::Model;
 use super::kernel::{BLOCK_PX, BROKE, EVER_WET, INSIDE, LEVEL, OPEN, RUN};

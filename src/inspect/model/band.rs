@@ -1,4 +1,4 @@
-//! One row of tiles while it is judged: the light on its cells, and where glints make a dry look doubtful.
+//! One row of tiles while it is judged: the light on its cells, and where glints make a dry appearance unreliable.
 
 use super::judging::{BlockObservation, Past, Rule, judge, stirred};
 use super::kernel::{self, BLOCK_PX, Block, CELL_PX, CELLS, NEW};
@@ -7,7 +7,7 @@ use std::ops::Range;
 
 /// A cell with fewer bright pixels, of the half of them that are looked at, holds noise.
 const MIN_CORE_PX: u16 = 3;
-/// One row in so many is looked at: a core is larger than that.
+/// Every nth row is examined: a core is larger than that.
 const CORE_EVERY: usize = 2;
 
 /// A row of tiles.

@@ -21,7 +21,7 @@ use multiversion::multiversion;
 /// What noise adds to the bound of (2).
 const STEADY_MARGIN: u16 = 5 * LEVEL / 2;
 
-/// One block of pixels as a picture shows it.
+/// The observation of one block of pixels in a picture.
 #[derive(Debug, Clone, Copy)]
 pub struct BlockObservation<'a> {
     pub light: &'a Block,

@@ -22,7 +22,7 @@ const GLINT_MARGIN: u16 = 3 * LEVEL / 2;
 /// Pixels of a row that are judged, or left, together; rows are whole blocks.
 pub const BLOCK_PX: usize = 32;
 pub type Block = [u16; BLOCK_PX];
-/// The light is constant over a cell of this side, px; a block holds so many.
+/// The light is constant over a cell of this side, px; the number of cells in a block.
 pub const CELL_PX: usize = 8;
 pub const CELLS: usize = BLOCK_PX / CELL_PX;
 

@@ -25,7 +25,7 @@ pub struct Light {
     tiles: Vec<f64>,
     /// The region's median.
     pub global: f64,
-    /// The share of the region that told it.
+    /// The share of the region that contributed to it.
     pub share: f64,
 }
 

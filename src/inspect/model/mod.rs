@@ -1,12 +1,12 @@
-//! The default method: what each pixel looks like dry and wet, and for how long it has looked so.
+//! The default method: models how each pixel looks dry and wet, and for how long it has looked dry.
 //!
-//! A film takes a part of the panel's brightness and keeps its pattern (it is multiplicative), light multiplies all of it
-//! and is smooth, a glint adds to it and moves on. So with the dry picture d of a pixel, s = g τ d while its film holds
-//! and s = g d when it has broken; τ, one number for the panel, is read from the clip where the panel becomes wet
-//! ([`wetting`]), and g ([`light`]) from each picture, by the pixels whose state is known. What looks dry long enough has
-//! broken since it first did ([`judging`], row by row in a [`band`]).
+//! A film removes a fraction of the panel's brightness and keeps its pattern (it is multiplicative). Light multiplies the whole picture
+//! and is smooth. A glint adds to it and moves. With the dry picture d of a pixel, the brightness is s = g τ d while its film is closed
+//! and s = g d once it has broken. τ is one number for the panel and is estimated from the clip while the panel becomes wet
+//! ([`wetting`], [`preparation`]); g ([`light`]) is estimated from each picture, by the pixels whose state is known. A pixel that looks dry
+//! for long enough has been broken since it first did ([`judging`], row by row in a [`band`]).
 //!
-//! Memory is fixed: some 20 bytes for each pixel of the window. Does not know grids or verdicts.
+//! Memory is fixed: about 20 bytes for each pixel of the window. The model does not know grids or verdicts.
 
 mod answers;
 mod band;
@@ -35,18 +35,18 @@ use wetting::Wetting;
 const WIDE_Q10: [u16; 2] = [512, 1331];
 /// … and then what lies about the first mean.
 const ABOUT: [f64; 2] = [0.86, 1.16];
-/// One row in so many tells the first mean: thousands of pixels are left.
+/// Every nth row is used for the first mean: thousands of pixels remain.
 const MEAN_EVERY: usize = 4;
 
 /// More pictures than these are not counted.
 pub const MOST_PICTURES: usize = u16::MAX as usize;
 
-/// What one picture says of itself.
+/// The measurements of one picture.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct PictureMeasurement {
     /// The light against the dry picture's; the region's median.
     pub light: f64,
-    /// The share of the region whose light is as its state lets expect.
+    /// The share of the region whose light agrees with the prediction from its state.
     pub told: f64,
     /// The share of the region that glints and overexposure hide.
     pub hidden: f64,

@@ -11,16 +11,16 @@ use crate::geometry::ColorPicture;
 const WET_RATIOS: [f64; 2] = [0.2, 0.88];
 /// … and those of what is dry.
 const DRY_RATIOS: [f64; 2] = [0.93, 1.07];
-/// Of the region this share must be wet in a picture for τ to be read from it; with so much of it dry it counts for more.
+/// The share of the region that must be wet in a picture for τ to be estimated from it; the weight of a picture in which this share is still dry.
 const MIN_SHARE_READ: f64 = 0.05;
 const WEIGHT_WITH_DRY: f64 = 4.0;
-/// The most frequent ratio is looked for among means over so many classes to both sides.
+/// The most frequent ratio is determined from means over this number of classes to both sides.
 const PEAK_BINS: usize = 5;
-/// Darker than this a pixel tells nothing, levels.
+/// A darker pixel carries no information, levels.
 const MIN_DRY_LEVELS: u16 = 4;
-/// Before the film is watched the light is told by pixels this near to what the picture before lets expect, 1/1024.
+/// Before the film is watched the light is estimated by pixels within these bounds of the prediction from the picture before, 1/1024.
 const NARROW_Q10: [f64; 2] = [0.87 * 1024.0, 1.15 * 1024.0];
-/// Of the region this share must tell the light, or that of the picture before holds.
+/// The share of the region that must contribute to the light; otherwise that of the picture before is kept.
 const MIN_SHARE_TOLD: f64 = 0.05;
 
 impl Model {
@@ -35,7 +35,7 @@ impl Model {
             *dry = (sum / self.wetting.dry_pictures) as u16;
         }
         for (kept, light) in self.kept.as_flattened_mut().iter_mut().zip(self.brightness.as_flattened()) {
-            // An overexposed or black place tells nothing: it is not seen.
+            // An overexposed or black place carries no information: it is not seen.
             if light & HIDDEN > 0 || *light < MIN_DRY_LEVELS * LEVEL {
                 *kept = 0;
             }
@@ -87,7 +87,7 @@ impl Model {
     }
 
     /// The ratio to the dry brightness that most of what is wet has; `None` where too little is. Pictures in which a part is
-    /// still dry count for more: that part tells the light. So neither a shadow nor the spray's mist is taken for film.
+    /// still dry count for more: that part determines the light. So neither a shadow nor the spray's mist is taken for film.
     fn film_left(&mut self) -> Option<f64> {
         let (mut bins, mut dry_pixels, mut all) = (vec![0_u32; FILM_BINS], 0_u32, 0_u32);
         let [light, dry, kept] = [&self.brightness, &self.dry, &self.kept].map(|blocks| blocks.as_flattened());
@@ -116,7 +116,7 @@ impl Model {
         Some(mean / FILM_BINS as f64)
     }
 
-    /// What the film leaves of the dry brightness, where the clip told it.
+    /// What the film leaves of the dry brightness, where the clip determined it.
     pub fn film(&self) -> Option<f64> {
         self.wetting.film_known.then_some(self.wetting.film)
     }

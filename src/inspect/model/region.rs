@@ -4,23 +4,23 @@ use super::kernel::{Block, INSIDE};
 use super::light::TILE_PX;
 use std::ops::Range;
 
-/// One row in so many tells the light, and one in so many how much is hidden: thousands of pixels are left.
+/// Every nth row is used to estimate the light, and every nth the hidden share: thousands of pixels remain.
 pub(super) const LIGHT_EVERY: usize = 2;
 pub(super) const HIDDEN_EVERY: usize = 4;
 
 /// The region in a window's blocks.
 #[derive(Debug)]
 pub struct Region {
-    /// Of each tile its pixels in the rows that tell the light.
+    /// Of each tile its pixels in the rows that are used for the light.
     pub inside: Vec<u32>,
     /// Of each row the blocks from the first to the last that hold one.
     pub rows: Vec<Range<usize>>,
-    /// Its pixels in the rows that tell how much is hidden.
+    /// Its pixels in the rows that are used for the hidden share.
     pub hidden_of: u32,
 }
 
 impl Region {
-    /// By the states of the blocks, so many to a row.
+    /// By the states of the blocks, `columns` of them in a row.
     pub fn of(kept: &[Block], columns: usize) -> Self {
         let count = |block: &Block| block.iter().filter(|state| **state & INSIDE > 0).count() as u32;
         let counts: Vec<u32> = kept.iter().map(count).collect();

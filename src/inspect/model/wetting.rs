@@ -1,8 +1,8 @@
 //! What the pictures before the watch tell: each pixel's summed dry brightness, and what a film leaves of it.
 
-/// What a film leaves of the dry brightness, until the clip tells.
+/// What a film leaves of the dry brightness, until the clip determines it.
 pub const FILM_ASSUMED: f64 = 0.62;
-/// Ratios of wet to dry brightness are counted in so many classes.
+/// The number of classes in which ratios of wet to dry brightness are counted.
 pub(super) const FILM_BINS: usize = 256;
 
 /// What is learnt before the film is watched.

@@ -1,5 +1,5 @@
-//! What a correction by corners is worth: within the recipe's limits, of one rigid panel, and in agreement with the 3D scan.
-//! Every corner is held to its limit by itself and named by its number among the taught ones; what is not a number keeps none.
+//! Judges a correction by corners: is it within the recipe's limits, consistent with one rigid panel, and in agreement with the 3D scan?
+//! Every corner is compared with its limit individually and named by its number among the taught ones. A value that is not a number fails.
 
 use super::super::gate::exceeds;
 use super::correction::{CornerReport, Refined};
@@ -7,7 +7,7 @@ use crate::recipe;
 use crate::verdict::{Check, Judgement, SetBy, Severity};
 use crate::words::{apart, fixed};
 
-/// After the correction the corners of one rigid panel stand where they are seen within this, mm.
+/// After the correction the corners of one rigid panel are where they are seen within this, mm.
 pub const MAX_LEFT_MM: f64 = 0.3;
 
 /// Judges a correction by the recipe's limit.
@@ -56,7 +56,7 @@ pub fn checks(refined: &Refined, limits: &recipe::Corner) -> Vec<Check> {
     asked.chain(left).collect()
 }
 
-/// Judges whether the corners still stand where they should, just before contact.
+/// Judges whether the corners are still where they should be, just before contact.
 pub fn judge_stands(seen: &Refined, limits: &recipe::Corner) -> Judgement {
     Judgement::of_checks(&checks_of_stand(seen, limits))
 }

@@ -82,7 +82,7 @@ settings! {
         /// Share of the region that may be wet in no picture, percent; more is no test.
         max_never_wet_percent: f64, 0.0..=100.0, default 20.0;
         /// Change of the light since the dry picture that is made up for, percent; of more light at most what brings a wet
-        /// place half-way to dry, which the clip tells.
+        /// place half-way to dry, which the clip determines.
         max_light_change_percent: f64, 1.0..=45.0, default 40.0;
         /// Share of the region that glints and overexposure may hide in a picture, percent.
         max_bright_percent: f64, 0.0..=50.0, default 5.0;

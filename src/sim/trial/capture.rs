@@ -1,4 +1,4 @@
-//! A trial's scan: the panel among things, with glints, water or smear.
+//! A trial's scan: the panel among other objects, with glints, water or motion blur.
 
 use super::Trial;
 use super::contents::SceneContents;

@@ -1,4 +1,4 @@
-//! What a trial's scan shows besides the panel.
+//! The contents of a trial's scene besides the panel.
 
 use crate::sim::clutter::Slab;
 use crate::sim::noise::ValueNoise;

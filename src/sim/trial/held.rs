@@ -1,8 +1,8 @@
-//! What real scans of a dark plate on an adapter have: a holder in the panel's own plane that touches its edge, and large patches
-//! without points, other ones in each scan.
+//! Two properties of real scans of a dark plate on an adapter: a holder in the panel's own plane that touches its edge, and large
+//! patches without points, which differ from scan to scan.
 //!
-//! A structured-light camera 1.1 m above such a plate, 300×300 mm, gave points on 54 to 79 % of it; missing were large patches and
-//! whole corners, and the adapter at the upper edge made no step of depth.
+//! A structured-light camera 1.1 m above such a plate, 300×300 mm, measured points on 54 to 79 % of it. Large patches and
+//! whole corners were missing, and the adapter at the upper edge caused no step of depth.
 
 use super::Trial;
 use super::contents::MissingPatches;

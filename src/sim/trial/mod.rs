@@ -1,8 +1,9 @@
-//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and what can be
-//! wrong with such a scene. The calibration is the true one: what is measured is the localization.
+//! Trials of a localization: a panel of any shape, anywhere in a search box, before a cluttered fixture; and the defects that
+//! such a scene can have. The calibration is the true one: only the localization is measured.
 //!
-//! A good trial has the taught panel, dry, in the box, turned by up to ±180° about its normal and tilted by up to 30°, with
-//! at most 20 % without points: behind things, in their shadow, outside of the camera's picture or the projector's. Glints leave points out and overexpose the picture.
+//! A good trial has the taught panel, dry, in the box, rotated by up to ±180° about its normal and tilted by up to 30°, with
+//! at most 20 % without points: occluded, in shadow, or outside of the camera's or the projector's field of view. Glints remove points and
+//! overexpose the picture.
 
 mod capture;
 mod contents;

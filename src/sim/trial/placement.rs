@@ -1,4 +1,4 @@
-//! Where a trial's panel stands: in the box, before the fixture, among things, and seen as far as it should be.
+//! Draws the panel's pose of a trial: in the box, before the fixture, among other objects, and visible as far as it should be.
 
 use super::Trial;
 use super::space::{TRIAL_BOX_MM, lattice};

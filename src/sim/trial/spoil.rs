@@ -1,4 +1,4 @@
-//! Makes a good scene wrong.
+//! Adds a defect to a good scene.
 
 use super::Trial;
 use super::wrong::Wrong;

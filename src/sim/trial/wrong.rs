@@ -1,4 +1,4 @@
-//! What can be wrong with a trial's scene.
+//! The defects that a trial's scene can have.
 
 /// What is wrong with a scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

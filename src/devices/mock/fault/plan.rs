@@ -18,7 +18,7 @@ pub enum Side {
 pub enum Fault {
     /// `cut`: the controller closes connections.
     Cut(Side),
-    /// `unplug`: the cable is out. Bytes wait on both sides, nobody is told.
+    /// `unplug`: the cable is out. Bytes wait on both sides, nothing is reported.
     Unplug {
         /// How long, ms.
         for_ms: Option<u64>,
@@ -96,7 +96,7 @@ pub enum Fault {
 pub enum When {
     /// At this time, ms since the controller's start.
     AtMs(u64),
-    /// When so many commands have arrived.
+    /// When this number of commands has arrived.
     AtCommand(u64),
 }
 

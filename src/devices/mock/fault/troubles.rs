@@ -38,7 +38,7 @@ impl Troubles {
         self.unplugged
     }
 
-    /// Nothing is told on this channel.
+    /// Nothing is sent on this channel.
     pub(in super::super) fn silences(&self, channel: Channel) -> bool {
         self.mute || (self.no_acks && channel == Channel::Command)
     }

@@ -17,7 +17,7 @@ const FAILED: i32 = 6;
 const EXISTS: i32 = 12;
 const NO_ELEMENT: i32 = 16;
 const DISCONNECTED: i32 = 10;
-/// Where the programs tell their checksum.
+/// Where the programs state their checksum.
 const CHECKSUM_TAG: &str = "St/@Sum";
 /// Within this time after EKI_Clear an EKI_Open may fail.
 const REOPEN_MS: u64 = 24;

@@ -71,7 +71,7 @@ impl Programs {
         })
     }
 
-    /// The programs that ship, as a mock controller executes them: told by its own checksum.
+    /// The programs that ship, as a mock controller executes them: identified by its own checksum.
     ///
     /// # Errors
     /// Never for the files that this program was built with; they are read as every other.

@@ -36,7 +36,7 @@ pub(in super::super) struct Running {
     /// Why the safety controller or a person stopped the arm last.
     pub(super) pressed: Option<(u64, StopCause)>,
     pub(super) reset_since_ms: Option<u64>,
-    /// When a program that the safety controller stops is told as stopped.
+    /// When a program that the safety controller stops is reported as stopped.
     pub(super) stops_at_ms: Option<u64>,
     /// When the foreign program that a person selects begins.
     pub(super) foreign_at_ms: Option<u64>,

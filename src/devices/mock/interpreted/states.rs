@@ -154,7 +154,7 @@ impl Controller {
 }
 
 impl Running {
-    /// How long after its cause a program is told as stopped, ms.
+    /// How long after its cause a program is reported as stopped, ms.
     fn draw_stop_ms(&mut self) -> u64 {
         if self.programs.meaning.stops_late { self.draw.random_range(0..5) * TICK_MS } else { 0 }
     }

@@ -121,7 +121,7 @@ impl Values {
         (self.axis_velocity, self.axis_acceleration) = ([100; 6], [100; 6]);
     }
 
-    /// The TCP can be told: a program has set base and tool.
+    /// The TCP can be reported: a program has set base and tool.
     pub(super) fn knows_tcp(&self) -> bool {
         let has_program = matches!(self.state, RobotState::Active | RobotState::Stopped | RobotState::Ended);
         has_program && self.base.now.is_some() && self.tool.now.is_some()

@@ -1,4 +1,4 @@
-//! One question to a camera that is ready, and what its answer is held against.
+//! One request to a camera that is ready, and the checks of its answer.
 
 use super::outcome::{Failed, Loss, TRIES, name};
 use super::{CameraAnswer, CameraRequest, Host};

@@ -1,4 +1,4 @@
-//! Workers that are lost: each is ended, named, and started again where the budget allows.
+//! Lost workers: each is ended, its fault is recorded, and it is restarted where the budget allows.
 
 use super::outcome::Loss;
 use super::{FAREWELL, Host, Stage, Worker};
@@ -11,7 +11,7 @@ impl Host {
     /// The worker is lost: it is ended, and started again where the budget allows.
     pub(super) fn lost(&mut self, during: &'static str, loss: Loss) -> ZividFault {
         if self.shared.is_ending.load(Ordering::Relaxed) {
-            // Nobody asks any more, and nobody is told.
+            // Nobody asks any more, and nothing is reported.
             self.end_worker();
             return ZividFault::Ended { how: "the program ends".to_owned(), during, next: Next::StaysDown };
         }

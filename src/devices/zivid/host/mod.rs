@@ -1,14 +1,14 @@
-//! Keeps a worker: starts it, opens the camera, warms it up, watches it, asks it, and starts it again while its budget lasts.
+//! Supervises a worker: starts it, opens the camera, warms it up, watches it, sends it requests, and restarts it while its budget lasts.
 //!
 //! ```text
 //! start ─ hello ─ connect ─ settings ─ warm-up ─ ready ─┬─ asked … ─┐
 //!   ↑                ↑________________ camera gone ______│           │
 //!   └─── restart, within the budget ──── worker lost ────┴───────────┘
 //! ```
-//! It has a thread of its own and answers through a channel, so that nobody who asks waits longer than they said. A
-//! worker is lost where it ends, stalls, or says what cannot be read; then it is killed, since nothing it sends later
-//! could be believed. A camera that is absent is looked for again and again by the same worker, told once. Each
-//! fault is kept in words: none is mended in silence. A camera that nobody asks anything of tells its temperature now and
+//! It runs on a thread of its own and answers through a channel, so that no caller waits longer than its deadline. A
+//! worker is lost if it ends, stalls, or sends what cannot be read; then it is killed, since nothing that it sends later
+//! could be trusted. The same worker searches again and again for an absent camera, which is reported once. Each
+//! fault is recorded in words; none is corrected silently. A camera that receives no requests is asked for its temperature now and
 //! then, from which [`warmth`](super::warmth) is judged.
 //!
 //! - `shared`: what it is set up with, how it stands, what may be asked · `opening` · `asking` · `losing` · `outcome`
@@ -138,7 +138,7 @@ impl Host {
         } else if self.camera.is_none() && Instant::now() >= self.search {
             self.open();
         } else if self.camera.is_some() && !self.takes_clip && self.shared.is_temperature_due(now_ns()) {
-            // Whether the camera is warm shows in how its temperature goes on; a fault is told as any.
+            // Whether the camera is warm shows in how its temperature goes on; a fault is reported like any other.
             drop(self.asked(CameraRequest::Check));
         }
     }

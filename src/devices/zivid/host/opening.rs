@@ -1,4 +1,4 @@
-//! From nothing to a camera that is warm.
+//! From no worker to a camera that is open and warm.
 
 use super::outcome::{Failed, Loss, name};
 use super::{Host, LONGEST_SEARCH, Stage, Worker};
@@ -41,7 +41,7 @@ impl Host {
         }
     }
 
-    /// Opens the camera; what keeps it from that is told once.
+    /// Opens the camera; what prevents that is reported once.
     pub(super) fn open(&mut self) {
         match self.opened() {
             Ok(identity) => {

@@ -1,4 +1,4 @@
-//! How a question to a worker can fail, and how a worker is lost.
+//! How a request to a worker can fail, and how a worker is lost.
 
 use crate::devices::zivid::link::Answer;
 use crate::devices::zivid::message::Refusal;

@@ -1,4 +1,4 @@
-//! What the thread that keeps a worker and those who ask it have in common.
+//! The state that the thread which supervises a worker shares with those who make requests.
 
 use crate::devices::zivid::budget::Restarts;
 use crate::devices::zivid::fault::ZividFault;
@@ -187,14 +187,14 @@ impl Shared {
     }
 }
 
-/// What is asked of the camera.
+/// A request to the camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CameraRequest {
     /// A 3D shot.
     Scan,
     /// A picture.
     Picture,
-    /// Pictures from now on, at most so many a second.
+    /// Pictures from now on, at this highest rate, 1/s.
     BeginClip(f64),
     /// The next one.
     NextPicture,
@@ -224,7 +224,7 @@ impl CameraRequest {
     }
 }
 
-/// What came of it.
+/// The camera's answer.
 #[derive(Debug)]
 pub enum CameraAnswer {
     /// A 3D shot.
@@ -243,12 +243,12 @@ pub enum CameraAnswer {
     Light(Light),
 }
 
-/// A question, and where its answer goes.
+/// A request, and where its answer is sent.
 #[derive(Debug)]
 pub struct QueuedRequest {
     /// What is asked.
     pub ask: CameraRequest,
-    /// Who asked has gone.
+    /// The caller no longer waits.
     pub is_given_up: Arc<AtomicBool>,
     /// Where the answer goes.
     pub answer: Sender<Result<CameraAnswer, ZividFault>>,
