@@ -10,10 +10,11 @@ use super::zivid;
 use crate::calib::{CalibError, budget, health};
 use crate::cell::LensExtent;
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, CycleSetup, Job, PartNames, PreparedCycle};
+use crate::daemon::{Calibrations, CellSetup, CycleSetup, PartNames, PreparedCycle};
 use crate::recipe::Recipe;
 use crate::store::CycleStart;
 use std::path::Path;
+use std::sync::Arc;
 
 /// The cell's calibrations with the texts that they and the cell were read from, by name.
 pub struct Calibrated {
@@ -102,22 +103,23 @@ impl Assignment {
     ///
     /// # Errors
     /// Where no corner was taught.
-    pub fn prepared(self, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
+    pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
         let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
-        let setup = CycleSetup::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
         Ok(PreparedCycle { request, setup, start, recording: None })
     }
 
-    /// What the loop works by.
+    /// What the one cycle of a command works with.
     ///
     /// # Errors
     /// Where the cell does not name what a cycle needs, or no corner was taught.
-    pub fn job<'a>(&'a self, files: &'a CellFiles, calibrated: &Calibrated) -> Result<Job<'a>, Fault> {
+    pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
-        let taught = (&self.taught.panel, self.taught.corners.as_slice());
-        Job::new(&files.cell, &self.recipe, taught, calibrated.values).map_err(Fault::stage)
+        let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
+        let taught = (self.taught.panel.clone(), self.taught.corners.clone());
+        CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.values).map_err(Fault::stage)
     }
 
     /// A taught corner must lie where the lens of the flange camera is known: it is looked at there again.

@@ -7,7 +7,7 @@ use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use super::outcome::Outcome;
 use super::pictures;
-use crate::daemon::{self, Approached, Job};
+use crate::daemon::{self, Approached, CellSetup, CycleSetup};
 use crate::geometry::{Base, ColorPicture, Flange, Joints, KukaPose, Panel, Point, Rigid, Tool};
 use crate::panel::{Grid, GridId};
 use crate::path::disc::DiscUse;
@@ -21,6 +21,7 @@ use crate::verdict::{Judgement, Reason, Verdict};
 use crate::words::{apart, fixed};
 use serde_json::{Value, json};
 use std::path::Path;
+use std::sync::Arc;
 
 /// A plan with its verdict.
 pub struct Planned {
@@ -148,8 +149,10 @@ impl Planned {
         let in_cell = sees && files.cell.park().is_some() && !taught.corners.is_empty();
         let (stand, from) = if in_cell {
             let calibrated = Calibrated::read(files, common)?;
-            let panel = (&taught.panel, taught.corners.as_slice());
-            let job = Job::new(&files.cell, recipe, panel, calibrated.values).map_err(Fault::stage)?;
+            let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
+            let panel = (taught.panel.clone(), taught.corners.clone());
+            let setup = CycleSetup::new(cell, recipe.clone(), panel, calibrated.values).map_err(Fault::stage)?;
+            let job = setup.job();
             let stand = daemon::corners_in_reach(&job, &arm, base_from_panel).and_then(|corners| {
                 daemon::stand(&job, &arm, &Approached { base_from_panel, corners: &corners, things: None })
             });

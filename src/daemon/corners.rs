@@ -9,7 +9,7 @@
 mod after_view;
 
 use super::figures::{self, Sighting};
-use super::ports::{Eyes, Record};
+use super::ports::{CameraPort, Record};
 use super::sight::{MISSING, Sight, blind, grade, reason, unseen};
 use super::{DaemonError, Job, findings};
 use crate::cycle::{Answer, Grade};
@@ -181,7 +181,7 @@ impl Sight {
         &mut self,
         job: &Job<'_>,
         (moves, base_from_camera): (u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let (Some(located), Some(place)) = (self.located, self.place) else { return Ok(MISSING) };
@@ -228,7 +228,7 @@ impl Sight {
         &mut self,
         job: &Job<'_>,
         (pass, view, base_from_camera): (u8, u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let Some(place) = self.place else { return Ok(MISSING) };

@@ -2,6 +2,7 @@
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
+use super::ports::News;
 use super::run::Running;
 use super::sight::reason;
 use super::trace::Told;
@@ -55,7 +56,7 @@ impl Running<'_> {
                     self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
                 } else {
                     tracing::warn!("{words}");
-                    self.ports.requests.noted(&[Reason::new("slow", words)]);
+                    self.ports.requests.tell(News::Noted(vec![Reason::new("slow", words)]));
                     self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
                 }
             }
@@ -75,7 +76,7 @@ impl Running<'_> {
         let facts = &self.state.facts;
         // While the cell works the acts themselves prove it.
         let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
-        if asks && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) {
+        if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
             self.events.push_back(Event::Told(Report::OutputsOff));
         }
         self.look(state)

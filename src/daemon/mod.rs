@@ -61,23 +61,25 @@ mod tests;
 
 pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
+pub use computing::{Computing, Readable};
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use ports::{
-    Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Picture2d, Record, RecordError, Requests, Robot,
-    SightError,
+    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
+    News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError, RecordPort,
+    RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, read_request, request_line};
 pub use reaching::{Approached, corners_in_reach, stand};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
-    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, RecordingPlan, RecordingSwitch, Stands,
-    Taped, free_mb, recording_file, recordings, too_full,
+    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
+    RecordingSwitch, Stands, free_mb, recording_file, recordings, too_full,
 };
 pub use request::{PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts, WrittenPage};
 pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
-pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
+pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
 pub use waiting::wait_for;
@@ -90,6 +92,7 @@ use crate::inspect::Demands;
 use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::supervision::ThreadFault;
+use std::sync::Arc;
 
 /// Where cameras and tool are, as calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -110,9 +113,9 @@ pub struct Calibrations {
     pub robot_mm: Option<f64>,
 }
 
-/// What the cell is to every cycle, and between them.
+/// What the cell's file states of the cell, for every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Site {
+pub struct CellSetup {
     /// The cell's limits.
     pub limits: Limits,
     /// The arm.
@@ -125,14 +128,14 @@ pub struct Site {
     pub ready: Option<Joints>,
 }
 
-impl Site {
+impl CellSetup {
     /// Takes what the cell's file states.
     ///
     /// # Errors
     /// Where the cell does not name what a cycle needs.
     pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
-        Ok(Site {
+        Ok(CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
@@ -142,9 +145,10 @@ impl Site {
     }
 }
 
-/// What one cycle of the service works by; there is a corner.
+/// What one cycle works with: the loop and the thread that computes share it, and nothing of it changes while the cycle runs.
 #[derive(Debug, Clone)]
 pub struct CycleSetup {
+    cell: Arc<CellSetup>,
     recipe: Recipe,
     panel: TaughtPanel,
     corners: Vec<TaughtCorner>,
@@ -152,11 +156,12 @@ pub struct CycleSetup {
 }
 
 impl CycleSetup {
-    /// Joins recipe, taught panel and its corners, and calibrations.
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations.
     ///
     /// # Errors
     /// Where no corner was taught.
     pub fn new(
+        cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         calibrations: Calibrations,
@@ -164,7 +169,7 @@ impl CycleSetup {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
-        Ok(CycleSetup { recipe, panel, corners, calibrations })
+        Ok(CycleSetup { cell, recipe, panel, corners, calibrations })
     }
 
     /// The panel's name.
@@ -172,23 +177,27 @@ impl CycleSetup {
         self.recipe.panel()
     }
 
-    /// The same with its cell, as the phases see it.
-    fn job<'a>(&'a self, site: &'a Site) -> Job<'a> {
+    /// The cell.
+    pub fn cell(&self) -> Arc<CellSetup> {
+        self.cell.clone()
+    }
+
+    /// The same as the phases take it.
+    pub fn job(&self) -> Job<'_> {
         Job {
             recipe: &self.recipe,
             panel: &self.panel,
             corners: &self.corners,
             calibrations: self.calibrations,
-            limits: &site.limits,
-            arm: &site.arm,
-            wiring: site.wiring,
-            park: site.park,
-            ready: site.ready,
+            limits: &self.cell.limits,
+            arm: &self.cell.arm,
+            park: self.cell.park,
+            ready: self.cell.ready,
         }
     }
 }
 
-/// What a cycle works by; nothing of it changes while it runs.
+/// What the phases of a cycle take, all of it borrowed.
 #[derive(Debug, Clone)]
 pub struct Job<'a> {
     /// The recipe.
@@ -203,49 +212,13 @@ pub struct Job<'a> {
     pub limits: &'a Limits,
     /// The arm.
     pub arm: &'a Arm,
-    /// Outputs and feedbacks.
-    pub wiring: Wiring,
     /// Where the arm parks.
     pub park: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
     pub ready: Option<Joints>,
 }
 
-impl<'a> Job<'a> {
-    /// Joins what the files say.
-    ///
-    /// # Errors
-    /// Where the cell does not name what a cycle needs, or no corner was taught.
-    pub fn new(
-        cell: &'a Cell,
-        recipe: &'a Recipe,
-        (panel, corners): (&'a TaughtPanel, &'a [TaughtCorner]),
-        calibrations: Calibrations,
-    ) -> Result<Self, DaemonError> {
-        if corners.is_empty() {
-            return Err(DaemonError::NoCorner);
-        }
-        let limits = cell.limits();
-        limits.workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
-        Ok(Job {
-            recipe,
-            panel,
-            corners,
-            calibrations,
-            limits,
-            arm: cell.arm(),
-            wiring: Wiring::of(cell.io())?,
-            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
-            ready: cell.pose("ready"),
-        })
-    }
-
-    /// The cell alone.
-    fn site(&self) -> Site {
-        let (limits, arm) = (self.limits.clone(), self.arm.clone());
-        Site { limits, arm, wiring: self.wiring, park: self.park, ready: self.ready }
-    }
-
+impl Job<'_> {
     /// What is asked of a film.
     pub fn demands(&self) -> Demands {
         Demands::of(self.recipe, self.limits)

@@ -3,7 +3,7 @@
 use super::corners::Corners;
 use super::figures::{self, Kept};
 use super::findings;
-use super::ports::{Eyes, Picture2d, Record, SightError};
+use super::ports::{CameraFault, CameraPort, Picture2d, Record};
 use super::reaching::Approached;
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
@@ -90,7 +90,7 @@ impl Sight {
     pub fn locate(
         &mut self,
         job: &Job<'_>,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         (self.located, self.located_mm, self.place, self.things) = (None, None, None, None);
@@ -140,7 +140,11 @@ impl Sight {
     }
 
     /// The picture of the dry panel.
-    pub fn dry_picture(&mut self, eyes: &mut dyn Eyes, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+    pub fn dry_picture(
+        &mut self,
+        eyes: &mut dyn CameraPort,
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
         match eyes.picture() {
             Ok(Picture2d { picture, time_s }) => {
                 record.picture("dry", &picture)?;
@@ -156,7 +160,7 @@ impl Sight {
         &self,
         job: &Job<'_>,
         pass: u8,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
@@ -193,7 +197,7 @@ impl Sight {
         job: &Job<'_>,
         filming: Filming,
         pass: u8,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let mut filming = filming;
@@ -280,7 +284,7 @@ pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reaso
 pub(super) fn blind(
     kind: Kind,
     pass: u8,
-    error: &SightError,
+    error: &CameraFault,
     record: &mut dyn Record,
 ) -> Result<Answer, DaemonError> {
     record.finding(&findings::rejected(kind, pass, reason("no_picture", error)))?;

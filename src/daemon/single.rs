@@ -6,7 +6,7 @@
 //! in the journal: nothing follows from them, and a controller that loses its client stops by itself.
 
 use super::corrected::Corrected;
-use super::ports::Robot;
+use super::ports::RobotPort;
 use super::routes::{self, Standing};
 use super::single_interlocks;
 use crate::cell::{Arm, Cell, InputsOutputs};
@@ -16,6 +16,7 @@ use crate::eki::{
 };
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
 use crate::path::{Kinematics, judge_joints, reach};
+use crate::supervision::ThreadFault;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
@@ -81,11 +82,11 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// Where none answers.
-    pub fn connect(robot: &'r mut dyn Robot, arm: &Arm) -> Result<Self, SingleError> {
+    pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
         let mut robot = Corrected::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
         while begun.elapsed() < CONNECT {
-            match robot.next() {
+            match robot.next().map_err(broken)? {
                 Some(Report::Connected { state } | Report::State(state)) => {
                     return Ok(Single { robot, state: *state });
                 }
@@ -177,7 +178,7 @@ impl<'r> Single<'r> {
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.robot.send(Command::SetAccSpeed(gated.speed))?;
-        let id = self.robot.send_path(gated.points)?;
+        let id = self.robot.send_path(gated.points, None)?;
         self.executed(id, LONG)
     }
 
@@ -268,7 +269,7 @@ impl<'r> Single<'r> {
     }
 
     fn hear(&mut self) -> Result<Option<Report>, SingleError> {
-        let report = self.robot.next();
+        let report = self.robot.next().map_err(broken)?;
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
@@ -288,6 +289,11 @@ impl<'r> Single<'r> {
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
     }
+}
+
+/// The thread of the link has failed.
+fn broken(fault: ThreadFault) -> SingleError {
+    SingleError::Robot(fault.to_string())
 }
 
 fn gate(reason: Reason) -> SingleError {

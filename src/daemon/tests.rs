@@ -3,8 +3,8 @@
 mod contact;
 mod fake;
 mod paths;
+mod recorded;
 mod serving;
-mod taped;
 
 use super::*;
 use crate::cycle::{self, At, Outcome, Path, Why};
