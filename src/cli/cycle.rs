@@ -1,7 +1,7 @@
 //! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
 
 use super::args::{Common, Cycle, Simulation};
-use super::assignment::{Assignment, Calibrated};
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::health;
 use super::live::{FlangeLink, Live, Simulated};
@@ -53,7 +53,7 @@ pub struct Run<'r> {
     /// What simulated devices show.
     pub simulation: Simulation,
     /// What is asked of the loop.
-    pub request: fn(&Assignment) -> cycle::Request,
+    pub request: fn(&TaughtRecipe) -> cycle::Request,
     /// Where it is recorded.
     pub record: Option<&'r Path>,
 }
@@ -63,7 +63,7 @@ pub struct Run<'r> {
 /// # Errors
 /// Where a file is not what it must be, a motion is open in the store, or the store does not write.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, Assignment::request)
+    once(args, common, progress, TaughtRecipe::request)
 }
 
 /// The same in the air: no water, no tool, no contact; the path goes over all grids.
@@ -71,18 +71,18 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 /// # Errors
 /// As [`run`].
 pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, Assignment::air_request)
+    once(args, common, progress, TaughtRecipe::air_request)
 }
 
 fn once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
-    request: fn(&Assignment) -> cycle::Request,
+    request: fn(&TaughtRecipe) -> cycle::Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
-    let assignment = Assignment::read(&files, &args.recipe)?;
+    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
@@ -100,7 +100,7 @@ fn once(
         Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
     })?;
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
-    let ran = one(&files, (&assignment, &calibrated), how, progress)?;
+    let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
@@ -124,11 +124,11 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 /// As [`run`].
 pub fn one(
     files: &CellFiles,
-    (assignment, calibrated): (&Assignment, &Calibrated),
+    (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
     Run { start, simulation, request, record }: Run<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
-    let setup = Arc::new(assignment.setup(files, calibrated)?);
+    let setup = Arc::new(taught_recipe.setup(files, calibrated)?);
     let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
@@ -137,17 +137,17 @@ pub fn one(
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
     live.cameras.scanner.warm();
     if let Some(world) = &live.world {
-        world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+        world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
     let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording, ..assignment.start(calibrated) };
+    let start = CycleStart { recording, ..taught_recipe.start(calibrated) };
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
-    let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
+    let mut once = Once { start: request(taught_recipe), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;
     let lock_step = live.robot.is_lock_step();
     let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     if let Some(file) = record {
-        let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;
+        let to = recording::of(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
         recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;

@@ -1,7 +1,7 @@
 //! `panelprep run`: the service of a configured cell.
 
 use super::args::{Common, Run};
-use super::assignment::{Assignment, Calibrated};
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::health;
 use super::live::Live;
@@ -240,9 +240,9 @@ fn loader(
                 return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
-            let assignment = Assignment::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
+            let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
             if let Some(world) = &world {
-                world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+                world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
             let named = record.as_ref().map(|place| match place {
                 RecordIn::Store => RecordingFile::InStore,
@@ -256,11 +256,11 @@ fn loader(
                         RecordIn::File(file) => Some(recording::named_by_a_client(file, files.store_folder())?),
                     };
                     recording::allowed(file.as_deref(), files.store_folder())?;
-                    Some(recording::of(file, &files, (&assignment, &calibrated))?)
+                    Some(recording::of(file, &files, (&taught_recipe, &calibrated))?)
                 }
             };
             let mut prepared =
-                PreparedCycle { recording: record, ..assignment.prepared(cell.clone(), &calibrated)? };
+                PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
             Ok(prepared)
         };

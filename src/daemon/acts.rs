@@ -1,4 +1,5 @@
-//! How an act begins, and what must come from the robot or from computing before it is answered. Motions: `moves`.
+//! How an act of the table begins, and what must come from the robot or from computing before it is answered. The acts that
+//! move the arm are in `moves`.
 
 use super::computing::{Found, Work, Worked};
 use super::ports::{News, Note, RecordCommand, RobotPort};

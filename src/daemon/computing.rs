@@ -9,14 +9,14 @@
 //! itself, woken by the camera's next picture, whatever the robot and the loop do; in lock step the loop asks for each
 //! step, so that virtual time decides which picture is seen.
 
+mod worker;
+
 use super::abrasion::Abrasion;
-use super::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
-use super::sight::{Filming, MISSING, Sight};
-use super::{CycleSetup, DaemonError, Job};
-use crate::cycle::{Act, Answer, Grade, Id, Trouble};
-use crate::files::ClipEntry;
-use crate::geometry::{Frame, KukaPose, Rigid};
-use crate::record::{KeptFile, Picture};
+use super::ports::{CameraPort, Keeper, Note};
+use super::sight::Sight;
+use super::{CycleSetup, DaemonError};
+use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::geometry::KukaPose;
 use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
@@ -25,6 +25,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
+use worker::Worker;
 
 /// What an act needs.
 #[derive(Debug)]
@@ -80,128 +81,8 @@ pub(super) enum Found {
     Wrong(Vec<(Trouble, Reason)>),
 }
 
-/// Notes instead of a record. On its own thread the worker packs and writes pictures at once: on the loop that would take
-/// longer than its deadlines and its watchdog bear.
-struct Notes<'k> {
-    notes: Vec<Note>,
-    keep: Option<&'k mut Keeper>,
-}
-
-impl Record for Notes<'_> {
-    fn note(&mut self, note: Note) -> Result<(), RecordError> {
-        let Some(keep) = &mut self.keep else {
-            self.notes.push(note);
-            return Ok(());
-        };
-        let kept = match note {
-            Note::Picture(name, picture) => keep(&picture)?.map(|hash| Kept::Shot(KeptFile { name, hash })),
-            Note::Frame(picture, time_s, phase) => {
-                keep(&picture)?.map(|file| Kept::Frame(ClipEntry { file, time_s, phase }))
-            }
-            Note::Figure(figure) => {
-                let (name, caption) = (figure.name, figure.caption);
-                keep(&figure.picture)?.map(|hash| Kept::Figure(Picture { name, caption, hash }))
-            }
-            note @ (Note::Finding(_) | Note::Kept(_) | Note::Budget(_)) => {
-                self.notes.push(note);
-                None
-            }
-        };
-        self.notes.extend(kept.map(Note::Kept));
-        Ok(())
-    }
-}
-
 /// Looks at the calibrations: what cannot be read, in words.
 pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
-
-/// Does the work: it has the cameras, and the film under way.
-struct Worker<'p> {
-    cameras: Box<dyn CameraPort + Send + 'p>,
-    /// Looks at the calibrations, for a self-test.
-    readable: Readable,
-    keep: Option<Keeper>,
-    filming: Option<Filming>,
-}
-
-impl Worker<'_> {
-    fn perform(&mut self, mut work: Work) -> Worked {
-        let mut keep = self.keep.take();
-        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut() };
-        let setup = work.setup.take();
-        let found = match (work.act, setup.as_deref().map(CycleSetup::job)) {
-            (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
-            (_, Some(job)) => self.phase(&mut work, &job, &mut notes),
-            (_, None) => Ok(Found::Answer(MISSING)),
-        };
-        let notes = notes.notes;
-        self.keep = keep;
-        let is_of_film = work.act == Act::Film;
-        Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
-    }
-
-    fn phase(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
-        let (pass, cameras) = (work.pass, &mut *self.cameras);
-        let answer = match work.act {
-            Act::Film => return self.film(work, job, notes),
-            Act::Locate => work.sight.locate(job, cameras, notes)?,
-            Act::DryPicture => work.sight.dry_picture(cameras, notes)?,
-            Act::Plan { pass } => work.abrasion.make(job, (pass, &work.sight), notes)?,
-            Act::Refine { view } => match work.tip() {
-                Some(tip) => {
-                    let answer = work.sight.refine(job, (view, tip), cameras, notes)?;
-                    work.surveyed(job, answer, notes)?
-                }
-                None => MISSING,
-            },
-            Act::Verify { view } => match work.tip() {
-                Some(tip) => work.sight.verify(job, (pass, view, tip), cameras, notes)?,
-                None => MISSING,
-            },
-            _ => MISSING,
-        };
-        Ok(Found::Answer(answer))
-    }
-
-    /// Begins the film, or watches it for one more picture.
-    fn film(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
-        let cameras = &mut *self.cameras;
-        let watched = match (work.is_next_picture, self.filming.take()) {
-            (true, Some(filming)) => work.sight.watch(job, filming, work.pass, cameras, notes)?,
-            (true, None) => Err(MISSING),
-            // It only looks: nothing of it is new.
-            (false, _) => std::mem::take(&mut work.sight).film(job, work.pass, cameras, notes)?,
-        };
-        Ok(match watched {
-            Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },
-            Err(answer) => Found::Answer(answer),
-        })
-    }
-
-    fn test(&mut self) -> Vec<(Trouble, Reason)> {
-        let faults = self.cameras.check().into_iter();
-        let faults = faults.map(|fault| (Trouble::Camera, Reason::new("camera", fault.to_string())));
-        let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
-        faults.chain(unreadable).collect()
-    }
-}
-
-impl Work {
-    /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
-    fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes<'_>) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.approached()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
-                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
-            }
-            (answer, _) => Ok(answer),
-        }
-    }
-
-    /// Where the flange camera stands, while it is the tool and the base the robot's own.
-    fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
-        self.tip.map(|pose| pose.to_rigid())
-    }
-}
 
 /// No piece of work takes so long: the table has long given up its answer, the robot stands, and whatever hangs in there
 /// keeps every later act from being done.
@@ -232,7 +113,7 @@ enum Executor<'p> {
     Thread {
         queue: Sender<Work>,
         /// Of a film that was left nothing comes but that.
-        results: Receiver<Option<Worked>>,
+        results: Receiver<Option<Box<Worked>>>,
         under_way: VecDeque<Id>,
         result: Option<Box<Worked>>,
     },
@@ -242,7 +123,7 @@ impl<'p> Computing<'p> {
     /// Computes where the loop takes a result: the loop waits.
     pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
         // The command that runs one cycle has just read its calibrations.
-        let worker = Box::new(Worker { cameras, readable: Box::new(Vec::new), keep: None, filming: None });
+        let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
         let due = Arc::new(AtomicU64::new(NONE_DUE));
         Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new() } }
     }
@@ -261,13 +142,8 @@ impl<'p> Computing<'p> {
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
         let due = Arc::new(AtomicU64::new(NONE_DUE));
-        let mut computes = Thread {
-            worker: Worker { cameras, readable, keep: Some(keep), filming: None },
-            lock_step,
-            due: due.clone(),
-            tell,
-            sign,
-        };
+        let mut computes =
+            Thread { worker: Worker::new(cameras, readable, Some(keep)), lock_step, due: due.clone(), tell, sign };
         let serve = move || computes.serve(&taken);
         thread::Builder::new().name("computing".to_owned()).spawn(serve).map_err(DaemonError::Thread)?;
         supervisor.watch(watched);
@@ -308,7 +184,7 @@ impl<'p> Computing<'p> {
                 while result.is_none() {
                     let id = *under_way.front()?;
                     *result = match results.recv_timeout(patience) {
-                        Ok(worked) => worked.map(Box::new),
+                        Ok(worked) => worked,
                         Err(RecvTimeoutError::Timeout) => return None,
                         Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost(id))),
                     };
@@ -344,7 +220,7 @@ struct Thread {
     worker: Worker<'static>,
     lock_step: bool,
     due: Arc<AtomicU64>,
-    tell: Sender<Option<Worked>>,
+    tell: Sender<Option<Box<Worked>>>,
     sign: Supervised,
 }
 
@@ -365,7 +241,7 @@ impl Thread {
     }
 
     /// Does one piece of work, by the wall clock a film to its end; an error where nobody waits for results any more.
-    fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Worked>>> {
+    fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Box<Worked>>>> {
         let (id, act, pass, setup) = (work.id, work.act, work.pass, work.setup.clone());
         let mut next = Some(work);
         while let Some(work) = next.take() {
@@ -382,7 +258,7 @@ impl Thread {
                     continue;
                 }
             }
-            self.tell.send(Some(worked))?;
+            self.tell.send(Some(Box::new(worked)))?;
         }
         Ok(())
     }

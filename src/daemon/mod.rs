@@ -2,28 +2,27 @@
 //!
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
-//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `routes`, `wiring`)
-//! robot ────┘                    └─ cameras and computing               (`sight`, `abrasion`)
+//! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `routes`, `wiring`)
+//! robot ────┘                    └─ cameras and computing               (`computing`, `sight`, `abrasion`)
 //! ```
 //!
-//! The table decides (see `cycle`), this performs. What an act works with — the scan's fit, the refined place, the
-//! film, the plan — stays here and never enters the table: it hears ids, counts and grades. In the service acts that
-//! see and compute have a thread of their own (`computing`), and the loop goes on answering; what was abandoned
-//! meanwhile changes nothing. The robot's link has its own thread too, and its controller stops by itself where nobody
-//! feeds it.
+//! The table decides (see `cycle`); the loop performs. What an act works with (the scan's fit, the refined place, the film,
+//! the plan) stays in the loop and never enters the table, which hears ids, counts and grades. Acts that see and compute go
+//! through one queue (`computing`): a thread empties it while the loop goes on answering, or the loop itself does in a replay and
+//! in the simulated cell of one command. What was abandoned meanwhile changes nothing. The robot's link has a thread of its own,
+//! and its controller stops by itself where nobody feeds it.
 //!
-//! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time; it
-//! stands while something is computed.
+//! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines take no real
+//! time, and it stands while something is computed.
 //!
-//! The service around the loop: `request` (the one request of every front) · `socket` (the front on this computer) · `protocol`
-//! (a line in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (what waits, by its urgency) ·
-//! `request_handler` (requests, signals and systemd, seen from the loop) · `lending` (its cameras, for others, between cycles) ·
-//! `words` (states and refusals for people). `replay` writes down what passes between loop and ports, and runs a cycle again
-//! on it.
+//! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service stand `request`
+//! (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a line out) · `gateway` (a
+//! request in, a reply out) · `request_queue` (what waits, by its urgency) · `request_handler` (requests, signals and systemd, as
+//! the loop sees them) · `lending` (the cameras, for others, between cycles) · `words` (states and refusals for people). `replay`
+//! records what passes through the ports, and runs a cycle again on a recording.
 
 mod abrasion;
 mod acts;
-mod asking;
 mod caller;
 mod cameras;
 mod computing;
@@ -34,7 +33,6 @@ mod deadlines;
 mod figures;
 mod findings;
 mod gateway;
-mod hearing;
 mod lending;
 mod moves;
 mod ports;
@@ -44,7 +42,9 @@ mod recording;
 mod replay;
 mod request;
 mod request_handler;
+mod request_log;
 mod request_queue;
+mod robot_reports;
 mod routes;
 mod run;
 mod sight;
@@ -52,8 +52,8 @@ mod single;
 mod single_interlocks;
 mod socket;
 mod trace;
-mod waiting;
 mod wiring;
+mod without_store;
 mod words;
 
 #[cfg(test)]
@@ -82,8 +82,8 @@ pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
 pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
-pub use waiting::wait_for;
 pub use wiring::Wiring;
+pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};
 
 use crate::cell::{Arm, Cell, Limits};

@@ -93,7 +93,7 @@ pub(super) struct Outside<'a> {
     pub requests: &'a mut dyn RequestPort,
 }
 
-/// The loop's own memory; the table's is [`State`].
+/// The memory of the loop; that of the table is [`State`].
 pub(super) struct Running<'p> {
     pub cell: Arc<CellSetup>,
     /// What the cycle works with; none before the first one.
@@ -152,7 +152,7 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// Goes on where a loop was that began a cycle.
+    /// Goes on where another loop began a cycle.
     fn remember(&mut self, before: Begin) {
         if let Begin::Cycle { robot, armed } = before {
             self.events.clear();
@@ -161,7 +161,7 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// What the cycle works by.
+    /// What the phases of the cycle take.
     pub fn job(&self) -> Option<Job<'_>> {
         self.cycle.as_deref().map(CycleSetup::job)
     }

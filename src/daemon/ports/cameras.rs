@@ -66,45 +66,29 @@ impl CameraFault {
     }
 }
 
-/// The cameras' commands as functions.
+/// The cameras' commands as functions. They fail where the camera gives nothing.
 pub trait CameraPort: Port<CameraCommand> {
-    /// See [`CameraCommand::Scan`].
-    ///
-    /// # Errors
-    /// Where the camera gives none; likewise for the others.
+    /// Takes a 3D shot.
     fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
-        match self.perform(CameraCommand::Scan)? {
-            CameraAnswer::Scan(cloud) => Ok(cloud),
-            _ => CameraFault::mismatch(),
-        }
+        let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else { return CameraFault::mismatch() };
+        Ok(cloud)
     }
 
-    /// See [`CameraCommand::Picture`].
-    ///
-    /// # Errors
-    /// As [`CameraPort::scan`].
+    /// Takes a picture with the 3D camera's colour sensor.
     fn picture(&mut self) -> Result<Picture2d, CameraFault> {
-        match self.perform(CameraCommand::Picture)? {
-            CameraAnswer::Picture(picture) => Ok(picture),
-            _ => CameraFault::mismatch(),
-        }
+        let taken = self.perform(CameraCommand::Picture)?;
+        let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch() };
+        Ok(picture)
     }
 
-    /// See [`CameraCommand::BeginFilm`]; gives the time on the clock of the pictures, s.
-    ///
-    /// # Errors
-    /// As [`CameraPort::scan`].
+    /// Begins a film with at most so many pictures a second; gives the time on the clock of the pictures, s.
     fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
-        match self.perform(CameraCommand::BeginFilm(pictures_per_second))? {
-            CameraAnswer::FilmBegan(time_s) => Ok(time_s),
-            _ => CameraFault::mismatch(),
-        }
+        let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
+        let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch() };
+        Ok(time_s)
     }
 
-    /// See [`CameraCommand::NextOfFilm`]; none where none is due yet.
-    ///
-    /// # Errors
-    /// As [`CameraPort::scan`].
+    /// Takes the film's next picture; none where none is due yet.
     fn next_of_film(&mut self) -> Result<Option<Picture2d>, CameraFault> {
         match self.perform(CameraCommand::NextOfFilm)? {
             CameraAnswer::Picture(picture) => Ok(Some(picture)),
@@ -113,29 +97,21 @@ pub trait CameraPort: Port<CameraCommand> {
         }
     }
 
-    /// See [`CameraCommand::EndFilm`]; how many of its pictures were dropped.
-    ///
-    /// # Errors
-    /// As [`CameraPort::scan`].
+    /// Ends the film; how many of its pictures were dropped.
     fn end_film(&mut self) -> Result<u64, CameraFault> {
-        match self.perform(CameraCommand::EndFilm)? {
-            CameraAnswer::FilmEnded(dropped) => Ok(dropped),
-            _ => CameraFault::mismatch(),
-        }
+        let ended = self.perform(CameraCommand::EndFilm)?;
+        let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch() };
+        Ok(dropped)
     }
 
-    /// See [`CameraCommand::CornerPicture`].
-    ///
-    /// # Errors
-    /// As [`CameraPort::scan`].
+    /// Takes a picture with the flange camera.
     fn corner_picture(&mut self) -> Result<ColorPicture, CameraFault> {
-        match self.perform(CameraCommand::CornerPicture)? {
-            CameraAnswer::Corner(picture) => Ok(picture),
-            _ => CameraFault::mismatch(),
-        }
+        let taken = self.perform(CameraCommand::CornerPicture)?;
+        let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch() };
+        Ok(picture)
     }
 
-    /// See [`CameraCommand::Check`].
+    /// Which cameras would not deliver, and why.
     fn check(&mut self) -> Vec<CameraFault> {
         match self.perform(CameraCommand::Check) {
             Ok(CameraAnswer::Checked(faults)) => faults,

@@ -136,50 +136,35 @@ impl RecordError {
     }
 }
 
-/// The record's commands as functions.
+/// The record's commands as functions. They fail where it cannot be written or read.
 pub trait RecordPort: Port<RecordCommand> {
     /// A command that answers nothing else than that it is kept.
-    ///
-    /// # Errors
-    /// Where it cannot be kept; likewise for the others.
     fn keep(&mut self, command: RecordCommand) -> Result<(), RecordError> {
         self.perform(command).map(drop)
     }
 
-    /// See [`RecordCommand::AbradedBefore`].
-    ///
-    /// # Errors
-    /// Where it cannot be read.
+    /// Where the tool was on this panel in earlier cycles.
     fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
-        match self.perform(RecordCommand::AbradedBefore)? {
-            RecordAnswer::Earlier(earlier) => Ok(earlier),
-            _ => RecordError::mismatch(),
-        }
+        let known = self.perform(RecordCommand::AbradedBefore)?;
+        let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch() };
+        Ok(earlier)
     }
 
-    /// See [`RecordCommand::Begin`].
-    ///
-    /// # Errors
-    /// As [`RecordPort::keep`].
+    /// Begins a cycle.
     fn begin(&mut self, start: CycleStart) -> Result<CycleId, RecordError> {
-        match self.perform(RecordCommand::Begin(start))? {
-            RecordAnswer::Cycle(cycle) => Ok(cycle),
-            _ => RecordError::mismatch(),
-        }
+        let begun = self.perform(RecordCommand::Begin(start))?;
+        let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch() };
+        Ok(cycle)
     }
 
-    /// See [`RecordCommand::DiscWorn`].
-    ///
-    /// # Errors
-    /// Where it cannot be read.
+    /// What the disc in use has swept, mm².
     fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
-        match self.perform(RecordCommand::DiscWorn)? {
-            RecordAnswer::Worn(worn_mm2) => Ok(worn_mm2),
-            _ => RecordError::mismatch(),
-        }
+        let worn = self.perform(RecordCommand::DiscWorn)?;
+        let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch() };
+        Ok(worn_mm2)
     }
 
-    /// See [`RecordCommand::Check`].
+    /// Why a cycle's record would not find its place.
     fn check(&mut self) -> Vec<Reason> {
         match self.perform(RecordCommand::Check) {
             Ok(RecordAnswer::Wrong(reasons)) => reasons,
@@ -188,61 +173,41 @@ pub trait RecordPort: Port<RecordCommand> {
         }
     }
 
-    /// See [`RecordCommand::Filled`].
+    /// That the disk has filled since this was last asked.
     fn filled(&mut self) -> Option<Reason> {
-        match self.perform(RecordCommand::Filled) {
-            Ok(RecordAnswer::Full(why)) => why,
-            _ => None,
-        }
+        let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
+        why
     }
 }
 
 impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
 
-/// Where a phase leaves what it found. Each call returns when it is kept.
+/// Where a phase leaves what it found. Each function returns when it is kept, and fails where it cannot be kept.
 pub trait Record {
     /// Keeps it.
-    ///
-    /// # Errors
-    /// Where it cannot be kept; likewise for the others.
     fn note(&mut self, note: Note) -> Result<(), RecordError>;
 
     /// See [`Note::Finding`].
-    ///
-    /// # Errors
-    /// As [`Record::note`].
     fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
         self.note(Note::Finding(finding.clone()))
     }
 
     /// See [`Note::Picture`].
-    ///
-    /// # Errors
-    /// As [`Record::note`].
     fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
         self.note(Note::Picture(name.to_owned(), picture.clone()))
     }
 
     /// See [`Note::Frame`].
-    ///
-    /// # Errors
-    /// As [`Record::note`].
     fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
         self.note(Note::Frame(picture.clone(), time_s, phase))
     }
 
     /// See [`Note::Figure`].
-    ///
-    /// # Errors
-    /// As [`Record::note`].
     fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
         self.note(Note::Figure(figure.clone()))
     }
 
     /// See [`Note::Budget`].
-    ///
-    /// # Errors
-    /// As [`Record::note`].
     fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
         self.note(Note::Budget(*measured))
     }

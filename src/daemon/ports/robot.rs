@@ -56,80 +56,50 @@ impl PortCommand for RobotCommand {
 /// An answer to another command than the one that was given; no port gives one.
 const MISMATCH: QueueError = QueueError::NotConnected;
 
-/// The robot's commands as functions.
+/// The robot's commands as functions. What is queued fails where there is no controller, no open epoch, or the command cannot be
+/// executed.
 pub trait RobotPort: Port<RobotCommand> {
-    /// See [`RobotCommand::Send`].
-    ///
-    /// # Errors
-    /// Where there is no controller, no open epoch, or the command cannot be executed; likewise for the others.
+    /// Queues one command.
     fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        match self.perform(RobotCommand::Send(command)) {
-            RobotAnswer::Queued(queued) => queued,
-            _ => Err(MISMATCH),
-        }
+        let RobotAnswer::Queued(id) = self.perform(RobotCommand::Send(command)) else { return Err(MISMATCH) };
+        id
     }
 
-    /// See [`RobotCommand::Path`].
-    ///
-    /// # Errors
-    /// As [`RobotPort::send`].
+    /// Queues a path whole; see [`RobotCommand::Path`].
     fn send_path(&mut self, points: Vec<MoveLin>, permitted: Option<u32>) -> Result<CommandId, QueueError> {
-        match self.perform(RobotCommand::Path { points, permitted }) {
-            RobotAnswer::Queued(queued) => queued,
-            _ => Err(MISMATCH),
-        }
+        let path = RobotCommand::Path { points, permitted };
+        let RobotAnswer::Queued(last) = self.perform(path) else { return Err(MISMATCH) };
+        last
     }
 
-    /// See [`RobotCommand::Permit`].
-    ///
-    /// # Errors
-    /// As [`RobotPort::send`].
+    /// Permits commands up to this one to be sent; all of them where it is `None`.
     fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        match self.perform(RobotCommand::Permit(last)) {
-            RobotAnswer::Done(done) => done,
-            _ => Err(MISMATCH),
-        }
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
+        done
     }
 
-    /// See [`RobotCommand::OpenEpoch`].
-    ///
-    /// # Errors
-    /// As [`RobotPort::send`].
+    /// Asks for a new epoch with a number above this one, and gives its number.
     fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        match self.perform(RobotCommand::OpenEpoch(above)) {
-            RobotAnswer::Epoch(opened) => opened,
-            _ => Err(MISMATCH),
-        }
+        let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
+        asked
     }
 
-    /// See [`RobotCommand::Abort`].
-    ///
-    /// # Errors
-    /// As [`RobotPort::send`].
+    /// Ends the epoch.
     fn abort(&mut self) -> Result<(), QueueError> {
-        match self.perform(RobotCommand::Abort) {
-            RobotAnswer::Done(done) => done,
-            _ => Err(MISMATCH),
-        }
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Abort) else { return Err(MISMATCH) };
+        done
     }
 
-    /// See [`RobotCommand::Next`].
-    ///
-    /// # Errors
-    /// Where the link's thread failed.
+    /// Waits a while for the next report. It fails where the link's thread failed.
     fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
-        match self.perform(RobotCommand::Next) {
-            RobotAnswer::Report(report) => report,
-            _ => Ok(None),
-        }
+        let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
+        report
     }
 
-    /// See [`RobotCommand::Now`].
+    /// Reads the clock.
     fn now(&mut self) -> Time {
-        match self.perform(RobotCommand::Now) {
-            RobotAnswer::Time(now) => now,
-            _ => Time::default(),
-        }
+        let RobotAnswer::Time(now) = self.perform(RobotCommand::Now) else { return Time::default() };
+        now
     }
 }
 

@@ -204,7 +204,7 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
     let (cell, recipe, taught, calibrations) = fake.files();
     let panel = &taught.0;
     let place = crate::panel::panel_from_base_at_teaching().inverse();
-    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
+    let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
     let grids = ["r2c3".parse().expect("a grid")];
     let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
     for (half_mm, code) in [(600.0, None), (30.0, Some("outside_correction"))] {

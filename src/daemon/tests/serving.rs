@@ -2,12 +2,16 @@
 
 use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
-use crate::cycle::{self, Act, Answer, Event, Hold, Refusal, Report, State, Trouble, Why};
+use crate::cycle::{self, Act, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
+use crate::daemon::abrasion::Abrasion;
+use crate::daemon::computing::{Found, Work, Worked};
+use crate::daemon::sight::Sight;
 use crate::record::{CycleId, Front, Kind, Who};
 use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
@@ -153,6 +157,47 @@ impl Port<CameraCommand> for Odd {
             (_, CameraAnswer::FilmEnded(none)) => CameraAnswer::FilmEnded(none + self.drops.end - self.drops.start),
             (_, answer) => answer,
         })
+    }
+}
+
+/// By the wall clock nobody asks for a film's next picture: it is looked at when the camera has it, whatever the robot does.
+#[test]
+fn a_film_goes_on_without_the_robot() {
+    let fake = Fake::new(Scene::Clean);
+    let (mut computing, setup) = (fake.computing(), Arc::new(fake.setup()));
+    let mut sight = Sight::default();
+    let mut seen_s = Vec::new();
+    for (id, act) in [(1, Act::Locate), (2, Act::DryPicture), (3, Act::Film)] {
+        fake.light(act != Act::Locate);
+        fake.time_passes(500);
+        let (abrasion, setup) = (Abrasion::default(), Some(setup.clone()));
+        let work = Work { id: Id(id), act, is_next_picture: false, sight, abrasion, tip: None, pass: 1, setup };
+        computing.submit(work);
+        let worked = worked(&mut computing).expect("in time");
+        seen_s.extend(watched_s(&worked));
+        sight = worked.artifacts.expect("not lost").0;
+    }
+    // The first picture is due at once, then one each two seconds.
+    for passes_ms in [0, 2_000, 2_000, 2_000] {
+        fake.time_passes(passes_ms);
+        seen_s.extend(watched_s(&worked(&mut computing).expect("in time")));
+    }
+    assert_eq!(seen_s, [0.0, 0.0, 2.0, 4.0, 6.0]);
+    computing.abandon();
+    fake.time_passes(2_000);
+    assert!(computing.ready(Duration::from_millis(200)).is_none(), "nobody waits for it any more");
+}
+
+/// The next result, where one comes within a time that is long even on a busy machine.
+fn worked(computing: &mut Computing) -> Option<Worked> {
+    computing.ready(Duration::from_secs(60))?;
+    computing.take()
+}
+
+fn watched_s(worked: &Worked) -> Option<f64> {
+    match worked.found {
+        Ok(Found::Watching { seen_s }) => Some(seen_s),
+        _ => None,
     }
 }
 

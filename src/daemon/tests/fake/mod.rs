@@ -301,23 +301,12 @@ impl Cell {
         let lock_step = !self.by_the_wall;
         let recording = RecordingSwitch::new("store".as_ref(), lock_step);
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
-        let cameras = Box::new(cameras(FakeCameras::new(self.world.clone())));
-        let keep = Box::new(|_: &crate::geometry::ColorPicture| {
-            // Never on the loop, whose deadlines and watchdog would wait for it.
-            assert_eq!(std::thread::current().name(), Some("computing"));
-            Ok(Some(String::new()))
-        });
-        let parts = (
-            Box::new(RecordedPort::new(cameras, recording.clone())) as _,
-            Box::new(move || readable.clone()) as _,
-            keep as _,
-        );
-        let computing = Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default());
+        let cameras = RecordedPort::new(Box::new(cameras(FakeCameras::new(self.world.clone()))), recording.clone());
         let ports = Ports {
             robot: &mut RecordedPort::new(&mut robot, recording.clone()),
             record: &mut RecordedPort::new(&mut record, recording.clone()),
             requests: &mut RecordedPort::new(asks, recording.clone()),
-            computing: computing.expect("a thread"),
+            computing: computing(Box::new(cameras), readable, lock_step),
             lock_step,
         };
         let cell = Arc::new(CellSetup::new(&self.files().0).expect("complete"));
@@ -327,6 +316,19 @@ impl Cell {
             assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
         }
         record
+    }
+
+    /// What computes for this cell by the wall clock.
+    pub fn computing(&self) -> Computing<'static> {
+        computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
+    }
+
+    pub fn light(&self, on: bool) {
+        self.world.borrow_mut().outputs.insert(1, on);
+    }
+
+    pub fn time_passes(&self, ms: u64) {
+        self.world.borrow_mut().time_ms += ms;
     }
 
     /// Runs what was recorded again.
@@ -402,6 +404,16 @@ impl Cell {
             moved_without_intent: world.moved_without_intent,
         })
     }
+}
+
+fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
+    let keep = Box::new(|_: &crate::geometry::ColorPicture| {
+        // Never on the loop, whose deadlines and watchdog would wait for it.
+        assert_eq!(std::thread::current().name(), Some("computing"));
+        Ok(Some(String::new()))
+    });
+    let parts = (cameras, Box::new(move || readable.clone()) as _, keep as _);
+    Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default()).expect("a thread")
 }
 
 /// What a cycle of this cell works with.

@@ -1,4 +1,4 @@
-//! What the robot tells: as events of the table, and as answers to what is pending.
+//! Reports of the robot: each becomes an event of the table, the answer to the pending act, or both.
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
@@ -12,7 +12,7 @@ use crate::record::Kind;
 use crate::verdict::Reason;
 
 impl Running<'_> {
-    /// What the robot tells, as events and as answers to what is pending.
+    /// Turns a report into events of the table and into the answer of the pending act.
     pub(super) fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
@@ -96,14 +96,14 @@ impl Running<'_> {
         }
     }
 
-    /// The link has ended the epoch for this.
+    /// The link has ended the epoch for this reason.
     fn epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.note(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Told(Report::EpochOver { trouble: Some(trouble) }));
         Ok(())
     }
 
-    /// Where the tool is on a contact path.
+    /// Keeps where the tool is on a contact path.
     fn follow(&mut self, state: &eki::State) {
         let contact = |pending: &Pending| match (pending.act, &pending.waits) {
             (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,

@@ -1,4 +1,4 @@
-//! What was asked, on the record: by whom, and what came of it.
+//! Requests on the record: what was requested, by whom, and what came of it.
 
 use super::ports::{News, RecordCommand, RobotPort};
 use super::run::Running;

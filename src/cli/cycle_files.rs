@@ -61,7 +61,7 @@ impl Calibrated {
 }
 
 /// A recipe with what was taught of its panel.
-pub struct Assignment {
+pub struct TaughtRecipe {
     /// The recipe.
     pub recipe: Recipe,
     recipe_text: String,
@@ -70,7 +70,7 @@ pub struct Assignment {
     part: Option<(&'static str, String)>,
 }
 
-impl Assignment {
+impl TaughtRecipe {
     /// Reads the recipe and loads what was taught of its panel.
     ///
     /// # Errors
@@ -82,11 +82,11 @@ impl Assignment {
     /// The same from the recipe's text.
     ///
     /// # Errors
-    /// As [`Assignment::read`].
+    /// As [`TaughtRecipe::read`].
     pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
         let taught = load::taught(files, recipe_file, &recipe)?;
-        Ok(Assignment { recipe, recipe_text, taught, part: None })
+        Ok(TaughtRecipe { recipe, recipe_text, taught, part: None })
     }
 
     /// The same for this part, whose names are kept with the cycle.
@@ -96,7 +96,7 @@ impl Assignment {
     pub fn about(self, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
         let part = part.map(|part| Ok::<_, Fault>((part::PART, part::text(&part)?))).transpose()?;
-        Ok(Assignment { part, ..self })
+        Ok(TaughtRecipe { part, ..self })
     }
 
     /// A cycle for the service to begin.
@@ -106,7 +106,7 @@ impl Assignment {
     pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
-        let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
+        let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
         let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
         Ok(PreparedCycle { request, setup, start, recording: None })
     }
