@@ -8,13 +8,15 @@ use super::fault::Fault;
 use super::live::robot_alone;
 use super::load::CellFiles;
 use super::outcome::Outcome;
-use crate::cycle::{self, At, Refusal, Robot, State};
+use crate::cycle::{self, At, Robot, State};
 use crate::daemon::{
-    self, Eyes, Picture2d, Request, Requests, Service, SightError, Site, StoreRecord, What, whoever_runs_this,
+    self, CellSetup, Computing, LoopStart, News, NoCameras, Ports, Request, Requester, StoreRecord, What,
+    whoever_runs_this,
 };
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 use crate::supervision::{Supervisor, ThreadFault};
+use crate::tape::Begin;
 use crate::verdict::{Judgement, Reason, Verdict};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 /// A robot that says nothing for so long is not there.
@@ -26,7 +28,7 @@ const PATIENCE: Duration = Duration::from_secs(10);
 /// Where a file is not what it must be, there is no store, a service runs on it, or it does not write.
 pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
-    let site = Site::new(&files.cell).map_err(Fault::stage)?;
+    let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
     // A store that is not there has nothing to clear, and is not made.
     drop(files.store()?);
     let mut store = files.store_for_writing()?;
@@ -41,19 +43,18 @@ pub fn run(common: &Common) -> Result<Outcome, Fault> {
     let (mut robot, _simulated) = robot_alone(&files.cell)?;
     let supervisor = Supervisor::default();
     supervisor.watch(robot.watched());
-    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
+    let lock_step = robot.is_lock_step();
     let mut record = StoreRecord::new(&mut store, None);
-    let mut clears = Clears::new(supervisor.clone());
-    let service = Service {
+    let mut clears = Clears::new(supervisor);
+    let ports = Ports {
         robot: &mut robot,
-        eyes: Box::new(NoEyes),
-        readable: Box::new(Vec::new),
-        keep,
         record: &mut record,
         requests: &mut clears,
-        supervisor,
+        computing: Computing::inline(Box::new(NoCameras), lock_step),
+        lock_step,
     };
-    let ended = daemon::serve(site, service, state).map_err(Fault::of_loop)?;
+    let start = LoopStart { cell, cycle: None, state, before: Begin::Boot };
+    let ended = daemon::run(start, ports).map_err(Fault::of_loop)?.state;
     Ok(outcome(&ended, clears.refused))
 }
 
@@ -87,8 +88,8 @@ impl Clears {
     }
 }
 
-impl Requests for Clears {
-    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+impl Requester for Clears {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         self.state = *state;
         self.supervisor.check()?;
         let is_there = !matches!(state.facts.robot, Robot::Unknown | Robot::LinkLost);
@@ -103,46 +104,9 @@ impl Requests for Clears {
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
-        self.refused = Some(daemon::refusal(request, refusal, &self.state));
-    }
-}
-
-/// Clearing looks at nothing.
-struct NoEyes;
-
-impl NoEyes {
-    fn sees<T>() -> Result<T, SightError> {
-        Err(SightError { camera: "the camera", why: "a clear takes no pictures".to_owned() })
-    }
-}
-
-impl Eyes for NoEyes {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        Self::sees()
-    }
-
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
-        Self::sees()
-    }
-
-    fn begin_film(&mut self, _: f64) -> Result<f64, SightError> {
-        Self::sees()
-    }
-
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
-        Self::sees()
-    }
-
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        Self::sees()
-    }
-
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        Self::sees()
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        vec![]
+    fn hear(&mut self, news: News) {
+        if let News::Refused(request, refusal) = news {
+            self.refused = Some(daemon::refusal(request, refusal, &self.state));
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! `panelprep cycle` and `panelprep air-run`: one cycle on the configured cell, or its path in the air, then exit.
 
 use super::args::{Common, Cycle, Simulation};
-use super::assignment::{Assignment, Calibrated};
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::health;
 use super::live::{FlangeLink, Live, Simulated};
@@ -12,24 +12,25 @@ use super::report::{self, Kept};
 use crate::cell::Cell;
 use crate::cycle::{self, At, Event, Hold, Phase, Refusal, Report, Robot, State, Why};
 use crate::daemon::{
-    self, Calibrations, CycleOutcome, Ports, Recorded, RecordingSwitch, Request, Requests, Robot as _, StoreRecord,
-    Taped, What, run_cycle_from, whoever_runs_this,
+    self, Calibrations, Computing, LoopOutcome, LoopStart, News, Ports, Recorded, RecordedPort, RecordingSwitch,
+    Request, Requester, StoreRecord, What, whoever_runs_this,
 };
 use crate::geometry::KukaPose;
 use crate::record::{self, Abraded, Answer, Asked, CycleRecord, RecordingFile, Wanted};
 use crate::requirements::Purpose;
 use crate::store::CycleStart;
-use crate::supervision::ThreadFault;
+use crate::supervision::{Supervisor, ThreadFault};
 use crate::tape::Begin;
 use crate::verdict::{Judgement, Verdict};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 /// A cycle that ran.
 pub struct Ran {
     /// How it ended.
-    pub ended: CycleOutcome,
+    pub ended: LoopOutcome,
     /// What the store keeps of it.
     pub kept: Kept,
     /// What was asked and not done.
@@ -52,7 +53,7 @@ pub struct Run<'r> {
     /// What simulated devices show.
     pub simulation: Simulation,
     /// What is asked of the loop.
-    pub request: fn(&Assignment) -> cycle::Request,
+    pub request: fn(&TaughtRecipe) -> cycle::Request,
     /// Where it is recorded.
     pub record: Option<&'r Path>,
 }
@@ -62,7 +63,7 @@ pub struct Run<'r> {
 /// # Errors
 /// Where a file is not what it must be, a motion is open in the store, or the store does not write.
 pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, Assignment::request)
+    once(args, common, progress, TaughtRecipe::request)
 }
 
 /// The same in the air: no water, no tool, no contact; the path goes over all grids.
@@ -70,18 +71,18 @@ pub fn run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Out
 /// # Errors
 /// As [`run`].
 pub fn air_run(args: &Cycle, common: &Common, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
-    once(args, common, progress, Assignment::air_request)
+    once(args, common, progress, TaughtRecipe::air_request)
 }
 
 fn once(
     args: &Cycle,
     common: &Common,
     progress: &dyn Fn(&str),
-    request: fn(&Assignment) -> cycle::Request,
+    request: fn(&TaughtRecipe) -> cycle::Request,
 ) -> Result<Outcome, Fault> {
     let files = CellFiles::read(common)?;
     files.require(Purpose::Cycle)?;
-    let assignment = Assignment::read(&files, &args.recipe)?;
+    let taught_recipe = TaughtRecipe::read(&files, &args.recipe)?;
     let calibrated = Calibrated::read(&files, common)?;
     let health = health::judge(&files)?;
     if health.verdict == Verdict::Reject {
@@ -99,7 +100,7 @@ fn once(
         Err(fault) => progress(&format!("no page of cycle {cycle}: {fault}")),
     })?;
     let how = Run { start: Live::start, simulation: args.simulation, request, record: args.record.as_deref() };
-    let ran = one(&files, (&assignment, &calibrated), how, progress)?;
+    let ran = one(&files, (&taught_recipe, &calibrated), how, progress)?;
     let page = report::page_file(files.store_folder(), ran.kept.record.id);
     ran.kept.write(files.cell.keep(), &page, ran.recorded.as_ref())?;
     let mut outcome = ran.outcome(ran.judgement());
@@ -123,41 +124,55 @@ pub fn unhealthy(health: &Judgement) -> Outcome {
 /// As [`run`].
 pub fn one(
     files: &CellFiles,
-    (assignment, calibrated): (&Assignment, &Calibrated),
+    (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
     Run { start, simulation, request, record }: Run<'_>,
     progress: &dyn Fn(&str),
 ) -> Result<Ran, Fault> {
-    let job = assignment.job(files, calibrated)?;
+    let setup = Arc::new(taught_recipe.setup(files, calibrated)?);
     let mut store = files.settled_store()?;
     // The cycle that an earlier program left has its end from `recover`; this start is not part of the new one.
     store.append(&Event::Told(Report::Boot), None).map_err(Fault::stage)?;
     store.recover().map_err(Fault::stage)?;
 
     let mut live = start(&files.cell, &calibrated.values, simulation)?;
-    live.eyes.scanner.warm();
+    live.cameras.scanner.warm();
     if let Some(world) = &live.world {
-        world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+        world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
     }
     let recording = record.map(|file| RecordingFile::Named(file.display().to_string()));
-    let start = CycleStart { recording, ..assignment.start(calibrated) };
+    let start = CycleStart { recording, ..taught_recipe.start(calibrated) };
     let cycle = store.begin_cycle(&start).map_err(Fault::stage)?;
-    let mut once = Once { start: request(assignment), asked: 0, refused: None, told: None, progress };
+    let mut once = Once { start: request(taught_recipe), asked: 0, refused: None, told: None, progress };
     let state = store.state().map_err(Fault::stage)?;
-    let taping = RecordingSwitch::new(files.store_folder(), live.robot.is_lock_step());
+    let lock_step = live.robot.is_lock_step();
+    let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     if let Some(file) = record {
-        let to = recording::of(Some(file.to_owned()), files, (assignment, calibrated))?;
-        taping.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
+        let to = recording::of(Some(file.to_owned()), files, (taught_recipe, calibrated))?;
+        recording.begin(file, to, state).map_err(|error| recording::refused(file, error))?;
     }
+    let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, cycle);
-    let ports = Ports {
-        robot: &mut Taped::new(&mut live.robot, taping.clone()),
-        eyes: &mut Taped::new(&mut live.eyes, taping.clone()),
-        record: &mut Taped::new(&mut record, taping.clone()),
-        requests: &mut Taped::new(&mut once, taping.clone()),
+    let supervisor = Supervisor::default();
+    let cameras = Box::new(RecordedPort::new(Box::new(live.cameras), recording.clone()));
+    let computing = match lock_step {
+        true => Computing::inline(cameras, lock_step),
+        // The calibrations have just been read.
+        false => {
+            let parts = (cameras as _, Box::new(Vec::new) as _, keep);
+            Computing::on_thread(parts, lock_step, &supervisor).map_err(Fault::stage)?
+        }
     };
-    let ended = run_cycle_from((state, Begin::Boot), &job, ports);
+    let ports = Ports {
+        robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        record: &mut RecordedPort::new(&mut record, recording.clone()),
+        requests: &mut RecordedPort::new(&mut once, recording.clone()),
+        computing,
+        lock_step,
+    };
+    let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state, before: Begin::Boot };
+    let ended = daemon::run(start, ports);
     // What a cycle came to before it failed is worth most.
-    let recorded = taping.finish();
+    let recorded = recording.finish();
     let ended = ended.map_err(Fault::of_loop)?;
     let refused = once.refused;
     Ok(Ran {
@@ -240,8 +255,8 @@ struct Once<'a> {
     progress: &'a dyn Fn(&str),
 }
 
-impl Requests for Once<'_> {
-    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+impl Requester for Once<'_> {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         if self.told.replace(state.at) != Some(state.at) {
             (self.progress)(&words(state.at));
         }
@@ -262,8 +277,10 @@ impl Requests for Once<'_> {
         Ok(what.map(|what| Request::new(what, whoever_runs_this())))
     }
 
-    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
-        self.refused = Some((request, refusal));
+    fn hear(&mut self, news: News) {
+        if let News::Refused(request, refusal) = news {
+            self.refused = Some((request, refusal));
+        }
     }
 }
 

@@ -4,9 +4,9 @@
 //! is read for the score alone, when the cycle is over.
 
 use super::args::{Demo, Simulation, Teach, real_arm};
-use super::assignment::{Assignment, Calibrated};
 use super::calibrate::args::CameraName;
 use super::calibrate::verify;
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::live::Live;
 use super::load::CellFiles;
@@ -51,7 +51,7 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     };
     teach::run(&teaching, &common)?;
     let files = CellFiles::read(&common)?;
-    let assignment = Assignment::read(&files, &teaching.recipe)?;
+    let taught_recipe = TaughtRecipe::read(&files, &teaching.recipe)?;
     progress("verifying both cameras and the tool on their boards");
     let off_mm = |outcome: Outcome| outcome.json.get("error_mm").cloned();
     let camera = |name| verify::run(&rendered.verification(name), &common, &|_| {});
@@ -70,13 +70,13 @@ pub fn run(args: &Demo, progress: &dyn Fn(&str)) -> Result<Outcome, Fault> {
     let how = cycle::Run {
         start: Live::start_demo,
         simulation,
-        request: Assignment::request,
+        request: TaughtRecipe::request,
         record: args.record.as_deref(),
     };
-    let ran = cycle::one(&files, (&assignment, &calibrated), how, &progress)?;
+    let ran = cycle::one(&files, (&taught_recipe, &calibrated), how, &progress)?;
 
     progress("writing the page");
-    let panel = (&assignment.taught.panel, assignment.recipe.path().disc_diameter_mm());
+    let panel = (&taught_recipe.taught.panel, taught_recipe.recipe.path().disc_diameter_mm());
     let score = ran.simulated.as_ref().map(|it| Score::of(&ran.kept.record, &ran.ended.inspections, panel, it));
     let judgement = whole(ran.judgement(), score.as_ref());
     let page = args.out.join("index.html");

@@ -7,7 +7,7 @@ use super::load::CellFiles;
 use super::output::{answer, tell_line};
 use super::{live, robot};
 use crate::cell::{self, RobotKind};
-use crate::daemon::{LinkedRobot, Robot};
+use crate::daemon::{LinkedRobot, RobotPort};
 use crate::eki::Report;
 use crate::files::ReportedFlange;
 use crate::geometry::{Base, Flange, Joints, KukaPose, Rigid};
@@ -129,7 +129,7 @@ impl<'c> FlangePoses<'c> {
 fn said_now(link: &mut LinkedRobot) -> Option<Joints> {
     let (begun, mut is_drained) = (Instant::now(), false);
     while begun.elapsed() < ANSWERS {
-        match link.next() {
+        match link.next().ok()? {
             None => is_drained = true,
             Some(Report::Connected { state } | Report::State(state)) if is_drained => return Some(state.joints),
             Some(_) => {}

@@ -10,7 +10,7 @@ use super::fault::Fault;
 use super::load::calibrated_serial;
 use super::zivid;
 use crate::cell::{self, Cell, MockController, RobotKind};
-use crate::daemon::{Calibrations, Cameras, LinkedRobot};
+use crate::daemon::{AllCameras, Calibrations, Cameras, LinkedRobot};
 use crate::devices::cameras::{
     Arm, BayerFlangeCamera, FlangeCamera, RecordedFlangeCamera, RecordedScanner, Scanner, SimulatedFlangeCamera,
     SimulatedScanner, simulated,
@@ -25,15 +25,13 @@ use crate::geometry::{Joints, PinholeCamera};
 use crate::sim;
 use serde_json::{Value, json};
 
-pub use crate::daemon::AllCameras as Eyes;
-
 /// The cell's devices.
 pub struct Live {
     // Dropped in this order: the link hangs up before its controller ends.
     /// The robot.
     pub robot: LinkedRobot,
     /// The cameras.
-    pub eyes: Eyes,
+    pub cameras: AllCameras,
     /// The mock robot in this program.
     pub simulated: Option<Simulated>,
     /// The simulated world, where a camera looks at one.
@@ -78,16 +76,16 @@ impl Live {
         if cell.robot().kind() == RobotKind::Mock {
             let simulated = Simulated::start(cell, world()?)?;
             let arm = Arm::Mock(simulated.server.handle());
-            let eyes = eyes(cell, calibrations, Some((&simulated.world, &arm)))?;
+            let cameras = cameras(cell, calibrations, Some((&simulated.world, &arm)))?;
             let (robot, world) = (linked(cell, Some(&simulated))?, Some(simulated.world.clone()));
-            return Ok(Live { robot, eyes, simulated: Some(simulated), world, flange_link: None });
+            return Ok(Live { robot, cameras, simulated: Some(simulated), world, flange_link: None });
         }
         let robot = linked(cell, None)?;
         let looks = matches!(cell.scanner(), cell::Camera::Simulated)
             || matches!(cell.flange_camera(), cell::Camera::Simulated);
         if !looks {
-            let eyes = eyes(cell, calibrations, None)?;
-            return Ok(Live { robot, eyes, simulated: None, world: None, flange_link: None });
+            let cameras = cameras(cell, calibrations, None)?;
+            return Ok(Live { robot, cameras, simulated: None, world: None, flange_link: None });
         }
         if simulation.arm_error_mm > 0.0 {
             return Err(Fault::ArmErrorInRehearsal);
@@ -95,8 +93,14 @@ impl Live {
         let world = SimulatedWorld::new(world()?, cell).map_err(Fault::stage)?;
         let follower = Follower::new(world.clone(), cell);
         let arm = Arm::Followed(follower.clone());
-        let eyes = eyes(cell, calibrations, Some((&world, &arm)))?;
-        Ok(Live { robot: robot.followed(follower), eyes, simulated: None, world: Some(world), flange_link: None })
+        let cameras = cameras(cell, calibrations, Some((&world, &arm)))?;
+        Ok(Live {
+            robot: robot.followed(follower),
+            cameras,
+            simulated: None,
+            world: Some(world),
+            flange_link: None,
+        })
     }
 
     /// The same, with a colour sensor's filters before the simulated flange camera, and GigE Vision over the loopback
@@ -108,7 +112,7 @@ impl Live {
         let mut live = Live::start(cell, calibrations, simulation)?;
         if let Some(simulated) = &live.simulated {
             let (camera, link) = flange_sensor(simulated, calibrations);
-            (live.eyes.flange, live.flange_link) = (camera, Some(link));
+            (live.cameras.flange, live.flange_link) = (camera, Some(link));
         }
         Ok(live)
     }
@@ -280,11 +284,11 @@ impl Simulated {
     }
 }
 
-fn eyes(
+fn cameras(
     cell: &Cell,
     calibrations: &Calibrations,
     looks_at: Option<(&SimulatedWorld, &Arm)>,
-) -> Result<Eyes, Fault> {
+) -> Result<AllCameras, Fault> {
     let simulated = || looks_at.map(|(world, arm)| simulated(world, arm)).ok_or(Fault::NoWorld);
     let scanner: Box<dyn Scanner> = match cell.scanner() {
         cell::Camera::Simulated => Box::new(simulated()?.0),

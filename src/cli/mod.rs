@@ -4,7 +4,6 @@
 //! Each command is a file of its name: `run` reads and tells, `stage` computes.
 
 pub mod args;
-mod assignment;
 mod backup;
 mod calibrate;
 mod check;
@@ -12,6 +11,7 @@ mod clear;
 mod commissioned;
 mod ctl;
 mod cycle;
+mod cycle_files;
 pub mod demo;
 mod disk;
 mod doctor;

@@ -1,7 +1,7 @@
 //! `panelprep plan`: the sanding path over the failed grids.
 
 use super::args::{Common, Plan};
-use super::assignment::Calibrated;
+use super::cycle_files::Calibrated;
 use super::disk;
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};

@@ -1,6 +1,6 @@
 //! A recording's beginning, from the files that a cycle works by, and the same files read back from it.
 
-use super::assignment::{Assignment, Calibrated};
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::load::{self, CellFiles, Taught};
 use crate::cell::{
@@ -22,10 +22,10 @@ use std::path::{Component, Path, PathBuf};
 pub fn of(
     file: Option<PathBuf>,
     files: &CellFiles,
-    (assignment, calibrated): (&Assignment, &Calibrated),
+    (taught_recipe, calibrated): (&TaughtRecipe, &Calibrated),
 ) -> Result<RecordingPlan, Fault> {
-    let teaching = files.store()?.taught(assignment.recipe.panel(), Some(&assignment.taught.version));
-    let mut parts = texts(assignment, calibrated);
+    let teaching = files.store()?.taught(taught_recipe.recipe.panel(), Some(&taught_recipe.taught.version));
+    let mut parts = texts(taught_recipe, calibrated);
     parts.extend(taught_parts(&teaching.map_err(Fault::stage)?.teaching));
     Ok(RecordingPlan { file, files: parts, calibrations: calibrated.values })
 }
@@ -147,8 +147,8 @@ fn corner(index: usize) -> [String; 2] {
     ["png", "json"].map(|kind| format!("taught/corner{}.{kind}", index + 1))
 }
 
-fn texts(assignment: &Assignment, calibrated: &Calibrated) -> Vec<(String, Vec<u8>)> {
-    let start = assignment.start(calibrated);
+fn texts(taught_recipe: &TaughtRecipe, calibrated: &Calibrated) -> Vec<(String, Vec<u8>)> {
+    let start = taught_recipe.start(calibrated);
     let files = start.file_texts.into_iter().map(|(name, text)| (format!("{name}.toml"), text.into_bytes()));
     let more = [(RECIPE, start.recipe_text), (VERSION, start.taught_version)];
     files.chain(more.map(|(name, text)| (name.to_owned(), text.into_bytes()))).collect()

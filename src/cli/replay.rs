@@ -4,13 +4,14 @@ use super::args::Replay;
 use super::fault::Fault;
 use super::outcome::Outcome;
 use super::recording::RecordedCycle;
-use crate::daemon::{Job, Played, Player, Ports, run_cycle_from};
+use crate::daemon::{self, CellSetup, Computing, CycleSetup, LoopStart, Played, Player, Ports};
 use crate::tape::{self, Checked, Entries};
 use crate::verdict::{Judgement, Reason, Verdict};
 use serde_json::json;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
+use std::sync::Arc;
 
 /// Differences that are told to a person; the JSON has them all.
 const MOST_TOLD: usize = 20;
@@ -24,18 +25,21 @@ pub fn run(args: &Replay) -> Result<Outcome, Fault> {
     let refused = |error| Fault::file(file, error);
     let checked = tape::check(open(file)?).map_err(refused)?;
     let recorded = RecordedCycle::read(file, &checked)?;
-    let taught = (&recorded.taught.panel, recorded.taught.corners.as_slice());
-    let job = Job::new(&recorded.cell, &recorded.recipe, taught, recorded.calibrations).map_err(Fault::stage)?;
+    let RecordedCycle { cell, recipe, taught, calibrations } = recorded;
+    let cell = Arc::new(CellSetup::new(&cell).map_err(Fault::stage)?);
+    let setup = CycleSetup::new(cell.clone(), recipe, (taught.panel, taught.corners), calibrations);
+    let cycle = Some(Arc::new(setup.map_err(Fault::stage)?));
 
     let start = &checked.start;
     let player = Player::new(Entries::new(open(file)?, start.unix_ns), start.lock_step);
     let ports = Ports {
         robot: &mut player.clone(),
-        eyes: &mut player.clone(),
         record: &mut player.clone(),
         requests: &mut player.clone(),
+        computing: Computing::inline(Box::new(player.clone()), start.lock_step),
+        lock_step: start.lock_step,
     };
-    let ended = run_cycle_from((start.state, start.begin.clone()), &job, ports);
+    let ended = daemon::run(LoopStart { cell, cycle, state: start.state, before: start.begin.clone() }, ports);
     let played = player.played();
     if let Some(error) = played.error {
         return Err(refused(error));

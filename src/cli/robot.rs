@@ -28,16 +28,16 @@ pub fn run(args: &Robot, common: &Common) -> Result<Outcome, Fault> {
         return super::prove::run(prove, &files, &|line| super::output::tell_line(line));
     }
     files.require(Purpose::Robot)?;
-    let order = Order::read(&args.function, &files)?;
+    let action = RobotAction::read(&args.function, &files)?;
     // Whoever holds the store may be moving the robot. To look is free, and a mock robot is this program's own.
-    let is_shared = order != Order::State && files.cell.robot().kind() == RobotKind::Eki;
+    let is_shared = action != RobotAction::State && files.cell.robot().kind() == RobotKind::Eki;
     let _store = is_shared.then(|| files.settled_store()).transpose()?;
     let (mut robot, _simulated) = live::robot_alone(&files.cell)?;
     let mut single = match Single::connect(&mut robot, files.cell.arm()) {
         Ok(single) => single,
         Err(error) => return Ok(Outcome::of(&judgement(error)?)),
     };
-    let done = order.perform(&mut single, &files.cell);
+    let done = action.perform(&mut single, &files.cell);
     let judgement = match done {
         Ok(()) => Judgement::of(vec![], vec![]),
         Err(error) => judgement(error)?,
@@ -70,7 +70,7 @@ fn judgement(error: SingleError) -> Result<Judgement, Fault> {
 
 /// A function with its numbers.
 #[derive(Debug, PartialEq)]
-enum Order {
+enum RobotAction {
     State,
     MoveJ(Joints, u8),
     MoveLin(Line),
@@ -78,46 +78,46 @@ enum Order {
     SetOut { name: String, on: bool, keep: Duration },
 }
 
-impl Order {
+impl RobotAction {
     fn read(function: &RobotFunction, files: &CellFiles) -> Result<Self, Fault> {
         Ok(match function {
-            RobotFunction::State | RobotFunction::Prove(_) => Order::State,
+            RobotFunction::State | RobotFunction::Prove(_) => RobotAction::State,
             RobotFunction::MoveJ { to, axis_speed_percent } => {
-                Order::MoveJ(joints(to, &files.cell)?, *axis_speed_percent)
+                RobotAction::MoveJ(joints(to, &files.cell)?, *axis_speed_percent)
             }
-            RobotFunction::MoveLin { to, base, tool, speed_mm_s } => Order::MoveLin(Line {
+            RobotFunction::MoveLin { to, base, tool, speed_mm_s } => RobotAction::MoveLin(Line {
                 to: pose(to)?,
                 base: base.as_deref().map(pose).transpose()?.unwrap_or_default(),
                 tool: tip(*tool, files)?,
                 speed_mm_s: *speed_mm_s,
             }),
-            RobotFunction::SetBase { base } => Order::Set(Command::SetBase(pose(base)?)),
+            RobotFunction::SetBase { base } => RobotAction::Set(Command::SetBase(pose(base)?)),
             RobotFunction::SetTcp { flange_from_tool } => {
                 let flange_from_tool = pose(flange_from_tool)?;
-                Order::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
+                RobotAction::Set(Command::SetTcp(SetTcp { flange_from_tool, kind: TcpKind::Other }))
             }
             RobotFunction::SetSpeed { speed_mm_s, acceleration_m_s2, axis_percent } => {
-                Order::Set(speeds(*speed_mm_s, *acceleration_m_s2, *axis_percent))
+                RobotAction::Set(speeds(*speed_mm_s, *acceleration_m_s2, *axis_percent))
             }
-            RobotFunction::SetOut { name, value, keep_s } => Order::SetOut {
+            RobotFunction::SetOut { name, value, keep_s } => RobotAction::SetOut {
                 name: name.clone(),
                 on: *value == OnOff::On,
                 keep: Duration::from_secs(u64::from(*keep_s)),
             },
             RobotFunction::SetIn { number, value } => {
-                Order::Set(Command::SetDigin(Signal { number: *number, on: *value == OnOff::On }))
+                RobotAction::Set(Command::SetDigin(Signal { number: *number, on: *value == OnOff::On }))
             }
-            RobotFunction::Call { index } => Order::Set(Command::CallSubroutine { index: *index }),
+            RobotFunction::Call { index } => RobotAction::Set(Command::CallSubroutine { index: *index }),
         })
     }
 
     fn perform(&self, single: &mut Single<'_>, cell: &Cell) -> Result<(), SingleError> {
         match self {
-            Order::State => Ok(()),
-            Order::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
-            Order::MoveLin(line) => single.move_line(line, cell),
-            Order::Set(command) => single.set(*command),
-            Order::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
+            RobotAction::State => Ok(()),
+            RobotAction::MoveJ(joints, percent) => single.move_joints(*joints, *percent, cell),
+            RobotAction::MoveLin(line) => single.move_line(line, cell),
+            RobotAction::Set(command) => single.set(*command),
+            RobotAction::SetOut { name, on, keep } => single.set_output(name, *on, cell, *keep),
         }
     }
 }

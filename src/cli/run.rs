@@ -1,7 +1,7 @@
 //! `panelprep run`: the service of a configured cell.
 
 use super::args::{Common, Run};
-use super::assignment::{Assignment, Calibrated};
+use super::cycle_files::{Calibrated, TaughtRecipe};
 use super::fault::Fault;
 use super::health;
 use super::live::Live;
@@ -13,15 +13,16 @@ use super::report::{self, Kept};
 use super::zivid;
 use crate::cycle::{At, Cause, State};
 use crate::daemon::{
-    self, EndedCycle, Gateway, Loader, PreparedCycle, RecordIn, Recorded, Recording, RecordingSwitch, Request,
-    RequestHandler, RequestQueue, RequestSender, Requests as _, Robot as _, Service, ServiceParts, SharedCameras,
-    Site, Socket, StartRequest, StoreRecord, Taped, WrittenPage,
+    self, CellSetup, Computing, EndedCycle, Gateway, Loader, LoopStart, News, Ports, PreparedCycle, RecordIn,
+    Recorded, RecordedPort, Recording, RecordingSwitch, Request, RequestHandler, RequestQueue, RequestSender,
+    Requester as _, ServiceParts, SharedCameras, Socket, StartRequest, StoreRecord, WrittenPage,
 };
 use crate::devices::world::SimulatedWorld;
 use crate::record::{CycleId, RecordingFile};
 use crate::requirements::Purpose;
 use crate::store::{Pruned, Store, StoreError};
 use crate::supervision::Supervisor;
+use crate::tape::Begin;
 use crate::verdict::{Judgement, Reason, Verdict};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
@@ -42,7 +43,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     signals(sender.clone())?;
     let files = Arc::new(CellFiles::read(common)?);
     files.require(Purpose::Cycle)?;
-    let site = Site::new(&files.cell).map_err(Fault::stage)?;
+    let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
     let calibrated = Calibrated::read(&files, common)?;
     let Some(mut store) = opened(&files, (&sender, &queue))? else { return Ok(outcome(&State::NEW)) };
     let recovered = store.recover().map_err(Fault::stage)?;
@@ -54,12 +55,13 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     let taken_by = cameras_by(&files)?;
     let mut live = Live::start(&files.cell, &calibrated.values, args.simulation)?;
     let world = live.world.clone();
-    let recording = RecordingSwitch::new(files.store_folder(), live.robot.is_lock_step());
+    let lock_step = live.robot.is_lock_step();
+    let recording = RecordingSwitch::new(files.store_folder(), lock_step);
     recording.watched_by(&supervisor);
     let path = files.socket();
     supervisor.watch(live.robot.watched());
-    let loader = loader((files.clone(), common.clone()), taken_by, world.clone());
-    let cameras = SharedCameras::new(live.eyes, live.robot.last_state());
+    let loader = loader((files.clone(), common.clone()), (cell.clone(), taken_by), world.clone());
+    let cameras = SharedCameras::new(live.cameras, live.robot.last_state());
     let lent = Some(cameras.clone());
     let gateway = Gateway::new(sender, loader, lent.clone());
     let socket = Socket::listen(&path, gateway, &supervisor).map_err(Fault::stage)?;
@@ -80,22 +82,24 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     if recovered.at == (At::Aborted { cause: Cause::StoreChanged }) {
         let found = store.incidents().map_err(Fault::stage)?.pop().map_or(vec![], |incident| incident.found);
         let found: Vec<Reason> = found.into_iter().map(|words| Reason::new("store_changed", words)).collect();
-        handler.noted(&found);
+        handler.hear(News::Noted(found));
     }
-    let mut person = Person { asks: handler, world };
+    let mut person = Person { requester: handler, world };
     let (again, whole) = (files.clone(), common.clone());
     let keep = daemon::keeper(&store).map_err(Fault::stage)?;
     let mut record = StoreRecord::new(&mut store, left_open);
-    let service = Service {
-        robot: &mut Taped::new(&mut live.robot, recording.clone()),
-        eyes: Box::new(Taped::new(Box::new(cameras), recording.clone())),
-        readable: Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect()),
-        keep,
-        record: &mut Taped::new(&mut record, recording.clone()),
-        requests: &mut Taped::new(&mut person, recording.clone()),
-        supervisor,
+    let readable = Box::new(move || Calibrated::read(&again, &whole).err().iter().map(unreadable).collect());
+    let cameras = Box::new(RecordedPort::new(Box::new(cameras), recording.clone()));
+    let computing =
+        Computing::on_thread((cameras, readable, keep), lock_step, &supervisor).map_err(Fault::of_loop)?;
+    let ports = Ports {
+        robot: &mut RecordedPort::new(&mut live.robot, recording.clone()),
+        record: &mut RecordedPort::new(&mut record, recording.clone()),
+        requests: &mut RecordedPort::new(&mut person, recording.clone()),
+        computing,
+        lock_step,
     };
-    let ended = daemon::serve(site, service, state);
+    let ended = daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports);
     // One that is still open belongs to a loop that failed: the very one to look at.
     if let Some(recorded) = recording.finish() {
         tracing::info!("{}", recorded.message);
@@ -104,6 +108,7 @@ pub fn run(args: &Run, common: &Common) -> Result<Outcome, Fault> {
     drop((socket, person));
     // A panic in there was reported where it happened.
     let _ = pages.join();
+    let ended = ended.state;
     tracing::info!("ends in {}", ended.at.word());
     Ok(outcome(&ended))
 }
@@ -217,7 +222,7 @@ fn cameras_by(files: &CellFiles) -> Result<Vec<(&'static str, String)>, Fault> {
 /// files must be the same.
 fn loader(
     (files, common): (Arc<CellFiles>, Common),
-    taken_by: Vec<(&'static str, String)>,
+    (cell, taken_by): (Arc<CellSetup>, Vec<(&'static str, String)>),
     world: Option<SimulatedWorld>,
 ) -> Arc<Loader> {
     let one_at_a_time = Mutex::new(());
@@ -235,9 +240,9 @@ fn loader(
                 return Err(Fault::CamerasChanged);
             }
             let calibrated = Calibrated::read(&files, &common)?;
-            let assignment = Assignment::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
+            let taught_recipe = TaughtRecipe::of(&files, Path::new(&name), text.clone())?.about(part.clone())?;
             if let Some(world) = &world {
-                world.mount_disc(assignment.recipe.path().disc_diameter_mm());
+                world.mount_disc(taught_recipe.recipe.path().disc_diameter_mm());
             }
             let named = record.as_ref().map(|place| match place {
                 RecordIn::Store => RecordingFile::InStore,
@@ -251,10 +256,11 @@ fn loader(
                         RecordIn::File(file) => Some(recording::named_by_a_client(file, files.store_folder())?),
                     };
                     recording::allowed(file.as_deref(), files.store_folder())?;
-                    Some(recording::of(file, &files, (&assignment, &calibrated))?)
+                    Some(recording::of(file, &files, (&taught_recipe, &calibrated))?)
                 }
             };
-            let mut prepared = PreparedCycle { recording: record, ..assignment.prepared(&calibrated)? };
+            let mut prepared =
+                PreparedCycle { recording: record, ..taught_recipe.prepared(cell.clone(), &calibrated)? };
             prepared.start.recording = named;
             Ok(prepared)
         };

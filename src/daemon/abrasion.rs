@@ -1,7 +1,6 @@
 //! What is still to be abraded, the plan over it, and what of it was executed.
 
-use super::computing::Note;
-use super::ports::Record;
+use super::ports::{Note, Record};
 use super::sight::{Sight, figure, figure_alone, grade, reason, view};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Grade, Trouble};

@@ -1,8 +1,10 @@
-//! How an act begins, and what must come from the robot or from computing before it is answered. Motions: `moves`.
+//! How an act of the table begins, and what must come from the robot or from computing before it is answered. The acts that
+//! move the arm are in `moves`.
 
-use super::computing::{Found, Note, Work, Worked};
+use super::computing::{Found, Work, Worked};
+use super::ports::{News, Note, RecordCommand, RobotPort};
 use super::run::Running;
-use super::sight::{self, Filming};
+use super::sight;
 use super::wiring::{Setting, reads};
 use super::{DaemonError, Finding, RecordError, words};
 use crate::cycle::{self, Act, Answer, Event, Frames, Id, Report, Switch, Trouble};
@@ -38,14 +40,15 @@ pub(super) enum Waits {
     PathEnd,
     /// What is computed.
     Computing,
-    /// The next picture.
-    Film(Box<Filming>),
+    /// In lock step: the robot's next state, and with it the time of the film's next picture.
+    Film,
 }
 
 impl Running<'_> {
     /// Begins an act; what needs no waiting is answered at once.
     pub(super) fn begin(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
         self.pending = None;
+        self.computing.abandon();
         match act {
             Act::Locate
             | Act::Refine { .. }
@@ -53,7 +56,7 @@ impl Running<'_> {
             | Act::DryPicture
             | Act::Plan { .. }
             | Act::Film
-            | Act::SelfTest => self.compute(id, act, None),
+            | Act::SelfTest => self.compute(id, act),
             Act::Stand => {
                 self.wait(id, act, Waits::Standing);
                 Ok(())
@@ -78,29 +81,29 @@ impl Running<'_> {
         }
     }
 
-    /// Has it computed; a film goes on with its next picture.
-    fn compute(&mut self, id: Id, act: Act, filming: Option<Box<Filming>>) -> Result<(), DaemonError> {
-        if filming.is_none() {
-            self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
-        }
+    /// Has it computed.
+    fn compute(&mut self, id: Id, act: Act) -> Result<(), DaemonError> {
+        self.abrasion.worn_mm2 = self.ports.record.disc_worn_mm2()?;
         if matches!(act, Act::Plan { .. }) {
             self.abrasion.earlier = self.ports.record.abraded_before()?;
         }
-        // Of a film under way only its result is new.
-        let (sight, abrasion) = match &filming {
-            Some(_) => Default::default(),
-            None => (self.sight.clone(), self.abrasion.clone()),
-        };
+        let (sight, abrasion) = (self.sight.clone(), self.abrasion.clone());
         let tip = self.robot_state.map(|state| state.base_from_tcp);
-        let pass = self.state.job.pass;
-        self.computing.submit(Work { id, act, filming, sight, abrasion, tip, pass }, self.seat.task());
+        let (pass, setup) = (self.state.job.pass, self.cycle.clone());
+        self.computing.submit(Work { id, act, is_next_picture: false, sight, abrasion, tip, pass, setup });
         self.wait(id, act, Waits::Computing);
         Ok(())
     }
 
+    /// Has the film's next picture looked at.
+    fn watch_on(&mut self, id: Id, act: Act) {
+        self.computing.submit(Work::next_picture(id, act, self.state.job.pass, self.cycle.clone()));
+        self.wait(id, act, Waits::Computing);
+    }
+
     /// Takes what was computed, where it is still waited for.
     pub(super) fn computed(&mut self, worked: Worked) -> Result<(), DaemonError> {
-        let Worked { id, found, artifacts, notes } = worked;
+        let Worked { id, found, artifacts, notes, .. } = worked;
         let is_due = |pending: &mut Pending| pending.id == id && matches!(pending.waits, Waits::Computing);
         let Some(Pending { act, .. }) = self.pending.take_if(is_due) else {
             tracing::debug!(id = id.0, "a result came late and is dropped");
@@ -108,9 +111,9 @@ impl Running<'_> {
         };
         self.keep(notes)?;
         match (found?, artifacts) {
-            (Found::Filming(filming), _) => {
-                self.ports.requests.filmed(filming.seen_s);
-                self.wait(id, act, Waits::Film(filming));
+            (Found::Watching { seen_s }, _) => {
+                self.ports.requests.tell(News::Filmed(seen_s));
+                self.wait(id, act, if self.lock_step { Waits::Film } else { Waits::Computing });
             }
             (Found::Wrong(wrong), _) => self.tested(id, wrong)?,
             (Found::Answer(answer), artifacts) => {
@@ -129,12 +132,8 @@ impl Running<'_> {
     pub(super) fn keep(&mut self, notes: Vec<Note>) -> Result<(), RecordError> {
         for note in notes {
             match note {
-                Note::Finding(finding) => self.record(&finding)?,
-                Note::Picture(name, picture) => self.ports.record.picture(&name, &picture)?,
-                Note::Frame(picture, time_s, phase) => self.ports.record.frame(&picture, time_s, phase)?,
-                Note::Figure(figure) => self.ports.record.figure(&figure)?,
-                Note::Kept(kept) => self.ports.record.kept(kept)?,
-                Note::Budget(measured) => self.ports.record.budget(&measured)?,
+                Note::Finding(finding) => self.record(finding)?,
+                note => self.ports.record.keep(RecordCommand::Note(note))?,
             }
         }
         Ok(())
@@ -182,12 +181,12 @@ impl Running<'_> {
     /// A finding that is not a stage's: what went wrong, in words.
     pub(super) fn note(&mut self, kind: Kind, reasons: Vec<Reason>) -> Result<(), RecordError> {
         let judgement = Judgement::of(reasons, vec![]);
-        self.record(&Finding::new(kind, self.state.job.pass, judgement))
+        self.record(Finding::new(kind, self.state.job.pass, judgement))
     }
 
     /// Keeps a finding and tells of it.
-    pub(super) fn record(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        let Finding { pass, judgement, .. } = finding;
+    pub(super) fn record(&mut self, finding: Finding) -> Result<(), RecordError> {
+        let Finding { pass, judgement, .. } = &finding;
         let stage = finding.kind.word();
         let words: Vec<&str> = judgement.reasons.iter().map(|reason| reason.message.as_str()).collect();
         let (verdict, words) = (judgement.verdict.word(), words.join("; "));
@@ -196,8 +195,8 @@ impl Running<'_> {
         } else {
             tracing::info!(stage, pass, verdict, "{words}");
         }
-        self.ports.requests.noted(&judgement.reasons);
-        self.ports.record.finding(finding)
+        self.ports.requests.tell(News::Noted(judgement.reasons.clone()));
+        self.ports.record.keep(RecordCommand::Note(Note::Finding(finding)))
     }
 
     fn set_frames(&mut self, frames: Frames) -> Result<Waits, QueueError> {
@@ -218,7 +217,7 @@ impl Running<'_> {
     }
 
     fn switch(&mut self, switch: Switch) -> Result<Waits, QueueError> {
-        let Setting { signals, feedback } = self.site.wiring.setting(switch);
+        let Setting { signals, feedback } = self.cell.wiring.setting(switch);
         let mut last = CommandId(0);
         for signal in signals {
             last = self.ports.robot.send(Command::SetDigout(signal))?;
@@ -233,7 +232,7 @@ impl Running<'_> {
         match waits {
             Waits::Standing if stands => self.answer(id, Answer::Stands { done: 0 }),
             Waits::EpochEnd { done: Some(done) }
-                if stands && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) =>
+                if stands && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) =>
             {
                 self.answer(id, Answer::Stands { done });
             }
@@ -251,7 +250,7 @@ impl Running<'_> {
                 }
             }
             Waits::PathEnd if stands => self.path_end(id, act, state)?,
-            Waits::Film(filming) => self.compute(id, act, Some(filming))?,
+            Waits::Film => self.watch_on(id, act),
             waits => self.wait(id, act, waits),
         }
         Ok(())

@@ -1,8 +1,7 @@
-//! The cell's cameras as the loop's eyes.
+//! The cell's cameras as one port.
 
-use super::ports::{Eyes, Picture2d, SightError};
+use super::ports::{CameraAnswer, CameraCommand, CameraFault, Port};
 use crate::devices::cameras::{CameraError, FlangeCamera, Scanner};
-use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
 
 /// A scanner and a flange camera.
 #[derive(Debug)]
@@ -13,38 +12,31 @@ pub struct Cameras<S, F> {
     pub flange: F,
 }
 
-impl<S: Scanner, F: FlangeCamera> Eyes for Cameras<S, F> {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        self.scanner.capture_3d().map(|shot| shot.cloud).map_err(|error| blind("the scanner", &error))
-    }
-
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
-        self.scanner.capture_2d().map_err(|error| blind("the scanner", &error))
-    }
-
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
-        self.scanner.begin_clip(pictures_per_second).map_err(|error| blind("the scanner", &error))
-    }
-
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
-        self.scanner.next_of_clip().map_err(|error| blind("the scanner", &error))
-    }
-
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        self.scanner.end_clip().map_err(|error| blind("the scanner", &error))
-    }
-
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        self.flange.capture().map(|shot| shot.picture).map_err(|error| blind("the flange camera", &error))
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        let scanner = self.scanner.check().map_err(|error| blind("the scanner", &error));
-        let flange = self.flange.check().map_err(|error| blind("the flange camera", &error));
-        [scanner, flange].into_iter().filter_map(Result::err).collect()
+impl<S: Scanner, F: FlangeCamera> Port<CameraCommand> for Cameras<S, F> {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        let Cameras { scanner, flange } = self;
+        let taken = match command {
+            CameraCommand::Scan => scanner.capture_3d().map(|shot| CameraAnswer::Scan(shot.cloud)),
+            CameraCommand::Picture => scanner.capture_2d().map(CameraAnswer::Picture),
+            CameraCommand::BeginFilm(per_second) => scanner.begin_clip(per_second).map(CameraAnswer::FilmBegan),
+            CameraCommand::NextOfFilm => {
+                scanner.next_of_clip().map(|next| next.map_or(CameraAnswer::NoneDue, CameraAnswer::Picture))
+            }
+            CameraCommand::EndFilm => scanner.end_clip().map(CameraAnswer::FilmEnded),
+            CameraCommand::CornerPicture => {
+                let taken = flange.capture().map(|shot| CameraAnswer::Corner(shot.picture));
+                return taken.map_err(|error| fault("the flange camera", &error));
+            }
+            CameraCommand::Check => {
+                let scanner = scanner.check().map_err(|error| fault("the scanner", &error));
+                let flange = flange.check().map_err(|error| fault("the flange camera", &error));
+                Ok(CameraAnswer::Checked([scanner, flange].into_iter().filter_map(Result::err).collect()))
+            }
+        };
+        taken.map_err(|error| fault("the scanner", &error))
     }
 }
 
-fn blind(camera: &'static str, error: &CameraError) -> SightError {
-    SightError { camera, why: error.to_string() }
+fn fault(camera: &'static str, error: &CameraError) -> CameraFault {
+    CameraFault { camera, why: error.to_string() }
 }

@@ -1,26 +1,31 @@
 //! Acts that see and compute, each as one piece of work that takes what it needs and gives back what it found.
 //!
-//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of
-//! recording it. So it may be done here, while the loop waits, or aside, on a thread of its own, while the loop goes on
-//! answering; and where it was abandoned meanwhile its [`Worked`] is dropped whole: nothing of it is installed or
-//! recorded. One piece of work is done at a time, in the order in which they were asked for, since they share cameras.
+//! A [`Work`] owns copies of the artifacts that it reads or changes, and notes what is to be recorded instead of recording
+//! it. So work that was abandoned meanwhile is dropped whole: nothing of its [`Worked`] is installed or recorded. Work is
+//! done one piece at a time, in the order in which it was submitted, since all of it shares the cameras. The queue is
+//! emptied on a thread of its own, while the loop goes on answering, or by the loop itself where time stands.
+//!
+//! A film is watched in steps of one picture, and its state stays here. By the wall clock one step follows the other by
+//! itself, woken by the camera's next picture, whatever the robot and the loop do; in lock step the loop asks for each
+//! step, so that virtual time decides which picture is seen.
+
+mod worker;
 
 use super::abrasion::Abrasion;
-use super::ports::{Eyes, Figure, Finding, Keeper, Kept, Record, RecordError};
-use super::sight::{Filming, Sight};
-use super::{CycleSetup, DaemonError, Job, Site};
-use crate::cycle::{Act, Answer, Grade, Id, Trouble};
-use crate::files::ClipEntry;
-use crate::geometry::{ColorPicture, Frame, KukaPose, Rigid};
-use crate::phase::Phase;
-use crate::record::{Budget, KeptFile, Picture};
-use crate::supervision::{Supervisor, supervised};
+use super::ports::{CameraPort, Keeper, Note};
+use super::sight::Sight;
+use super::{CycleSetup, DaemonError};
+use crate::cycle::{Act, Answer, Id, Trouble};
+use crate::geometry::KukaPose;
+use crate::supervision::{Supervised, Supervisor, supervised};
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::Duration;
+use worker::Worker;
 
 /// What an act needs.
 #[derive(Debug)]
@@ -28,13 +33,23 @@ pub(super) struct Work {
     /// The act.
     pub id: Id,
     pub act: Act,
-    /// The film so far, for its next picture.
-    pub filming: Option<Box<Filming>>,
+    /// Whether it is the next step of the film under way; then it needs no more than this.
+    pub is_next_picture: bool,
     pub sight: Sight,
     pub abrasion: Abrasion,
     /// Where the active tool stands in the active base, as far as known.
     pub tip: Option<KukaPose>,
     pub pass: u8,
+    /// What the cycle works with; none before the first one.
+    pub setup: Option<Arc<CycleSetup>>,
+}
+
+impl Work {
+    /// The next step of the film that this act watches.
+    pub fn next_picture(id: Id, act: Act, pass: u8, setup: Option<Arc<CycleSetup>>) -> Self {
+        let (sight, abrasion) = Default::default();
+        Work { id, act, is_next_picture: true, sight, abrasion, tip: None, pass, setup }
+    }
 }
 
 /// What came of it.
@@ -45,6 +60,14 @@ pub(super) struct Worked {
     /// Both as they are now; none where the work was lost.
     pub artifacts: Option<(Sight, Abrasion)>,
     pub notes: Vec<Note>,
+    /// Whether it is a step of a film.
+    is_of_film: bool,
+}
+
+impl Worked {
+    fn is_last(&self) -> bool {
+        !matches!(self.found, Ok(Found::Watching { .. }))
+    }
 }
 
 /// The result of a piece of work.
@@ -52,273 +75,197 @@ pub(super) struct Worked {
 pub(super) enum Found {
     /// The act's answer.
     Answer(Answer),
-    /// The film goes on.
-    Filming(Box<Filming>),
+    /// The film goes on; so many seconds of it were seen.
+    Watching { seen_s: f64 },
     /// What a self-test found wrong.
     Wrong(Vec<(Trouble, Reason)>),
 }
 
-/// What is to be recorded.
-#[derive(Debug)]
-pub(super) enum Note {
-    Finding(Finding),
-    Picture(String, ColorPicture),
-    Frame(Arc<ColorPicture>, f64, Phase),
-    Figure(Figure),
-    /// Packed and written already.
-    Kept(Kept),
-    Budget(Budget),
-}
-
-/// Notes instead of a record. Aside, pictures are packed and written at once: on the loop that would take longer than
-/// its deadlines and its watchdog bear.
-struct Notes<'k> {
-    notes: Vec<Note>,
-    keep: Option<&'k mut Keeper>,
-}
-
-impl Record for Notes<'_> {
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.notes.push(Note::Finding(finding.clone()));
-        Ok(())
-    }
-
-    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        let name = name.to_owned();
-        self.notes.push(match &mut self.keep {
-            Some(keep) => match keep(picture)? {
-                Some(hash) => Note::Kept(Kept::Shot(KeptFile { name, hash })),
-                None => return Ok(()),
-            },
-            None => Note::Picture(name, picture.clone()),
-        });
-        Ok(())
-    }
-
-    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
-        self.notes.push(match &mut self.keep {
-            Some(keep) => match keep(picture)? {
-                Some(file) => Note::Kept(Kept::Frame(ClipEntry { file, time_s, phase })),
-                None => return Ok(()),
-            },
-            None => Note::Frame(picture.clone(), time_s, phase),
-        });
-        Ok(())
-    }
-
-    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        self.notes.push(match &mut self.keep {
-            Some(keep) => {
-                let Some(hash) = keep(&figure.picture)? else { return Ok(()) };
-                let Figure { name, caption, .. } = figure.clone();
-                Note::Kept(Kept::Figure(Picture { name, caption, hash }))
-            }
-            None => Note::Figure(figure.clone()),
-        });
-        Ok(())
-    }
-
-    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.notes.push(Note::Budget(*measured));
-        Ok(())
-    }
-}
-
-impl Work {
-    /// Does it. `readable` looks at the calibrations for a self-test.
-    fn perform(
-        mut self,
-        job: Option<&Job<'_>>,
-        eyes: &mut dyn Eyes,
-        readable: &mut dyn FnMut() -> Vec<Reason>,
-        keep: Option<&mut Keeper>,
-    ) -> Worked {
-        let mut notes = Notes { notes: Vec::new(), keep };
-        let found = match (self.act, job) {
-            (Act::SelfTest, _) => Ok(Found::Wrong(test(eyes, readable))),
-            (_, Some(job)) => self.phase(job, eyes, &mut notes),
-            (_, None) => Ok(Found::Answer(Answer::Failed(Trouble::Unexpected))),
-        };
-        let Work { id, sight, abrasion, .. } = self;
-        Worked { id, found, artifacts: Some((sight, abrasion)), notes: notes.notes }
-    }
-
-    fn phase(&mut self, job: &Job<'_>, eyes: &mut dyn Eyes, notes: &mut Notes) -> Result<Found, DaemonError> {
-        let pass = self.pass;
-        let answer = match (self.act, self.filming.take()) {
-            (Act::Film, None) => {
-                // It only looks: nothing of it is new.
-                let begun = std::mem::take(&mut self.sight).film(job, pass, eyes, notes)?;
-                return Ok(film(begun));
-            }
-            (Act::Film, Some(filming)) => {
-                return Ok(film(self.sight.watch(job, *filming, pass, eyes, notes)?));
-            }
-            (Act::Locate, _) => self.sight.locate(job, eyes, notes)?,
-            (Act::DryPicture, _) => self.sight.dry_picture(eyes, notes)?,
-            (Act::Plan { pass }, _) => self.abrasion.make(job, (pass, &self.sight), notes)?,
-            (Act::Refine { view }, _) => match self.tip() {
-                Some(tip) => {
-                    let answer = self.sight.refine(job, (view, tip), eyes, notes)?;
-                    self.surveyed(job, answer, notes)?
-                }
-                None => Answer::Failed(Trouble::Unexpected),
-            },
-            (Act::Verify { view }, _) => match self.tip() {
-                Some(tip) => self.sight.verify(job, (pass, view, tip), eyes, notes)?,
-                None => Answer::Failed(Trouble::Unexpected),
-            },
-            _ => Answer::Failed(Trouble::Unexpected),
-        };
-        Ok(Found::Answer(answer))
-    }
-
-    /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
-    fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes) -> Result<Answer, DaemonError> {
-        match (answer, self.sight.approach()) {
-            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
-                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
-            }
-            (answer, _) => Ok(answer),
-        }
-    }
-
-    /// Where the flange camera stands, while it is the tool and the base the robot's own.
-    fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
-        self.tip.map(|pose| pose.to_rigid())
-    }
-}
-
-fn film(filmed: Result<Filming, Answer>) -> Found {
-    match filmed {
-        Ok(filming) => Found::Filming(Box::new(filming)),
-        Err(answer) => Found::Answer(answer),
-    }
-}
-
-fn test(eyes: &mut dyn Eyes, readable: &mut dyn FnMut() -> Vec<Reason>) -> Vec<(Trouble, Reason)> {
-    let blind = eyes.check().into_iter().map(|error| (Trouble::Camera, Reason::new("camera", error.to_string())));
-    let unreadable = readable().into_iter().map(|reason| (Trouble::Computing, reason));
-    blind.chain(unreadable).collect()
-}
+/// Looks at the calibrations: what cannot be read, in words.
+pub type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
 
 /// No piece of work takes so long: the table has long given up its answer, the robot stands, and whatever hangs in there
 /// keeps every later act from being done.
 const LONGEST_WORK: Duration = Duration::from_secs(180);
 
-/// How far computing steps back.
+/// How far computing steps back behind the loop and the robot's link.
 pub(super) const NICE: i32 = 19;
 
-/// Looks at the calibrations: what cannot be read, in words.
-pub(super) type Readable = Box<dyn FnMut() -> Vec<Reason> + Send>;
+/// A film's next picture is looked for so often where the camera does not wait for it by itself.
+const LOOK_AGAIN: Duration = Duration::from_millis(2);
 
-/// Where work is done.
-pub(super) enum Computing<'p> {
-    /// Here: the loop waits while a result is taken.
-    Here { job: &'p Job<'p>, eyes: &'p mut dyn Eyes, orders: VecDeque<Work> },
-    /// On a thread of its own.
-    Aside(Box<Aside>),
+/// The queue of work, and who empties it.
+pub struct Computing<'p> {
+    /// Whether time stands while something is computed. By the wall clock a film goes on by itself.
+    lock_step: bool,
+    /// The piece of work that is still waited for.
+    due: Arc<AtomicU64>,
+    executor: Executor<'p>,
 }
 
-/// The thread and what it was given.
-pub(super) struct Aside {
-    orders: Sender<(Work, Option<Arc<CycleSetup>>)>,
-    results: Receiver<Worked>,
-    under_way: VecDeque<Id>,
-    /// Of the first of these, once it is there.
-    result: Option<Worked>,
+/// No piece of work has this number.
+const NONE_DUE: u64 = u64::MAX;
+
+enum Executor<'p> {
+    /// The loop itself, when it takes a result.
+    Inline { worker: Box<Worker<'p>>, queue: VecDeque<Work> },
+    /// A thread of its own.
+    Thread {
+        queue: Sender<Work>,
+        /// Of a film that was left nothing comes but that.
+        results: Receiver<Option<Box<Worked>>>,
+        under_way: VecDeque<Id>,
+        result: Option<Box<Worked>>,
+    },
 }
 
 impl<'p> Computing<'p> {
-    pub fn here(job: &'p Job<'p>, eyes: &'p mut dyn Eyes) -> Self {
-        Computing::Here { job, eyes, orders: VecDeque::new() }
+    /// Computes where the loop takes a result: the loop waits.
+    pub fn inline(cameras: Box<dyn CameraPort + Send + 'p>, lock_step: bool) -> Self {
+        // The command that runs one cycle has just read its calibrations.
+        let worker = Box::new(Worker::new(cameras, Box::new(Vec::new), None));
+        let due = Arc::new(AtomicU64::new(NONE_DUE));
+        Computing { lock_step, due, executor: Executor::Inline { worker, queue: VecDeque::new() } }
     }
 
-    /// Starts the thread, which steps back behind the loop and the robot's link where they must keep time. It ends
-    /// when nobody gives orders; nobody waits for its end, since a camera may hang.
+    /// Starts a thread that computes. By the wall clock it steps back behind the loop and the robot's link. It ends when
+    /// nobody submits work any more; nobody waits for its end, since a camera may hang.
     ///
     /// # Errors
     /// Where the system gives no thread.
-    pub fn aside(
-        (mut eyes, mut readable, mut keep): (Box<dyn Eyes + Send>, Readable, Keeper),
-        site: Site,
-        steps_back: bool,
+    pub fn on_thread(
+        (cameras, readable, keep): (Box<dyn CameraPort + Send>, Readable, Keeper),
+        lock_step: bool,
         supervisor: &Supervisor,
-    ) -> std::io::Result<Self> {
-        let (orders, taken) = mpsc::channel::<(Work, Option<Arc<CycleSetup>>)>();
+    ) -> Result<Self, DaemonError> {
+        let (queue, taken) = mpsc::channel();
         let (tell, results) = mpsc::channel();
         let (sign, watched) = supervised("computing", LONGEST_WORK);
-        let serve = move || {
-            // Threads that this one starts inherit it.
-            if steps_back && let Err(error) = rustix::process::setpriority_process(None, NICE) {
-                tracing::warn!("computing runs at the loop's priority: {error}");
-            }
-            for (work, task) in taken {
-                sign.works();
-                let job = task.as_deref().map(|task| task.job(&site));
-                let worked = work.perform(job.as_ref(), &mut *eyes, &mut *readable, Some(&mut keep));
-                sign.rests();
-                if tell.send(worked).is_err() {
-                    break;
-                }
-            }
-            sign.done();
-        };
-        thread::Builder::new().name("computing".to_owned()).spawn(serve)?;
+        let due = Arc::new(AtomicU64::new(NONE_DUE));
+        let mut computes =
+            Thread { worker: Worker::new(cameras, readable, Some(keep)), lock_step, due: due.clone(), tell, sign };
+        let serve = move || computes.serve(&taken);
+        thread::Builder::new().name("computing".to_owned()).spawn(serve).map_err(DaemonError::Thread)?;
         supervisor.watch(watched);
-        let aside = Aside { orders, results, under_way: VecDeque::new(), result: None };
-        Ok(Computing::Aside(Box::new(aside)))
+        let executor = Executor::Thread { queue, results, under_way: VecDeque::new(), result: None };
+        Ok(Computing { lock_step, due, executor })
     }
 
-    /// Has it done; `task` is what the service's cycle works by.
-    pub fn submit(&mut self, work: Work, task: Option<Arc<CycleSetup>>) {
-        match self {
-            Computing::Here { orders, .. } => orders.push_back(work),
-            Computing::Aside(aside) => {
-                aside.under_way.push_back(work.id);
-                // Refused only where the thread has ended, which `poll` finds out.
-                let _ = aside.orders.send((work, task));
+    /// Has it done.
+    pub(super) fn submit(&mut self, work: Work) {
+        self.due.store(work.id.0, Ordering::Relaxed);
+        match &mut self.executor {
+            Executor::Inline { queue, .. } => queue.push_back(work),
+            Executor::Thread { queue, under_way, .. } => {
+                under_way.push_back(work.id);
+                // Refused only where the thread has ended, which `ready` finds out.
+                let _ = queue.send(work);
             }
+        }
+    }
+
+    /// Nobody waits for what was submitted any more.
+    pub(super) fn abandon(&mut self) {
+        self.due.store(NONE_DUE, Ordering::Relaxed);
+        if let (Executor::Inline { queue, .. }, false) = (&mut self.executor, self.lock_step) {
+            queue.retain(|work| work.act != Act::Film);
         }
     }
 
     /// Whose result can be taken; waits so long for it.
-    pub fn ready(&mut self, patience: Duration) -> Option<Id> {
-        match self {
-            Computing::Here { orders, .. } => orders.front().map(|work| work.id),
-            Computing::Aside(aside) => aside.ready(patience),
+    pub(super) fn ready(&mut self, patience: Duration) -> Option<Id> {
+        match &mut self.executor {
+            Executor::Inline { queue, .. } => queue.front().map(|work| work.id),
+            Executor::Thread { results, under_way, result, .. } => {
+                // Of a film that was left nothing more comes to the loop.
+                let due = self.due.load(Ordering::Relaxed);
+                let is_left = |worked: &Worked| !self.lock_step && worked.is_of_film && worked.id.0 != due;
+                result.take_if(|worked| is_left(worked));
+                while result.is_none() {
+                    let id = *under_way.front()?;
+                    *result = match results.recv_timeout(patience) {
+                        Ok(worked) => worked,
+                        Err(RecvTimeoutError::Timeout) => return None,
+                        Err(RecvTimeoutError::Disconnected) => Some(Box::new(lost(id))),
+                    };
+                    if self.lock_step || result.as_ref().is_none_or(|worked| worked.is_last()) {
+                        under_way.pop_front();
+                    }
+                    result.take_if(|worked| is_left(worked));
+                }
+                result.as_ref().map(|worked| worked.id)
+            }
         }
     }
 
     /// The result that is ready.
-    pub fn take(&mut self) -> Option<Worked> {
-        match self {
-            Computing::Here { job, eyes, orders } => {
-                // The command that runs one cycle has just read its calibrations.
-                Some(orders.pop_front()?.perform(Some(job), &mut **eyes, &mut Vec::new, None))
+    pub(super) fn take(&mut self) -> Option<Worked> {
+        match &mut self.executor {
+            Executor::Inline { worker, queue } => {
+                let work = queue.pop_front()?;
+                let next = Work::next_picture(work.id, work.act, work.pass, work.setup.clone());
+                let worked = worker.perform(work);
+                if !self.lock_step && !worked.is_last() {
+                    queue.push_front(next);
+                }
+                Some(worked)
             }
-            Computing::Aside(aside) => aside.result.take(),
+            Executor::Thread { result, .. } => result.take().map(|worked| *worked),
         }
     }
 }
 
-impl Aside {
-    fn ready(&mut self, patience: Duration) -> Option<Id> {
-        if self.result.is_none() {
-            let id = *self.under_way.front()?;
-            self.result = Some(match self.results.recv_timeout(patience) {
-                Ok(worked) => worked,
-                Err(RecvTimeoutError::Timeout) => return None,
-                Err(RecvTimeoutError::Disconnected) => lost(id),
-            });
-            self.under_way.pop_front();
+/// The thread that computes.
+struct Thread {
+    worker: Worker<'static>,
+    lock_step: bool,
+    due: Arc<AtomicU64>,
+    tell: Sender<Option<Box<Worked>>>,
+    sign: Supervised,
+}
+
+impl Thread {
+    fn serve(&mut self, taken: &Receiver<Work>) {
+        // Threads that this one starts inherit it.
+        if !self.lock_step
+            && let Err(error) = rustix::process::setpriority_process(None, NICE)
+        {
+            tracing::warn!("computing runs at the loop's priority: {error}");
         }
-        self.result.as_ref().map(|worked| worked.id)
+        for work in taken {
+            if self.work(work).is_err() {
+                break;
+            }
+        }
+        self.sign.done();
+    }
+
+    /// Does one piece of work, by the wall clock a film to its end; an error where nobody waits for results any more.
+    fn work(&mut self, work: Work) -> Result<(), mpsc::SendError<Option<Box<Worked>>>> {
+        let (id, act, pass, setup) = (work.id, work.act, work.pass, work.setup.clone());
+        let mut next = Some(work);
+        while let Some(work) = next.take() {
+            self.sign.works();
+            let worked = self.worker.perform(work);
+            self.sign.rests();
+            if !self.lock_step && !worked.is_last() {
+                if self.due.load(Ordering::Relaxed) != id.0 {
+                    return self.tell.send(None);
+                }
+                next = Some(Work::next_picture(id, act, pass, setup.clone()));
+                if worked.notes.is_empty() {
+                    thread::sleep(LOOK_AGAIN);
+                    continue;
+                }
+            }
+            self.tell.send(Some(Box::new(worked)))?;
+        }
+        Ok(())
     }
 }
 
 /// The thread has ended by a fault in it, which was reported where it happened.
 fn lost(id: Id) -> Worked {
     let found = Ok(Found::Answer(Answer::Failed(Trouble::Computing)));
-    Worked { id, found, artifacts: None, notes: vec![] }
+    Worked { id, found, artifacts: None, notes: vec![], is_of_film: false }
 }

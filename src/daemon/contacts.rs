@@ -6,6 +6,7 @@
 
 use super::DaemonError;
 use super::moves::Sent;
+use super::ports::{RecordCommand, RobotPort};
 use super::run::Running;
 use crate::cycle::{Motion, Outcome, Path};
 use crate::eki::CommandId;
@@ -65,25 +66,25 @@ impl Running<'_> {
     /// by a crash must not be forgotten.
     pub(super) fn open_intent(&mut self, motion: &Motion) -> Result<(), DaemonError> {
         if motion.path != Path::Contact {
-            return Ok(self.ports.record.open_intent(motion)?);
+            return Ok(self.ports.record.keep(RecordCommand::OpenIntent(*motion))?);
         }
         let planned = self.job().and_then(|job| self.abrasion.contact(&job, motion.plan));
         // Of a plan that is not known nothing is sent.
         let (grids, reached_s, wears_mm2) = planned.unwrap_or_default();
-        self.underway = Underway::new(reached_s, self.site.limits.window_s());
+        self.underway = Underway::new(reached_s, self.cell.limits.window_s());
         self.underway.reserved_mm2 = wears_mm2;
-        self.ports.record.wear_disc(wears_mm2)?;
+        self.ports.record.keep(RecordCommand::WearDisc(wears_mm2))?;
         let id = self.state.intent.map(|intent| intent.id).unwrap_or(self.state.last_id);
         let path = ContactPath { id, pass: self.state.job.pass, grids, wears_mm2 };
-        self.ports.record.open_contact(motion, &path, self.underway.permitted)?;
-        Ok(())
+        let (motion, permitted) = (*motion, self.underway.permitted);
+        Ok(self.ports.record.keep(RecordCommand::OpenContact { motion, path, permitted })?)
     }
 
     /// Lets more waypoints go, once the record has that they may.
     pub(super) fn permit_more(&mut self, sent: Sent, done: u32) -> Result<(), DaemonError> {
         let is_contact = sent.path() == Path::Contact;
         let Some(wanted) = self.underway.wanted(done).filter(|_| is_contact) else { return Ok(()) };
-        self.ports.record.permit(wanted)?;
+        self.ports.record.keep(RecordCommand::Permit(wanted))?;
         self.underway.permitted = wanted;
         let last = (wanted < self.underway.all()).then(|| CommandId(sent.first().0 + wanted - 1));
         if let Err(error) = self.ports.robot.permit(last) {
@@ -99,7 +100,8 @@ impl Running<'_> {
         if motion.path == Path::Contact && outcome != Outcome::Cleared {
             self.abraded(motion, done, underway.reserved_mm2)?;
         }
-        Ok(self.ports.record.close_intent(motion, outcome, done)?)
+        let motion = *motion;
+        Ok(self.ports.record.keep(RecordCommand::CloseIntent { motion, outcome, done })?)
     }
 
     /// What a contact path did, by the poses that the robot reported, and what it wore of the disc.
@@ -111,7 +113,7 @@ impl Running<'_> {
         let Some((notes, worn_mm2)) = found else { return Ok(()) };
         self.keep(notes)?;
         // In place of what was counted beforehand.
-        Ok(self.ports.record.wear_disc(worn_mm2 - reserved_mm2)?)
+        Ok(self.ports.record.keep(RecordCommand::WearDisc(worn_mm2 - reserved_mm2))?)
     }
 }
 

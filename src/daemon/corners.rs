@@ -6,7 +6,7 @@
 //! until each chosen corner was seen, and in the first loop until each stood where it was looked for. The corners that hold
 //! the place after the first loop are the ones that the second must see: what one of them alone says is not enough then.
 
-use super::ports::{Eyes, Record};
+use super::ports::{CameraPort, Record};
 use super::sight::{MISSING, Sight, blind, figure, grade, reason, unseen};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Grade};
@@ -145,7 +145,7 @@ impl Sight {
         &mut self,
         job: &Job<'_>,
         (moves, base_from_camera): (u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let (Some(located), Some(place)) = (self.located, self.place) else { return Ok(MISSING) };
@@ -190,7 +190,7 @@ impl Sight {
         &mut self,
         job: &Job<'_>,
         (pass, view, base_from_camera): (u8, u8, Rigid<Base, FlangeCamera>),
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         let Some(place) = self.place else { return Ok(MISSING) };

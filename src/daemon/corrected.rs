@@ -4,16 +4,15 @@
 //! side of the link is where the arm truly is; on the wire and in a recording stand the controller's own numbers. An arm
 //! without a correction passes unchanged, to the last bit. Axis angles are the same on both sides.
 
-use super::ports::Robot;
+use super::ports::{Port, RobotAnswer, RobotCommand, RobotPort};
 use crate::cell;
-use crate::eki::{Command, CommandId, Epoch, MoveLin, QueueError, Report, State, Time};
+use crate::eki::{Command, CommandId, MoveLin, QueueError, Report, State};
 use crate::geometry::{Base, Flange, Joints, KukaPose, Panel, Rigid, Tool};
 use crate::path::Kinematics;
-use crate::supervision::ThreadFault;
 
 /// The robot behind the correction of its arm.
 pub(super) struct Corrected<'r> {
-    robot: &'r mut dyn Robot,
+    robot: &'r mut dyn RobotPort,
     /// The arm, where it has a correction.
     arm: Option<Kinematics>,
     base: Rigid<Base, Panel>,
@@ -26,7 +25,7 @@ pub(super) struct Corrected<'r> {
 
 impl<'r> Corrected<'r> {
     /// Behind the correction of this arm.
-    pub fn new(robot: &'r mut dyn Robot, arm: &cell::Arm) -> Self {
+    pub fn new(robot: &'r mut dyn RobotPort, arm: &cell::Arm) -> Self {
         Corrected {
             robot,
             arm: arm.correction().map(|_| Kinematics::new(arm)),
@@ -65,15 +64,17 @@ impl<'r> Corrected<'r> {
         Ok((sent, Some(at)))
     }
 
-    fn path(
-        &mut self,
-        points: Vec<MoveLin>,
-        send: impl FnOnce(&mut dyn Robot, Vec<MoveLin>) -> Result<CommandId, QueueError>,
-    ) -> Result<CommandId, QueueError> {
-        let (points, end) = self.sent(points)?;
-        let last = send(self.robot, points)?;
-        self.ahead = end.map(|joints| (last, joints)).or(self.ahead);
-        Ok(last)
+    /// Sends a path, or one line, in the controller's numbers.
+    fn path(&mut self, points: Vec<MoveLin>, send: impl FnOnce(Vec<MoveLin>) -> RobotCommand) -> RobotAnswer {
+        let (points, end) = match self.sent(points) {
+            Ok(sent) => sent,
+            Err(error) => return RobotAnswer::Queued(Err(error)),
+        };
+        let answer = self.robot.perform(send(points));
+        if let RobotAnswer::Queued(Ok(last)) = answer {
+            self.ahead = end.map(|joints| (last, joints)).or(self.ahead);
+        }
+        answer
     }
 
     fn corrected(&mut self, mut state: State) -> State {
@@ -94,72 +95,41 @@ fn tip(arm: &Kinematics, state: &State) -> KukaPose {
     KukaPose::from_rigid(&(base.inverse() * arm.true_flange(reported, &state.joints) * tool))
 }
 
-impl Robot for Corrected<'_> {
-    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        if self.arm.is_none() {
-            return self.robot.send(command);
-        }
+impl Port<RobotCommand> for Corrected<'_> {
+    fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
         match command {
-            Command::MoveLin(point) => {
-                let single = |robot: &mut dyn Robot, mut points: Vec<MoveLin>| match points.pop() {
-                    Some(point) => robot.send(Command::MoveLin(point)),
-                    None => Err(QueueError::EmptyPath),
-                };
-                return self.path(vec![point], single);
+            _ if self.arm.is_none() => self.robot.perform(command),
+            RobotCommand::Send(Command::MoveLin(point)) => self.path(vec![point], |points| match points[..] {
+                [point] => RobotCommand::Send(Command::MoveLin(point)),
+                _ => RobotCommand::Path { points, permitted: None },
+            }),
+            RobotCommand::Path { points, permitted } => {
+                self.path(points, |points| RobotCommand::Path { points, permitted })
             }
-            Command::SetBase(base) => self.base = base.to_rigid(),
-            Command::SetTcp(tool) => self.flange_from_tool = tool.flange_from_tool.to_rigid(),
-            Command::MoveJ(to) => {
-                let id = self.robot.send(command)?;
-                self.ahead = Some((id, to.joints));
-                return Ok(id);
+            RobotCommand::Send(sent) => {
+                let answer = self.robot.perform(command);
+                match (sent, &answer) {
+                    (Command::SetBase(base), _) => self.base = base.to_rigid(),
+                    (Command::SetTcp(tool), _) => self.flange_from_tool = tool.flange_from_tool.to_rigid(),
+                    (Command::MoveJ(to), RobotAnswer::Queued(Ok(id))) => self.ahead = Some((*id, to.joints)),
+                    _ => {}
+                }
+                answer
             }
-            _ => {}
+            RobotCommand::OpenEpoch(_) | RobotCommand::Abort => {
+                self.ahead = None;
+                self.robot.perform(command)
+            }
+            RobotCommand::Next => RobotAnswer::Report(self.robot.next().map(|report| {
+                Some(match report? {
+                    Report::Connected { state } => Report::Connected { state: Box::new(self.corrected(*state)) },
+                    Report::State(state) => Report::State(Box::new(self.corrected(*state))),
+                    Report::Rebooted { state } => Report::Rebooted { state: Box::new(self.corrected(*state)) },
+                    other => other,
+                })
+            })),
+            RobotCommand::Permit(_) | RobotCommand::Now => self.robot.perform(command),
         }
-        self.robot.send(command)
-    }
-
-    fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
-        self.path(points, |robot, points| robot.send_path(points))
-    }
-
-    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
-        self.path(points, |robot, points| robot.send_path_within(points, permitted))
-    }
-
-    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        self.robot.permit(last)
-    }
-
-    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        self.ahead = None;
-        self.robot.open_epoch(above)
-    }
-
-    fn abort(&mut self) -> Result<(), QueueError> {
-        self.ahead = None;
-        self.robot.abort()
-    }
-
-    fn next(&mut self) -> Option<Report> {
-        Some(match self.robot.next()? {
-            Report::Connected { state } => Report::Connected { state: Box::new(self.corrected(*state)) },
-            Report::State(state) => Report::State(Box::new(self.corrected(*state))),
-            Report::Rebooted { state } => Report::Rebooted { state: Box::new(self.corrected(*state)) },
-            other => other,
-        })
-    }
-
-    fn now(&self) -> Time {
-        self.robot.now()
-    }
-
-    fn is_lock_step(&self) -> bool {
-        self.robot.is_lock_step()
-    }
-
-    fn works(&self) -> Result<(), ThreadFault> {
-        self.robot.works()
     }
 }
 
@@ -178,43 +148,15 @@ mod tests {
         reports: VecDeque<Report>,
     }
 
-    impl Robot for Wire {
-        fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
-            self.sent.push(command);
-            Ok(CommandId(self.sent.len() as u32))
-        }
-
-        fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
-            self.sent.extend(points.into_iter().map(Command::MoveLin));
-            Ok(CommandId(self.sent.len() as u32))
-        }
-
-        fn send_path_within(&mut self, points: Vec<MoveLin>, _: u32) -> Result<CommandId, QueueError> {
-            self.send_path(points)
-        }
-
-        fn permit(&mut self, _: Option<CommandId>) -> Result<(), QueueError> {
-            Ok(())
-        }
-
-        fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-            Ok(above)
-        }
-
-        fn abort(&mut self) -> Result<(), QueueError> {
-            Ok(())
-        }
-
-        fn next(&mut self) -> Option<Report> {
-            self.reports.pop_front()
-        }
-
-        fn now(&self) -> Time {
-            Time::at_ms(0)
-        }
-
-        fn is_lock_step(&self) -> bool {
-            true
+    impl Port<RobotCommand> for Wire {
+        fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+            match command {
+                RobotCommand::Send(command) => self.sent.push(command),
+                RobotCommand::Path { points, .. } => self.sent.extend(points.into_iter().map(Command::MoveLin)),
+                RobotCommand::Next => return RobotAnswer::Report(Ok(self.reports.pop_front())),
+                other => panic!("{other:?}"),
+            }
+            RobotAnswer::Queued(Ok(CommandId(self.sent.len() as u32)))
         }
     }
 
@@ -253,11 +195,11 @@ mod tests {
         wire.reports.push_back(Report::State(Box::new(standing)));
         let arm = turned();
         let mut robot = Corrected::new(&mut wire, &arm);
-        assert!(robot.next().is_some());
+        assert!(robot.next().expect("a link").is_some());
         robot.send(Command::SetBase(KukaPose::default())).expect("sent");
         let tool = SetTcp { flange_from_tool: KukaPose::default(), kind: TcpKind::Other };
         robot.send(Command::SetTcp(tool)).expect("sent");
-        robot.send_path(vec![point(0.0), point(50.0)]).expect("sent");
+        robot.send_path(vec![point(0.0), point(50.0)], None).expect("sent");
         let sent = lines(&wire);
         assert!((sent[0].y_mm + 0.48).abs() < 1e-3 && (sent[1].y_mm - 49.52).abs() < 1e-3, "{sent:?}");
         assert!((sent[0].a_deg + 0.057_296).abs() < 1e-4, "{sent:?}");
@@ -266,7 +208,7 @@ mod tests {
         let (_, joints) = drawn.sent_flange(&sent[0].to_rigid(), &Joints::from(HOME)).expect("in reach");
         wire.reports.push_back(Report::State(Box::new(eki_state(joints.degrees(), sent[0]))));
         let mut robot = Corrected::new(&mut wire, &arm);
-        let Some(Report::State(state)) = robot.next() else { panic!("a state") };
+        let Ok(Some(Report::State(state))) = robot.next() else { panic!("a state") };
         let off = (state.base_from_tcp.to_rigid::<Base, Tool>())
             .origin()
             .distance_mm(pose(0.0).to_rigid::<Base, Tool>().origin());
@@ -281,12 +223,12 @@ mod tests {
     #[test]
     fn a_line_from_nobody_knows_where_is_not_sent() {
         let (mut wire, arm) = (Wire::default(), turned());
-        let refused = Corrected::new(&mut wire, &arm).send_path(vec![point(0.0)]);
+        let refused = Corrected::new(&mut wire, &arm).send_path(vec![point(0.0)], None);
         assert_eq!(refused, Err(QueueError::Uncorrected { point: 1 }));
         let far = MoveLin { pose: KukaPose { x_mm: 2_000.0, ..pose(0.0) }, ..point(0.0) };
         let mut robot = Corrected::new(&mut wire, &arm);
         robot.send(Command::MoveJ(MoveJ { joints: Joints::from(HOME), axis_speed_percent: 10.0 })).expect("sent");
-        assert_eq!(robot.send_path(vec![point(0.0), far]), Err(QueueError::Uncorrected { point: 2 }));
+        assert_eq!(robot.send_path(vec![point(0.0), far], None), Err(QueueError::Uncorrected { point: 2 }));
         assert_eq!(lines(&wire), []);
     }
 
@@ -297,8 +239,8 @@ mod tests {
         let told = eki_state(HOME, KukaPose { x_mm: 1.0 / 3.0, ..pose(7.0) });
         wire.reports.push_back(Report::State(Box::new(told)));
         let mut robot = Corrected::new(&mut wire, cell.arm());
-        assert_eq!(robot.next(), Some(Report::State(Box::new(told))));
-        robot.send_path(vec![point(0.1)]).expect("sent");
+        assert_eq!(robot.next(), Ok(Some(Report::State(Box::new(told)))));
+        robot.send_path(vec![point(0.1)], None).expect("sent");
         assert_eq!(lines(&wire), [pose(0.1)]);
     }
 }

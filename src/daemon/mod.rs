@@ -3,27 +3,26 @@
 //! ```text
 //! requests ─┐                    ┌─ record: journal first, then everything else
 //! deadlines ┼─ event ─ step ─────┼─ robot: switches, frames, paths      (`acts`, `moves`, `wiring`)
-//! robot ────┘                    └─ cameras and computing               (`sight`, `abrasion`)
+//! robot ────┘                    └─ cameras and computing               (`computing`, `sight`, `abrasion`)
 //! ```
 //!
-//! The table decides (see `cycle`), this performs. What an act works with — the scan's fit, the refined place, the
-//! film, the plan — stays here and never enters the table: it hears ids, counts and grades. In the service acts that
-//! see and compute have a thread of their own (`computing`), and the loop goes on answering; what was abandoned
-//! meanwhile changes nothing. The robot's link has its own thread too, and its controller stops by itself where nobody
-//! feeds it.
+//! The table decides (see `cycle`); the loop performs. What an act works with (the scan's fit, the refined place, the film,
+//! the plan) stays in the loop and never enters the table, which hears ids, counts and grades. Acts that see and compute go
+//! through one queue (`computing`): a thread empties it while the loop goes on answering, or the loop itself does in a replay and
+//! in the simulated cell of one command. What was abandoned meanwhile changes nothing. The robot's link has a thread of its own,
+//! and its controller stops by itself where nobody feeds it.
 //!
-//! Time is the robot's: in lock step its virtual clock, so that sprays, films and deadlines take no real time; it
-//! stands while something is computed.
+//! Time is the robot's. In lock step it is the mock controller's virtual clock, so that sprays, films and deadlines take no real
+//! time, and it stands while something is computed.
 //!
-//! The service around the loop: `request` (the one request of every front) · `socket` (the front on this computer) · `protocol`
-//! (a line in, a line out) · `gateway` (a request in, a reply out) · `request_queue` (what waits, by its urgency) ·
-//! `request_handler` (requests, signals and systemd, seen from the loop) · `lending` (its cameras, for others, between cycles) ·
-//! `words` (states and refusals for people). `replay` writes down what passes between loop and ports, and runs a cycle again
-//! on it.
+//! A service, a single cycle and a replay are this same loop on other `ports`. Around the loop of the service stand `request`
+//! (the one request of every front) · `socket` (the front on this computer) · `protocol` (a line in, a line out) · `gateway` (a
+//! request in, a reply out) · `request_queue` (what waits, by its urgency) · `request_handler` (requests, signals and systemd, as
+//! the loop sees them) · `lending` (the cameras, for others, between cycles) · `words` (states and refusals for people). `replay`
+//! records what passes through the ports, and runs a cycle again on a recording.
 
 mod abrasion;
 mod acts;
-mod asking;
 mod caller;
 mod cameras;
 mod computing;
@@ -32,7 +31,6 @@ mod corners;
 mod corrected;
 mod deadlines;
 mod gateway;
-mod hearing;
 mod lending;
 mod moves;
 mod ports;
@@ -41,14 +39,16 @@ mod recording;
 mod replay;
 mod request;
 mod request_handler;
+mod request_log;
 mod request_queue;
+mod robot_reports;
 mod run;
 mod sight;
 mod single;
 mod single_interlocks;
 mod socket;
-mod waiting;
 mod wiring;
+mod without_store;
 mod words;
 
 #[cfg(test)]
@@ -56,26 +56,28 @@ mod tests;
 
 pub use caller::whoever_runs_this;
 pub use cameras::Cameras;
+pub use computing::{Computing, Readable};
 pub use gateway::{Gateway, Loader};
 pub use lending::{AllCameras, BorrowedFlangeCamera, BorrowedScanner, LastState, SharedCameras, ShotRequest};
 pub use ports::{
-    Eyes, Figure, Finding, Journal, Keeper, Kept, LinkedRobot, Picture2d, Record, RecordError, Requests, Robot,
-    SightError,
+    CameraAnswer, CameraCommand, CameraFault, CameraPort, Command, Figure, Finding, Keeper, Kept, LinkedRobot,
+    News, NoCameras, Note, Picture2d, Port, Record, RecordAnswer, RecordCommand, RecordError, RecordPort,
+    RequestAnswer, RequestCommand, RequestPort, Requester, RobotAnswer, RobotCommand, RobotPort,
 };
 pub use protocol::{Exit, MOST_BYTES, ProtocolError, Reply, read_request, request_line};
 pub use recording::{FLOOR_MB, StoreRecord, keeper};
 pub use replay::{
-    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, Recording, RecordingPlan, RecordingSwitch, Stands,
-    Taped, free_mb, recording_file, recordings, too_full,
+    Difference, Played, Player, RECORDING_FLOOR_MB, Recorded, RecordedPort, Recording, RecordingPlan,
+    RecordingSwitch, Stands, free_mb, recording_file, recordings, too_full,
 };
 pub use request::{PartNames, PreparedCycle, RecordIn, Request, StartRequest, What};
 pub use request_handler::{EndedCycle, RequestHandler, ServiceParts, WrittenPage};
 pub use request_queue::{NotTaken, RequestQueue, RequestSender, request_queue};
-pub use run::{CycleOutcome, Ports, Service, run_cycle, run_cycle_from, serve};
+pub use run::{LoopOutcome, LoopStart, Ports, run};
 pub use single::{Line, Single, SingleError, speeds};
 pub use socket::{Socket, SocketError};
-pub use waiting::wait_for;
 pub use wiring::Wiring;
+pub use without_store::wait_for;
 pub use words::{refusal, request_word, why};
 
 use crate::cell::{Arm, Cell, Limits};
@@ -85,6 +87,7 @@ use crate::panel::{TaughtCorner, TaughtPanel};
 use crate::path::approach::CornerTour;
 use crate::recipe::Recipe;
 use crate::supervision::ThreadFault;
+use std::sync::Arc;
 
 /// Where cameras and tool are, as calibrated.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,9 +108,9 @@ pub struct Calibrations {
     pub robot_mm: Option<f64>,
 }
 
-/// What the cell is to every cycle, and between them.
+/// What the cell's file states of the cell, for every cycle and between cycles.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Site {
+pub struct CellSetup {
     /// The cell's limits.
     pub limits: Limits,
     /// The arm.
@@ -120,14 +123,14 @@ pub struct Site {
     pub ready: Option<Joints>,
 }
 
-impl Site {
+impl CellSetup {
     /// Takes what the cell's file states.
     ///
     /// # Errors
     /// Where the cell does not name what a cycle needs.
     pub fn new(cell: &Cell) -> Result<Self, DaemonError> {
         cell.limits().workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
-        Ok(Site {
+        Ok(CellSetup {
             limits: cell.limits().clone(),
             arm: cell.arm().clone(),
             wiring: Wiring::of(cell.io())?,
@@ -137,9 +140,10 @@ impl Site {
     }
 }
 
-/// What one cycle of the service works by; there is a corner.
+/// What one cycle works with: the loop and the thread that computes share it, and nothing of it changes while the cycle runs.
 #[derive(Debug, Clone)]
 pub struct CycleSetup {
+    cell: Arc<CellSetup>,
     recipe: Recipe,
     panel: TaughtPanel,
     corners: Vec<TaughtCorner>,
@@ -147,11 +151,12 @@ pub struct CycleSetup {
 }
 
 impl CycleSetup {
-    /// Joins recipe, taught panel and its corners, and calibrations.
+    /// Joins the cell, the recipe, the taught panel with its corners, and the calibrations.
     ///
     /// # Errors
     /// Where no corner was taught.
     pub fn new(
+        cell: Arc<CellSetup>,
         recipe: Recipe,
         (panel, corners): (TaughtPanel, Vec<TaughtCorner>),
         calibrations: Calibrations,
@@ -159,7 +164,7 @@ impl CycleSetup {
         if corners.is_empty() {
             return Err(DaemonError::NoCorner);
         }
-        Ok(CycleSetup { recipe, panel, corners, calibrations })
+        Ok(CycleSetup { cell, recipe, panel, corners, calibrations })
     }
 
     /// The panel's name.
@@ -167,23 +172,27 @@ impl CycleSetup {
         self.recipe.panel()
     }
 
-    /// The same with its cell, as the phases see it.
-    fn job<'a>(&'a self, site: &'a Site) -> Job<'a> {
+    /// The cell.
+    pub fn cell(&self) -> Arc<CellSetup> {
+        self.cell.clone()
+    }
+
+    /// The same as the phases take it.
+    pub fn job(&self) -> Job<'_> {
         Job {
             recipe: &self.recipe,
             panel: &self.panel,
             corners: &self.corners,
             calibrations: self.calibrations,
-            limits: &site.limits,
-            arm: &site.arm,
-            wiring: site.wiring,
-            park: site.park,
-            ready: site.ready,
+            limits: &self.cell.limits,
+            arm: &self.cell.arm,
+            park: self.cell.park,
+            ready: self.cell.ready,
         }
     }
 }
 
-/// What a cycle works by; nothing of it changes while it runs.
+/// What the phases of a cycle take, all of it borrowed.
 #[derive(Debug, Clone)]
 pub struct Job<'a> {
     /// The recipe.
@@ -198,49 +207,13 @@ pub struct Job<'a> {
     pub limits: &'a Limits,
     /// The arm.
     pub arm: &'a Arm,
-    /// Outputs and feedbacks.
-    pub wiring: Wiring,
     /// Where the arm parks.
     pub park: Joints,
     /// `[poses.ready]`: on the way to and from the park pose, where the cell names one.
     pub ready: Option<Joints>,
 }
 
-impl<'a> Job<'a> {
-    /// Joins what the files say.
-    ///
-    /// # Errors
-    /// Where the cell does not name what a cycle needs, or no corner was taught.
-    pub fn new(
-        cell: &'a Cell,
-        recipe: &'a Recipe,
-        (panel, corners): (&'a TaughtPanel, &'a [TaughtCorner]),
-        calibrations: Calibrations,
-    ) -> Result<Self, DaemonError> {
-        if corners.is_empty() {
-            return Err(DaemonError::NoCorner);
-        }
-        let limits = cell.limits();
-        limits.workspace().ok_or(DaemonError::NotStated { key: "limits.box_min_mm" })?;
-        Ok(Job {
-            recipe,
-            panel,
-            corners,
-            calibrations,
-            limits,
-            arm: cell.arm(),
-            wiring: Wiring::of(cell.io())?,
-            park: cell.park().ok_or(DaemonError::NotStated { key: "poses.park" })?,
-            ready: cell.pose("ready"),
-        })
-    }
-
-    /// The cell alone.
-    fn site(&self) -> Site {
-        let (limits, arm) = (self.limits.clone(), self.arm.clone());
-        Site { limits, arm, wiring: self.wiring, park: self.park, ready: self.ready }
-    }
-
+impl Job<'_> {
     /// The arm's way over the views of the taught corners.
     pub fn tour(&self) -> CornerTour<'_> {
         CornerTour {

@@ -2,6 +2,7 @@
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
+use super::ports::RobotPort;
 use super::run::Running;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, MoveLin, QueueError, SetAccSpeed, State};
@@ -66,13 +67,13 @@ impl Running<'_> {
         // What is refused on its way was not executed, whatever the path before it was.
         self.sent = None;
         if motion.path == Path::Park {
-            let poses: Vec<Joints> = self.site.ready.into_iter().chain([self.site.park]).collect();
+            let poses: Vec<Joints> = self.cell.ready.into_iter().chain([self.cell.park]).collect();
             return self.by_axes(id, motion, &poses);
         }
         // From outside of the box a line comes in by way of the ready pose.
         let tip: Option<Rigid<Base, Tool>> = self.robot_state.map(|state| state.base_from_tcp.to_rigid());
-        if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.site.ready, tip)
-            && self.site.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
+        if let (Path::Corner { .. }, Some(ready), Some(tip)) = (motion.path, self.cell.ready, tip)
+            && self.cell.limits.workspace().is_some_and(|workspace| !workspace.holds(tip.origin()))
         {
             if !self.joints_are_good(&[ready], self.sight.obstacles().cloned())? {
                 self.answer(id, Answer::Failed(Trouble::Gate));
@@ -92,7 +93,7 @@ impl Running<'_> {
     ) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
-            let (arm, tool) = (Kinematics::new(&self.site.arm), state.flange_from_tool.to_rigid());
+            let (arm, tool) = (Kinematics::new(&self.cell.arm), state.flange_from_tool.to_rigid());
             let arm = match obstacles {
                 Some(obstacles) => arm.beside(obstacles),
                 None => arm,
@@ -164,10 +165,7 @@ impl Running<'_> {
         let count = u32::try_from(gated.points.len()).unwrap_or(u32::MAX);
         let sent = self.ports.robot.send(Command::SetAccSpeed(speeds(gated.speed)));
         let permitted = Some(self.underway.permitted).filter(|few| motion.path == Path::Contact && *few < count);
-        let sent = sent.and_then(|_| match permitted {
-            Some(permitted) => self.ports.robot.send_path_within(move_lin(&gated.points), permitted),
-            None => self.ports.robot.send_path(move_lin(&gated.points)),
-        });
+        let sent = sent.and_then(|_| self.ports.robot.send_path(move_lin(&gated.points), permitted));
         self.under_way(id, motion, sent, (count, gated.end.map(End::Tip)))
     }
 

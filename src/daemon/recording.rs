@@ -1,13 +1,13 @@
-//! The store as the loop's record of one cycle.
+//! The store as the loop's record.
 
-use super::ports::{Figure, Finding, Journal, Keeper, Kept, Record, RecordError};
+use super::ports::{Figure, Finding, Keeper, Kept, Note, Port, RecordAnswer, RecordCommand, RecordError};
 use super::words;
-use crate::cycle::{Answer, Deadline, Event, Motion, Outcome, Report, Request, Robot, Trouble};
+use crate::cycle::{Answer, Deadline, Event, Report, Request, Robot, Trouble};
 use crate::files::{Clip, ClipEntry, write_color_jpeg};
 use crate::geometry::ColorPicture;
 use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, KeptFile, Picture, Wanted};
-use crate::store::{CycleStart, Store, StoreError};
+use crate::record::{Asked, Budget, CycleId, KeptFile, Picture, Wanted};
+use crate::store::{Store, StoreError};
 use crate::verdict::{Reason, Verdict};
 use rayon::prelude::*;
 use std::sync::Arc;
@@ -120,53 +120,130 @@ fn failed(error: impl std::error::Error + Send + Sync + 'static) -> RecordError 
     RecordError(Box::new(error))
 }
 
-impl Journal for StoreRecord<'_> {
-    fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
+impl Port<RecordCommand> for StoreRecord<'_> {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        let cycle = self.cycle;
+        match command {
+            RecordCommand::Note(note) => self.note(note)?,
+            RecordCommand::Event(event) => self.event(event)?,
+            RecordCommand::OpenIntent(motion) => self.store.open_intent(&motion, cycle).map_err(failed)?,
+            RecordCommand::OpenContact { motion, path, permitted } => {
+                self.store.open_contact(&motion, cycle, (&path, permitted)).map_err(failed)?;
+            }
+            RecordCommand::Permit(waypoints) => self.store.permit(waypoints).map_err(failed)?,
+            RecordCommand::CloseIntent { motion, outcome, done } => {
+                self.store.close_intent(&motion, outcome, done).map_err(failed)?;
+            }
+            RecordCommand::AbradedBefore => {
+                let earlier = cycle.map_or(Ok(Vec::new()), |cycle| self.store.abraded_before(cycle));
+                return Ok(RecordAnswer::Earlier(earlier.map_err(failed)?));
+            }
+            RecordCommand::Asked(asked) => self.asked(&asked)?,
+            RecordCommand::Clock(clock) => {
+                cycle.map_or(Ok(()), |cycle| self.store.keep_clock(cycle, clock)).map_err(failed)?;
+            }
+            RecordCommand::Conclude(verdict) => self.conclude(verdict)?,
+            RecordCommand::Begin(start) => {
+                self.between_cycles();
+                let cycle = self.store.begin_cycle(&start).map_err(failed)?;
+                self.cycle = Some(cycle);
+                return Ok(RecordAnswer::Cycle(cycle));
+            }
+            RecordCommand::BetweenCycles => self.between_cycles(),
+            RecordCommand::DiscWorn => return Ok(RecordAnswer::Worn(self.store.disc_worn_mm2().map_err(failed)?)),
+            RecordCommand::WearDisc(swept_mm2) => self.store.wear_disc(cycle, swept_mm2).map_err(failed)?,
+            RecordCommand::MountDisc => self.store.mount_disc().map_err(failed)?,
+            RecordCommand::Check => return Ok(RecordAnswer::Wrong(self.check())),
+            RecordCommand::Filled => return Ok(RecordAnswer::Full(self.filled())),
+        }
+        Ok(RecordAnswer::Done)
+    }
+}
+
+impl StoreRecord<'_> {
+    fn note(&mut self, note: Note) -> Result<(), RecordError> {
+        match note {
+            Note::Finding(finding) => self.finding(finding),
+            Note::Picture(name, picture) => self.picture(name, &picture),
+            Note::Frame(picture, time_s, phase) => self.frame(picture, time_s, phase),
+            Note::Figure(figure) => self.figure(figure),
+            Note::Budget(measured) => self.budget(measured),
+            Note::Kept(kept) => {
+                self.name(kept);
+                Ok(())
+            }
+        }
+    }
+
+    fn finding(&mut self, finding: Finding) -> Result<(), RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.reasons.clone_from(&finding.judgement.reasons);
+        self.keep_clip()?;
+        let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
+        let mut kept = Finding { pictures, shots, ..finding };
+        // What is no number was not measured; a fit that failed must not stop the record of its rejection.
+        let dropped = self.store.dropped_pictures();
+        if dropped > 0 {
+            kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
+        }
+        kept.checks.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
+        self.store.note(cycle, &kept).map_err(failed)
+    }
+
+    fn picture(&mut self, name: String, picture: &ColorPicture) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            let hash = self.keep(picture)?;
+            self.pages.shots.extend(hash.map(|hash| KeptFile { name, hash }));
+        }
+        Ok(())
+    }
+
+    fn frame(&mut self, picture: Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            self.pages.waiting.push((picture, time_s, phase));
+            if self.pages.waiting.len() >= AT_ONCE {
+                self.keep_waiting()?;
+            }
+        }
+        Ok(())
+    }
+
+    fn figure(&mut self, figure: Figure) -> Result<(), RecordError> {
+        if self.cycle.is_some() {
+            let hash = self.keep(&figure.picture)?;
+            let Figure { name, caption, .. } = figure;
+            self.pages.pictures.extend(hash.map(|hash| Picture { name, caption, hash }));
+        }
+        Ok(())
+    }
+
+    fn budget(&mut self, measured: Budget) -> Result<(), RecordError> {
+        let Some(cycle) = self.cycle else { return Ok(()) };
+        self.pages.budget = self.pages.budget.renewed(measured.finite());
+        self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
+    }
+
+    fn name(&mut self, kept: Kept) {
         match kept {
             Kept::Shot(shot) => self.pages.shots.push(shot),
             Kept::Frame(frame) => self.pages.clip.push(frame),
             Kept::Figure(figure) => self.pages.pictures.push(figure),
         }
-        Ok(())
     }
 
-    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.pages.cause = cause(event).or(self.pages.cause.take());
-        let line = self.store.append(event, self.cycle).map_err(failed)?;
+    fn event(&mut self, event: Event) -> Result<(), RecordError> {
+        self.pages.cause = cause(&event).or(self.pages.cause.take());
+        let line = self.store.append(&event, self.cycle).map_err(failed)?;
         if matches!(event, Event::Asked(_)) {
             self.line = Some((line, self.cycle));
         }
         Ok(())
     }
 
-    fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
-        self.store.open_intent(motion, self.cycle).map_err(failed)
-    }
-
-    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
-        self.store.open_contact(motion, self.cycle, (path, permitted)).map_err(failed)
-    }
-
-    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
-        self.store.permit(waypoints).map_err(failed)
-    }
-
-    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
-        self.cycle.map_or(Ok(Vec::new()), |cycle| self.store.abraded_before(cycle).map_err(failed))
-    }
-
     fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
         let line = self.line.take().filter(|_| matches!(asked.wanted, Wanted::For(_)));
         let (line, cycle) = line.map_or((None, self.cycle), |(line, cycle)| (Some(line), cycle));
         self.store.keep_request(asked, cycle, line).map_err(failed)
-    }
-
-    fn clock(&mut self, clock: Clock) -> Result<(), RecordError> {
-        self.cycle.map_or(Ok(()), |cycle| self.store.keep_clock(cycle, clock).map_err(failed))
-    }
-
-    fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
-        self.store.close_intent(motion, outcome, done).map_err(failed)
     }
 
     fn conclude(&mut self, verdict: Verdict) -> Result<(), RecordError> {
@@ -179,28 +256,9 @@ impl Journal for StoreRecord<'_> {
         self.store.conclude(cycle, verdict, &reasons).map_err(failed)
     }
 
-    fn begin(&mut self, start: &CycleStart) -> Result<CycleId, RecordError> {
-        self.between_cycles();
-        let cycle = self.store.begin_cycle(start).map_err(failed)?;
-        self.cycle = Some(cycle);
-        Ok(cycle)
-    }
-
     fn between_cycles(&mut self) {
         self.cycle = None;
         self.pages = Pages::default();
-    }
-
-    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
-        self.store.disc_worn_mm2().map_err(failed)
-    }
-
-    fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
-        self.store.wear_disc(self.cycle, swept_mm2).map_err(failed)
-    }
-
-    fn mount_disc(&mut self) -> Result<(), RecordError> {
-        self.store.mount_disc().map_err(failed)
     }
 
     fn check(&mut self) -> Vec<Reason> {
@@ -219,55 +277,5 @@ impl Journal for StoreRecord<'_> {
         let is_new =
             self.store.is_disk_full() && !std::mem::replace(&mut self.is_full_told, self.store.is_disk_full());
         is_new.then(|| full(self.store))
-    }
-}
-
-impl Record for StoreRecord<'_> {
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        let Some(cycle) = self.cycle else { return Ok(()) };
-        self.pages.reasons.clone_from(&finding.judgement.reasons);
-        self.keep_clip()?;
-        let (pictures, shots) = (std::mem::take(&mut self.pages.pictures), std::mem::take(&mut self.pages.shots));
-        let mut kept = Finding { pictures, shots, ..finding.clone() };
-        // What is no number was not measured; a fit that failed must not stop the record of its rejection.
-        let dropped = self.store.dropped_pictures();
-        if dropped > 0 {
-            kept.details.insert("pictures_not_kept_since_the_disk_was_full".to_owned(), dropped.into());
-        }
-        kept.checks.iter_mut().for_each(|number| number.value = number.value.filter(|value| value.is_finite()));
-        self.store.note(cycle, &kept).map_err(failed)
-    }
-
-    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
-        if self.cycle.is_some() {
-            let hash = self.keep(picture)?;
-            self.pages.shots.extend(hash.map(|hash| KeptFile { name: name.to_owned(), hash }));
-        }
-        Ok(())
-    }
-
-    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
-        if self.cycle.is_some() {
-            self.pages.waiting.push((picture.clone(), time_s, phase));
-            if self.pages.waiting.len() >= AT_ONCE {
-                self.keep_waiting()?;
-            }
-        }
-        Ok(())
-    }
-
-    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        if self.cycle.is_some() {
-            let hash = self.keep(&figure.picture)?;
-            let Figure { name, caption, .. } = figure.clone();
-            self.pages.pictures.extend(hash.map(|hash| Picture { name, caption, hash }));
-        }
-        Ok(())
-    }
-
-    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        let Some(cycle) = self.cycle else { return Ok(()) };
-        self.pages.budget = self.pages.budget.renewed(measured.finite());
-        self.store.set_budget(cycle, &self.pages.budget).map_err(failed)
     }
 }

@@ -5,7 +5,7 @@
 //! from Stopped or Aborted only.
 
 use super::lending::SharedCameras;
-use super::ports::Requests;
+use super::ports::{News, Requester};
 use super::protocol::{Exit, Reply};
 use super::replay::{Recording, RecordingSwitch};
 use super::request::{Request, What};
@@ -14,7 +14,6 @@ use super::words;
 use crate::cycle::{self, At, Path as PathKind, Phase, Refusal, State};
 use crate::record::{CycleId, Front, Who};
 use crate::supervision::{Supervised, Supervisor, ThreadFault, supervised};
-use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use sd_notify::NotifyState;
 use std::path::{Path, PathBuf};
@@ -287,8 +286,8 @@ impl RequestHandler {
     }
 }
 
-impl Requests for RequestHandler {
-    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+impl Requester for RequestHandler {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         if let Some(cameras) = &self.parts.cameras {
             cameras.cell_is(state);
         }
@@ -301,6 +300,32 @@ impl Requests for RequestHandler {
         Ok(request)
     }
 
+    fn hear(&mut self, news: News) {
+        match news {
+            News::Refused(request, refusal) => self.refused(request, refusal),
+            News::Unable(reasons) => {
+                let state = self.state;
+                self.answer(Exit::Fault, reasons, &state);
+            }
+            News::Begun(cycle, _) => {
+                self.noted.clear();
+                (self.cycle, self.verdict) = (Some(cycle), None);
+                (self.panel, self.film_s) = (self.ordered.take(), None);
+            }
+            News::Filmed(seconds) => self.film_s = Some(seconds),
+            News::DiscMounted => {
+                self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned())
+            }
+            News::Concluded(verdict) => {
+                self.verdict = Some(verdict);
+                self.ended = self.cycle;
+            }
+            News::Noted(reasons) => self.noted = reasons,
+        }
+    }
+}
+
+impl RequestHandler {
     fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
         let state = self.state;
         let reason = words::refusal(request, refusal, &state);
@@ -316,34 +341,6 @@ impl Requests for RequestHandler {
             // A reset that failed on its way.
             self.noted.insert(0, reason);
         }
-    }
-
-    fn unable(&mut self, reasons: Vec<Reason>) {
-        let state = self.state;
-        self.answer(Exit::Fault, reasons, &state);
-    }
-
-    fn begun(&mut self, cycle: CycleId, _: Begin) {
-        self.noted.clear();
-        (self.cycle, self.verdict) = (Some(cycle), None);
-        (self.panel, self.film_s) = (self.ordered.take(), None);
-    }
-
-    fn filmed(&mut self, seconds: f64) {
-        self.film_s = Some(seconds);
-    }
-
-    fn disc_mounted(&mut self) {
-        self.done = Some("a new disc is mounted: its wear is counted from zero".to_owned());
-    }
-
-    fn concluded(&mut self, verdict: Verdict) {
-        self.verdict = Some(verdict);
-        self.ended = self.cycle;
-    }
-
-    fn noted(&mut self, reasons: &[Reason]) {
-        self.noted = reasons.to_vec();
     }
 }
 

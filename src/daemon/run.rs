@@ -1,4 +1,4 @@
-//! The loop itself.
+//! The loop itself: one for a service, for a single cycle and for a replay.
 
 use super::abrasion::Abrasion;
 use super::acts::{Pending, Waits};
@@ -7,57 +7,52 @@ use super::contacts::Underway;
 use super::corrected::Corrected;
 use super::deadlines::{Deadlines, seconds};
 use super::moves::Sent;
-use super::ports::{Eyes, Journal, Keeper, Requests, Robot};
+use super::ports::{News, RecordCommand, RecordPort, RequestPort, RobotPort};
 use super::request::{PreparedCycle, Request, What};
 use super::sight::{Sight, reason};
-use super::{CycleSetup, DaemonError, Job, Site, words};
-use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, fold, step};
+use super::{CellSetup, CycleSetup, DaemonError, Job, words};
+use crate::cycle::{self, Act, Deadline, Effect, Event, Report, State, Trouble, step};
 use crate::eki;
 use crate::geometry::{Base, Panel, Rigid};
 use crate::inspect::Inspection;
 use crate::panel::GridId;
 use crate::path::trace::Trace;
 use crate::record::{Answer, Front, Kind, Wanted, Who};
-use crate::supervision::Supervisor;
 use crate::tape::Begin;
 use crate::verdict::{Reason, Verdict};
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// What the loop of one cycle stands on. It waits while something is computed.
+/// What the loop is connected to.
 pub struct Ports<'a> {
     /// The robot.
-    pub robot: &'a mut dyn Robot,
-    /// The cameras.
-    pub eyes: &'a mut dyn Eyes,
+    pub robot: &'a mut dyn RobotPort,
     /// The record.
-    pub record: &'a mut dyn Journal,
-    /// Who asks.
-    pub requests: &'a mut dyn Requests,
+    pub record: &'a mut dyn RecordPort,
+    /// Where requests come from.
+    pub requests: &'a mut dyn RequestPort,
+    /// The queue of what is seen and computed, which has the cameras.
+    pub computing: Computing<'a>,
+    /// Whether time passes only while the loop waits for the robot's next report.
+    pub lock_step: bool,
 }
 
-/// What the service stands on. It sees and computes on a thread of its own.
-pub struct Service<'a> {
-    /// The robot.
-    pub robot: &'a mut dyn Robot,
-    /// The cameras.
-    pub eyes: Box<dyn Eyes + Send>,
-    /// Looks at the calibrations, for a self-test: what cannot be read.
-    pub readable: Box<dyn FnMut() -> Vec<Reason> + Send>,
-    /// Keeps the pictures of what is seen and computed.
-    pub keep: Keeper,
-    /// The record.
-    pub record: &'a mut dyn Journal,
-    /// Who asks.
-    pub requests: &'a mut dyn Requests,
-    /// Watches the thread that sees and computes.
-    pub supervisor: Supervisor,
+/// Where the loop begins.
+pub struct LoopStart {
+    /// The cell.
+    pub cell: Arc<CellSetup>,
+    /// The one cycle that is run; none where cycles are requested, one after the other.
+    pub cycle: Option<Arc<CycleSetup>>,
+    /// The state to which the journal leads.
+    pub state: State,
+    /// What the loop remembers beside it.
+    pub before: Begin,
 }
 
 /// How it ended.
 #[derive(Debug)]
-pub struct CycleOutcome {
+pub struct LoopOutcome {
     /// The state that was left.
     pub state: State,
     /// The last verdict, where a cycle ran.
@@ -70,87 +65,42 @@ pub struct CycleOutcome {
     pub passes: Vec<(GridId, usize)>,
 }
 
-/// Runs one cycle, until whoever asks leaves a state that rests. `journal` is what the store holds.
+/// Runs the loop until somebody requests to leave a state that rests. A service, a single cycle and a replay are this same loop
+/// on other ports.
 ///
 /// # Errors
-/// Where the record cannot be written: the robot is told to stop, and nothing more is done.
-pub fn run_cycle(
-    job: &Job<'_>,
-    ports: Ports<'_>,
-    journal: impl IntoIterator<Item = Event>,
-) -> Result<CycleOutcome, DaemonError> {
-    run_cycle_from((fold(journal), Begin::Boot), job, ports)
-}
-
-/// The same from the state that the journal leads to, and what the loop remembers beside it.
-///
-/// # Errors
-/// As [`run_cycle`].
-pub fn run_cycle_from(
-    (state, before): (State, Begin),
-    job: &Job<'_>,
-    ports: Ports<'_>,
-) -> Result<CycleOutcome, DaemonError> {
-    let Ports { robot, eyes, record, requests } = ports;
-    let mut robot = Corrected::new(robot, job.arm);
+/// Where the record cannot be written, or a thread of the program failed: the robot is told to stop, and nothing more is done.
+pub fn run(start: LoopStart, ports: Ports<'_>) -> Result<LoopOutcome, DaemonError> {
+    let LoopStart { cell, cycle, state, before } = start;
+    let Ports { robot, record, requests, computing, lock_step } = ports;
+    let mut robot = Corrected::new(robot, &cell.arm);
     if let Begin::Cycle { robot: Some(state), .. } = &before {
         robot.stands_at(state.joints);
     }
-    let outside = Outside { robot: Box::new(robot), record, requests };
-    let mut running = Running::new(job.site(), Seat::Lent(job), Computing::here(job, eyes), outside, state);
+    let ports = Outside { robot, record, requests };
+    let mut running = Running::new((cell, cycle), computing, ports, (state, lock_step));
     running.remember(before);
     running.live()?;
     let Running { state, verdict, sight, abrasion, .. } = running;
     let passes = abrasion.passes().collect();
-    Ok(CycleOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
+    Ok(LoopOutcome { state, verdict, base_from_panel: sight.place(), inspections: sight.inspections, passes })
 }
 
-/// Serves from Boot until whoever asks leaves, one cycle after the other, each by what it was ordered with. `state` is what
-/// the store's journal folds to. The state that was left comes back.
-///
-/// # Errors
-/// As [`run_cycle`], and where the system gives no thread.
-pub fn serve(site: Site, service: Service<'_>, state: State) -> Result<State, DaemonError> {
-    let Service { robot, eyes, readable, keep, record, requests, supervisor } = service;
-    let seeing = (eyes, readable, keep);
-    let computing = Computing::aside(seeing, site.clone(), !robot.is_lock_step(), &supervisor);
-    let computing = computing.map_err(DaemonError::Thread)?;
-    let outside = Outside { robot: Box::new(Corrected::new(robot, &site.arm)), record, requests };
-    let mut running = Running::new(site, Seat::Empty, computing, outside, state);
-    running.live()?;
-    Ok(running.state)
-}
-
-/// All that the loop stands on but the cameras, which are where it computes.
+/// The ports but the cameras, which are where it is computed.
 pub(super) struct Outside<'a> {
-    pub robot: Box<dyn Robot + 'a>,
-    pub record: &'a mut dyn Journal,
-    pub requests: &'a mut dyn Requests,
+    pub robot: Corrected<'a>,
+    pub record: &'a mut dyn RecordPort,
+    pub requests: &'a mut dyn RequestPort,
 }
 
-/// What the cycle works by.
-pub(super) enum Seat<'a> {
-    /// No cycle has begun yet.
-    Empty,
-    /// The service's last order.
-    Taken(Arc<CycleSetup>),
-    /// The one cycle that is run.
-    Lent(&'a Job<'a>),
-}
-
-impl Seat<'_> {
-    pub fn task(&self) -> Option<Arc<CycleSetup>> {
-        match self {
-            Seat::Taken(task) => Some(task.clone()),
-            _ => None,
-        }
-    }
-}
-
-/// The loop's own memory; the table's is [`State`].
+/// The memory of the loop; that of the table is [`State`].
 pub(super) struct Running<'p> {
-    pub site: Site,
-    pub seat: Seat<'p>,
+    pub cell: Arc<CellSetup>,
+    /// What the cycle works with; none before the first one.
+    pub cycle: Option<Arc<CycleSetup>>,
+    /// The loop was started for this one cycle.
+    is_single: bool,
+    pub lock_step: bool,
     pub computing: Computing<'p>,
     pub ports: Outside<'p>,
     pub state: State,
@@ -172,10 +122,17 @@ pub(super) struct Running<'p> {
 }
 
 impl<'p> Running<'p> {
-    fn new(site: Site, seat: Seat<'p>, computing: Computing<'p>, ports: Outside<'p>, state: State) -> Self {
+    fn new(
+        (cell, cycle): (Arc<CellSetup>, Option<Arc<CycleSetup>>),
+        computing: Computing<'p>,
+        ports: Outside<'p>,
+        (state, lock_step): (State, bool),
+    ) -> Self {
         Running {
-            site,
-            seat,
+            cell,
+            is_single: cycle.is_some(),
+            cycle,
+            lock_step,
             computing,
             ports,
             state,
@@ -195,7 +152,7 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// Goes on where a loop was that began a cycle.
+    /// Goes on where another loop began a cycle.
     fn remember(&mut self, before: Begin) {
         if let Begin::Cycle { robot, armed } = before {
             self.events.clear();
@@ -204,13 +161,9 @@ impl<'p> Running<'p> {
         }
     }
 
-    /// What the cycle works by.
+    /// What the phases of the cycle take.
     pub fn job(&self) -> Option<Job<'_>> {
-        match &self.seat {
-            Seat::Empty => None,
-            Seat::Taken(task) => Some(task.job(&self.site)),
-            Seat::Lent(job) => Some((*job).clone()),
-        }
+        self.cycle.as_deref().map(CycleSetup::job)
     }
 
     fn live(&mut self) -> Result<(), DaemonError> {
@@ -235,7 +188,7 @@ impl<'p> Running<'p> {
 
     /// One event: journal, step, effects.
     fn take(&mut self, event: Event) -> Result<(), DaemonError> {
-        self.ports.record.event(&event)?;
+        self.ports.record.keep(RecordCommand::Event(event))?;
         tracing::debug!(?event);
         if let Event::Told(Report::Answered { id, .. }) = event {
             self.deadlines.disarm(id);
@@ -253,17 +206,19 @@ impl<'p> Running<'p> {
             self.keep_clock()?;
         }
         // What is no longer due is abandoned.
-        self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id));
+        if self.pending.take_if(|pending| state.due.is_none_or(|due| due.id != pending.id)).is_some() {
+            self.computing.abandon();
+        }
         let ends = effects.contains(&Effect::Conclude { verdict: Verdict::Aborted });
         effects.into_iter().try_for_each(|effect| self.perform(effect))?;
         self.keep_request(event, refused)?;
         if ends && event == Event::Asked(cycle::Request::Stop) {
             let stopped = words::stopped();
             tracing::info!("{}", stopped.message);
-            self.ports.requests.noted(&[stopped]);
+            self.ports.requests.tell(News::Noted(vec![stopped]));
         }
-        if self.state.at.rests() && !self.state.job.running && !matches!(self.seat, Seat::Lent(_)) {
-            self.ports.record.between_cycles();
+        if self.state.at.rests() && !self.state.job.running && !self.is_single {
+            self.ports.record.keep(RecordCommand::BetweenCycles)?;
         }
         Ok(())
     }
@@ -294,14 +249,13 @@ impl<'p> Running<'p> {
                 return Ok(Some(Event::Told(report)));
             }
             let computes = self.pending.as_ref().is_some_and(|pending| matches!(pending.waits, Waits::Computing));
-            if computes && self.ports.robot.is_lock_step() {
+            if computes && self.lock_step {
                 // Time stands, so that how fast the machine is cannot matter.
                 self.comes_in(GLANCE)?;
                 continue;
             }
-            match self.ports.robot.next() {
-                Some(report) => self.hear(report)?,
-                None => self.ports.robot.works()?,
+            if let Some(report) = self.ports.robot.next()? {
+                self.hear(report)?;
             }
         }
     }
@@ -338,7 +292,7 @@ impl<'p> Running<'p> {
         let wrong = if self.is_disk_full { self.ports.record.check() } else { vec![] };
         self.is_disk_full = !wrong.is_empty();
         if self.is_disk_full {
-            self.ports.requests.unable(wrong);
+            self.ports.requests.tell(News::Unable(wrong));
         }
         self.is_disk_full
     }
@@ -363,17 +317,17 @@ impl<'p> Running<'p> {
         if effects.iter().any(|effect| matches!(effect, Effect::Refuse { .. })) {
             return Some(event);
         }
-        match self.ports.record.begin(&prepared.start) {
+        match self.ports.record.begin(prepared.start) {
             Ok(cycle) => {
                 let (robot, armed) = (self.robot_state.map(Box::new), self.deadlines.told());
-                self.ports.requests.begun(cycle, Begin::Cycle { robot, armed });
+                self.ports.requests.tell(News::Begun(cycle, Begin::Cycle { robot, armed }));
             }
             Err(error) => {
-                self.ports.requests.unable(vec![reason("store", &error)]);
+                self.ports.requests.tell(News::Unable(vec![reason("store", &error)]));
                 return None;
             }
         }
-        self.seat = Seat::Taken(Arc::new(prepared.setup));
+        self.cycle = Some(Arc::new(prepared.setup));
         (self.sight, self.abrasion, self.verdict) = (Sight::default(), Abrasion::default(), None);
         (self.trace, self.sent) = (Trace::default(), None);
         Some(event)
@@ -394,17 +348,17 @@ impl<'p> Running<'p> {
                 if self.condition != cycle::Robot::Unknown {
                     self.keep_clock()?;
                 }
-                self.ports.record.conclude(verdict)?;
+                self.ports.record.keep(RecordCommand::Conclude(verdict))?;
                 tracing::info!(verdict = verdict.word(), "the cycle is concluded");
-                self.ports.requests.concluded(verdict);
+                self.ports.requests.tell(News::Concluded(verdict));
             }
-            Effect::Refuse { request, refusal } => self.ports.requests.refused(request, refusal),
+            Effect::Refuse { request, refusal } => self.ports.requests.tell(News::Refused(request, refusal)),
         }
         Ok(())
     }
 
     fn span(&self, deadline: Deadline) -> Duration {
-        let (job, limits) = (self.job(), &self.site.limits);
+        let (job, limits) = (self.job(), &self.cell.limits);
         let process = job.as_ref().map(|job| job.recipe.process());
         seconds(match (deadline, process) {
             (Deadline::Answer, _) => self.answer_s(),

@@ -1,7 +1,7 @@
 //! What is seen of the panel: where it stands, and what the film did. The artifacts live here.
 
 use super::corners::Corners;
-use super::ports::{Eyes, Figure, Picture2d, Record, SightError};
+use super::ports::{CameraFault, CameraPort, Figure, Picture2d, Record};
 use super::{DaemonError, Job};
 use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
@@ -86,7 +86,7 @@ impl Sight {
     pub fn locate(
         &mut self,
         job: &Job<'_>,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Answer, DaemonError> {
         (self.located, self.located_mm, self.place, self.obstacles) = (None, None, None, None);
@@ -127,7 +127,11 @@ impl Sight {
     }
 
     /// The picture of the dry panel.
-    pub fn dry_picture(&mut self, eyes: &mut dyn Eyes, record: &mut dyn Record) -> Result<Answer, DaemonError> {
+    pub fn dry_picture(
+        &mut self,
+        eyes: &mut dyn CameraPort,
+        record: &mut dyn Record,
+    ) -> Result<Answer, DaemonError> {
         match eyes.picture() {
             Ok(Picture2d { picture, time_s }) => {
                 record.picture("dry", &picture)?;
@@ -143,7 +147,7 @@ impl Sight {
         &self,
         job: &Job<'_>,
         pass: u8,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let (Some(place), Some((dry, dry_s))) = (self.place, &self.dry) else { return Ok(Err(MISSING)) };
@@ -177,7 +181,7 @@ impl Sight {
         job: &Job<'_>,
         filming: Filming,
         pass: u8,
-        eyes: &mut dyn Eyes,
+        eyes: &mut dyn CameraPort,
         record: &mut dyn Record,
     ) -> Result<Result<Filming, Answer>, DaemonError> {
         let mut filming = filming;
@@ -295,7 +299,7 @@ pub(super) fn reason(code: &'static str, error: &dyn std::error::Error) -> Reaso
 pub(super) fn blind(
     kind: Kind,
     pass: u8,
-    error: &SightError,
+    error: &CameraFault,
     record: &mut dyn Record,
 ) -> Result<Answer, DaemonError> {
     record.finding(&rejected(kind, pass, reason("no_picture", error)))?;

@@ -7,7 +7,7 @@
 
 use super::corrected::Corrected;
 use super::moves::{self, move_lin};
-use super::ports::Robot;
+use super::ports::RobotPort;
 use super::single_interlocks;
 use crate::cell::{Arm, Cell, InputsOutputs};
 use crate::cycle::{Act, Path};
@@ -17,6 +17,7 @@ use crate::eki::{
 use crate::geometry::{Base, Joints, KukaPose, Rigid, Tool};
 use crate::path::routes::{self, Standing};
 use crate::path::{Kinematics, judge_joints, reach};
+use crate::supervision::ThreadFault;
 use crate::verdict::{Judgement, Reason, Verdict};
 use std::time::{Duration, Instant};
 
@@ -82,11 +83,11 @@ impl<'r> Single<'r> {
     ///
     /// # Errors
     /// Where none answers.
-    pub fn connect(robot: &'r mut dyn Robot, arm: &Arm) -> Result<Self, SingleError> {
+    pub fn connect(robot: &'r mut dyn RobotPort, arm: &Arm) -> Result<Self, SingleError> {
         let mut robot = Corrected::new(robot, arm);
         let (begun, mut why) = (Instant::now(), None);
         while begun.elapsed() < CONNECT {
-            match robot.next() {
+            match robot.next().map_err(broken)? {
                 Some(Report::Connected { state } | Report::State(state)) => {
                     return Ok(Single { robot, state: *state });
                 }
@@ -178,7 +179,7 @@ impl<'r> Single<'r> {
         // By their names the first corner's; what it needs is what every straight way through the air needs.
         self.held_to_interlocks("a straight motion", single_interlocks::motion(Path::Corner { view: 0 }), cell)?;
         self.robot.send(Command::SetAccSpeed(moves::speeds(gated.speed)))?;
-        let id = self.robot.send_path(move_lin(&gated.points))?;
+        let id = self.robot.send_path(move_lin(&gated.points), None)?;
         self.executed(id, LONG)
     }
 
@@ -269,7 +270,7 @@ impl<'r> Single<'r> {
     }
 
     fn hear(&mut self) -> Result<Option<Report>, SingleError> {
-        let report = self.robot.next();
+        let report = self.robot.next().map_err(broken)?;
         match &report {
             Some(Report::Connected { state } | Report::State(state)) => self.state = **state,
             Some(Report::Rebooted { .. }) => {
@@ -289,6 +290,11 @@ impl<'r> Single<'r> {
         let _ = self.robot.abort();
         Err(SingleError::Late(allowed))
     }
+}
+
+/// The thread of the link has failed.
+fn broken(fault: ThreadFault) -> SingleError {
+    SingleError::Robot(fault.to_string())
 }
 
 fn gate(reason: Reason) -> SingleError {

@@ -1,12 +1,12 @@
-//! The service's Unix socket: who may ask, and what is asked, one line for each connection.
+//! The service's Unix socket: a front whose clients send one line and get one line back for each connection.
 //!
-//! The file's mode is the only lock on the door: its owner and group may ask (0660). A file that a killed service left
-//! is replaced once nobody answers on it; any other file is not touched.
+//! The file's mode decides who may connect: its owner and group (0660). A socket that a killed service left is replaced once
+//! nobody answers on it; any other file is not touched.
 //!
-//! Whoever may ask may also be slow, silent or endless, by a fault or on purpose, and a stop must come through all of it.
-//! One thread reads all connections at once and never waits for one of them; each has one deadline for its whole line;
-//! where places run out, the connection that has been silent for longest gives up its own (`places`). Lines are short
-//! but for a start. What is read goes to the loop in the order of its urgency (`letters`). Recipes are read aside.
+//! A client may be slow, silent or endless, by a fault or on purpose, and a stop must come through all of it. One thread reads
+//! all connections at once and never waits for one of them. Each connection has one deadline for its whole line. Where places
+//! run out, the connection that has been silent for longest gives up its own (`places`). Only a start may be a long line. What
+//! was read goes to the `gateway`, which queues it by its urgency and reads recipes on a thread of their own.
 
 mod places;
 

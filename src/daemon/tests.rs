@@ -3,9 +3,9 @@
 mod contact;
 mod fake;
 mod paths;
+mod recorded;
 mod serving;
 mod stages;
-mod taped;
 
 use super::*;
 use crate::cycle::{self, At, Outcome, Path, Why};

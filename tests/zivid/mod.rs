@@ -4,7 +4,7 @@ mod kills;
 mod service;
 pub mod stub;
 
-use panelprep::daemon::{Cameras, Eyes};
+use panelprep::daemon::{CameraPort, Cameras};
 use panelprep::devices::cameras::{Conditions, RecordedFlangeCamera, Scanner};
 use panelprep::devices::zivid::{
     Flicker, Launcher, Restarts, Setup, Source, Warmth, ZividFault, ZividScanner, launcher,

@@ -1,7 +1,7 @@
 //! The service's cameras, lent between cycles: `panelprep shoot` and the live calibrations take pictures while the service
 //! has the cameras.
 //!
-//! [`SharedCameras`] are the loop's eyes, and lend themselves to one connection at a time while the cell rests without a cycle
+//! [`SharedCameras`] are the loop's cameras, and lend themselves to one connection at a time while the cell rests without a cycle
 //! (`serving`). The loop never waits for a shot that begins after the cell has left its rest: what is lent is asked back before
 //! each shot, and a film ends with its next picture. [`BorrowedScanner`] and [`BorrowedFlangeCamera`] are the other end of the
 //! connection (`client`).
@@ -22,11 +22,11 @@ pub use client::{BorrowedFlangeCamera, BorrowedScanner};
 pub(super) use serving::serve;
 
 use super::cameras::Cameras;
-use super::ports::{Eyes, Picture2d, SightError};
+use super::ports::{CameraAnswer, CameraCommand, CameraFault, Port};
 use crate::cycle::State;
 use crate::devices::cameras::{Conditions, FlangeCamera, Scanner};
 use crate::eki;
-use crate::geometry::{Camera, ColorPicture, Joints, OrganizedCloud};
+use crate::geometry::Joints;
 use crate::verdict::Reason;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -209,33 +209,9 @@ impl Lent<'_> {
     }
 }
 
-impl Eyes for SharedCameras {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        self.with(AllCameras::scan)
-    }
-
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
-        self.with(AllCameras::picture)
-    }
-
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
-        self.with(|cameras| cameras.begin_film(pictures_per_second))
-    }
-
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
-        self.with(AllCameras::next_of_film)
-    }
-
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        self.with(AllCameras::end_film)
-    }
-
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        self.with(AllCameras::corner_picture)
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        self.with(AllCameras::check)
+impl Port<CameraCommand> for SharedCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        self.with(|cameras| cameras.perform(command))
     }
 }
 

@@ -43,20 +43,20 @@ impl From<CameraError> for Broken {
 }
 
 /// Takes what is asked for and sends it, until the client has enough or the cell no longer rests.
-pub fn serve(mut stream: UnixStream, wish: ShotRequest, cameras: &SharedCameras) {
-    let sent = shots(&mut stream, wish, cameras);
+pub fn serve(mut stream: UnixStream, request: ShotRequest, cameras: &SharedCameras) {
+    let sent = shots(&mut stream, request, cameras);
     if let Err(Broken::Told(reasons)) = sent {
         // Whoever hung up does not want to know.
         let _ = head(&mut stream, &Sent::Failed { reasons });
     }
 }
 
-fn shots(stream: &mut UnixStream, wish: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
+fn shots(stream: &mut UnixStream, request: ShotRequest, cameras: &SharedCameras) -> Result<(), Broken> {
     stream.set_nonblocking(false)?;
     stream.set_write_timeout(Some(CLIENT_PATIENCE))?;
     stream.set_read_timeout(Some(GLANCE))?;
     let lent = cameras.lend()?;
-    match wish {
+    match request {
         ShotRequest::Scan => {
             let (shot, conditions) = {
                 let cameras = &mut lent.cameras()?.cameras;

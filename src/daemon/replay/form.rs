@@ -1,102 +1,86 @@
-//! The form of a finding in recordings of earlier programs.
-//!
-//! They kept name, value, unit and limit of each number, in an order of their own, and not every number by which a gate
-//! decides. What this program finds is brought into that form before the two are compared: of each number what such a
-//! recording has of it, in the recording's order. Nothing that a recording holds is left out of the comparison.
+//! The form of commands and answers in a recording. The recorder writes it and the player reads it, both for all commands alike.
 
+mod cameras;
+mod record;
+mod requests;
+mod robot;
+
+pub(super) use cameras::of_film;
+
+use super::queue::Recorder;
+use super::switch::RecordingSwitch;
+use crate::daemon::ports::Command;
+use crate::eki::Time;
 use crate::record::name;
-use crate::verdict::SINCE_CHECKS;
+use crate::tape::{Shot, Topic};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-/// A finding of this program in the form that the recorded one has.
-pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
-    let empty = Vec::new();
-    let kept = recorded["numbers"].as_array().unwrap_or(&empty);
-    let is_of_today = kept.iter().any(|number| SINCE_CHECKS.iter().any(|key| number.get(key).is_some()));
-    let Some(found) = now["numbers"].as_array_mut().filter(|_| !is_of_today) else { return now };
-    for number in found.iter_mut().filter_map(Value::as_object_mut) {
-        for key in SINCE_CHECKS {
-            number.remove(key);
+/// What came back from a port.
+#[derive(Debug, Default)]
+pub struct Heard {
+    pub value: Value,
+    pub shot: Option<Shot>,
+}
+
+/// A command that a recording can hold.
+pub trait Recordable: Command {
+    /// The command's topic, and its words in the recording; null where the loop only listens. `None` where the command is not
+    /// recorded, since it follows from what the loop hears.
+    fn said(&self) -> Option<(Topic, Value)>;
+
+    /// The answer in the recording; `None` where an answer such as this one is not recorded.
+    fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard>;
+
+    /// The answer that the recording has.
+    fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error>;
+
+    /// The answer where the recording has none: the command is not recorded, nothing came, or the replay has parted from the
+    /// recording. `now` is the clock's last reading.
+    fn otherwise(&self, now: Time, has_parted: bool) -> Self::Answer;
+
+    /// Whether this is what came, where the loop waits for one particular thing.
+    fn fits(&self, _heard: &Value) -> bool {
+        true
+    }
+
+    /// Whether a recording may leave it out.
+    fn is_optional(&self) -> bool {
+        false
+    }
+
+    /// What the switch has to know before the command is performed.
+    fn before(&self, _switch: &RecordingSwitch) {}
+
+    /// What the switch has to know of the answer.
+    fn after(_answer: &mut Self::Answer, _switch: &RecordingSwitch) {}
+}
+
+/// A value as it is written down; null where it cannot be.
+pub(super) fn told(value: &impl Serialize) -> Value {
+    serde_json::to_value(value).unwrap_or(Value::Null)
+}
+
+fn value(value: Value) -> Option<Heard> {
+    Some(Heard { value, shot: None })
+}
+
+fn read<T: DeserializeOwned>(heard: Heard) -> Result<T, serde_json::Error> {
+    serde_json::from_value(heard.value)
+}
+
+/// A finding as it is compared, without what a stop-watch said: that is the machine's doing.
+pub(super) fn timeless(mut finding: Value) -> Value {
+    let numbers = finding.get_mut("numbers").and_then(Value::as_array_mut);
+    for number in numbers.into_iter().flatten() {
+        let stopped = number["name"].as_str().is_some_and(|name| STOPPED.contains(&name));
+        if stopped {
+            number["value"] = Value::Null;
         }
     }
-    // What an earlier program did not tell at all.
-    found.retain(|number| {
-        let is_new =
-            number["name"].as_str().is_some_and(|name| name::SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
-        !is_new || kept.iter().any(|other| other["name"] == number["name"])
-    });
-    let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
-    // Stable: what the recording does not have comes last and is a difference.
-    found.sort_by_key(|number| place(number).unwrap_or(usize::MAX));
-    now
+    finding
 }
 
-#[cfg(test)]
-mod tests {
-    use super::super::difference::differences;
-    use super::*;
-    use crate::record::{Check, Finding, Kind, SetBy};
-    use crate::verdict::{Judgement, Verdict};
-    use serde_json::json;
-
-    fn found(checks: impl IntoIterator<Item = Check>) -> Value {
-        let judgement = Judgement { verdict: Verdict::Accept, reasons: vec![] };
-        json!(Finding::new(Kind::Inspect, 1, judgement).with(checks))
-    }
-
-    fn rms(mm: f64, allowed_mm: f64) -> Check {
-        let check = Check::new("residual", "mm", mm).at_most(allowed_mm, SetBy::recipe("locate.max_rms_mm"));
-        check.rejects("poor_fit", || "too much".to_owned())
-    }
-
-    fn shift() -> Check {
-        Check::new("shift", "mm", 12.5)
-    }
-
-    /// As an earlier program wrote it: another order, and of each number four values alone.
-    fn earlier() -> Value {
-        let mut recorded = found([]);
-        recorded["numbers"] = json!([
-            {"name": "shift", "value": 12.5, "unit": "mm", "limit": "unlimited"},
-            {"name": "residual", "value": 0.1, "unit": "mm", "limit": {"at_most": 0.25}},
-        ]);
-        recorded
-    }
-
-    fn differing(recorded: &Value, now: Value) -> Vec<String> {
-        let now = in_form_of(recorded, now);
-        differences(recorded, &now).into_iter().map(|(place, ..)| place).collect()
-    }
-
-    #[test]
-    fn what_is_the_same_is_the_same_in_an_earlier_form() {
-        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), dry, shift()])), Vec::<String>::new());
-    }
-
-    #[test]
-    fn another_number_limit_or_verdict_is_a_difference_in_an_earlier_form() {
-        assert_eq!(differing(&earlier(), found([rms(0.11, 0.25), shift()])), ["numbers.residual.value"]);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.26), shift()])), ["numbers.residual.limit.at_most"]);
-        let unlimited = Check::new("residual", "mm", 0.1);
-        assert_eq!(differing(&earlier(), found([unlimited, shift()])), ["numbers.residual.limit"]);
-        let mut rejected = found([rms(0.1, 0.25), shift()]);
-        rejected["judgement"]["verdict"] = json!("reject");
-        assert_eq!(differing(&earlier(), rejected), ["judgement.verdict"]);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25)])), ["numbers"], "one is missing");
-        let more = Check::new("another", "mm", 1.0);
-        assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), shift(), more])), ["numbers"], "one is added");
-    }
-
-    /// A recording of this program is compared whole, order, codes and all.
-    #[test]
-    fn a_recording_of_today_is_compared_whole() {
-        let recorded = found([rms(0.1, 0.25), shift()]);
-        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift()])), Vec::<String>::new());
-        let other_code = rms(0.1, 0.25).reviews("poor_fit", String::new);
-        assert_eq!(differing(&recorded, found([other_code, shift()])), ["numbers.residual.severity"]);
-        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
-        assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift(), dry])), ["numbers"]);
-        assert_ne!(differing(&recorded, found([shift(), rms(0.1, 0.25)])), Vec::<String>::new(), "another order");
-    }
-}
+/// Numbers by the wall clock, which no decision uses.
+const STOPPED: [&str; 2] = [name::SCAN_TO_VERDICT, name::PER_PICTURE];

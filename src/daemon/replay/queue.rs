@@ -239,6 +239,11 @@ impl Recorder {
         is_new
     }
 
+    /// Whether time stands while an entry is put down.
+    pub(super) fn is_lock_step(&self) -> bool {
+        self.0.bounds.waits
+    }
+
     /// Nothing more will come.
     pub(super) fn close(&self) {
         self.0.lock().closed = true;

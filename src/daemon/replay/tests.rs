@@ -1,15 +1,17 @@
 //! The queue when nobody empties it, and what a player says when the loop does something else.
 
-use super::super::ports::{Record, Requests, Robot};
-use super::super::request::{Request, What};
-use super::queue::{Bounds, RECORDING_FLOOR_MB, Recorder, Recording};
+use super::form::told;
+use super::queue::{Bounds, Recorder};
 use super::*;
 use crate::cycle::{Id, State};
+use crate::daemon::ports::{Note, RecordCommand, RecordPort, RequestPort, RobotPort};
+use crate::daemon::request::{Request, What};
 use crate::eki::{Command, CommandId, QueueError, Report};
 use crate::geometry::{ColorPicture, KukaPose};
-use crate::record::{Check, Finding, Kind};
+use crate::record::{Check, Finding, Kind, name};
 use crate::tape::{Begin, Entry, Shot, Start, TapeError, Topic, Writer, check};
 use crate::verdict::Judgement;
+use serde_json::{Value, json};
 use std::io::{self, Write};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
@@ -248,9 +250,9 @@ fn the_same_words_are_no_difference_and_come_with_their_answer() {
         line(Topic::Command, json!("abort"), told(&Err::<(), _>(QueueError::FramesNotSet { missing: "a recipe" })));
     let report = line(Topic::Report, Value::Null, told(&Report::Progress { done: CommandId(4) }));
     let mut player = player(vec![sent(), report, refused]);
-    assert!(Robot::next(&mut player).is_none(), "a command comes first");
+    assert!(heard(&mut player).is_none(), "a command comes first");
     assert_eq!(player.send(ended("same")), Ok(CommandId(4)));
-    assert_eq!(Robot::next(&mut player), Some(Report::Progress { done: CommandId(4) }));
+    assert_eq!(heard(&mut player), Some(Report::Progress { done: CommandId(4) }));
     assert_eq!(player.abort(), Err(QueueError::FramesNotSet { missing: "a recipe" }));
     let played = player.played();
     assert!(played.to_the_end && played.differences.is_empty() && played.error.is_none(), "{played:?}");
@@ -267,9 +269,14 @@ fn another_number_is_a_difference_and_the_replay_goes_on() {
     assert_eq!(difference.to_string(), "0.000 s, /robot/command send.set_base.x_mm: recorded 1.5, now 1.75");
 }
 
+/// What the robot reports next.
+fn heard(player: &mut Player) -> Option<Report> {
+    RobotPort::next(player).expect("no thread is lost")
+}
+
 /// Whether something is asked of the table, by which a replay that has parted ends the loop.
 fn asks(player: &mut Player) -> bool {
-    let next = Requests::next(player, &State::NEW).expect("no thread is lost");
+    let next = RequestPort::next(player, &State::NEW).expect("no thread is lost");
     matches!(next, Some(Request { what: What::Table(_), .. }))
 }
 
@@ -278,7 +285,7 @@ fn another_call_or_none_parts_them() {
     let abort = || line(Topic::Command, json!("abort"), json!({ "Ok": null }));
     let mut other = player(vec![abort()]);
     assert!(other.send(ended("same")).is_err());
-    assert!(Robot::next(&mut other).is_none() && asks(&mut other));
+    assert!(heard(&mut other).is_none() && asks(&mut other));
     let played = other.played();
     assert!(!played.to_the_end && played.differences.len() == 1, "{played:?}");
     assert!(played.differences[0].now.starts_with("/robot/command {\"send\""), "{played:?}");
@@ -316,7 +323,7 @@ fn a_result_waits_for_its_turn() {
     let result = line(Topic::Result, Value::Null, json!(7));
     let mut player = player(vec![reports(), result]);
     assert!(!player.lets_in(Id(7)), "a report comes first");
-    assert!(Robot::next(&mut player).is_some());
+    assert!(heard(&mut player).is_some());
     assert!(!player.lets_in(Id(8)) && player.lets_in(Id(7)) && !player.lets_in(Id(7)));
     assert!(player.played().to_the_end);
 }
@@ -327,12 +334,13 @@ fn a_stop_watch_is_no_finding_but_its_limit_is() {
         let numbers = [Check::new(name::SCAN_TO_VERDICT, "ms", ms), Check::new("residual", "mm", mm)];
         Finding::new(Kind::Locate, 0, Judgement::of(vec![], vec![])).with(numbers)
     };
+    let finding = |ms, mm| RecordCommand::Note(Note::Finding(found(ms, mm)));
     let recorded = || line(Topic::Finding, told(&found(10.0, 0.25)), json!({ "Ok": null }));
     let mut same = player(vec![recorded()]);
-    same.finding(&found(99.0, 0.25)).expect("kept");
+    same.keep(finding(99.0, 0.25)).expect("kept");
     assert!(same.played().differences.is_empty());
     let mut other = player(vec![recorded()]);
-    other.finding(&found(10.0, 0.25000000000000006)).expect("kept");
+    other.keep(finding(10.0, 0.25000000000000006)).expect("kept");
     let played = other.played();
     assert_eq!(played.differences.len(), 1);
     assert_eq!(played.differences[0].what, "/cycle/finding numbers.residual.value");

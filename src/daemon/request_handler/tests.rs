@@ -3,6 +3,7 @@
 use super::super::request_queue::{RequestSender, request_queue};
 use super::*;
 use crate::cycle::{Event, Hold, Id, Intent, Motion, Report, Robot, Why, step};
+use crate::tape::Begin;
 use std::sync::mpsc;
 
 fn handler() -> (RequestSender, RequestHandler) {
@@ -22,7 +23,7 @@ fn at(at: At) -> State {
 
 /// What comes to the loop.
 fn next(handler: &mut RequestHandler, state: &State) -> Option<What> {
-    handler.next(state).expect("no thread is lost").map(|request| request.what)
+    handler.next_request(state).expect("no thread is lost").map(|request| request.what)
 }
 
 fn asked(handler: &mut RequestHandler, state: &State) -> Option<cycle::Request> {
@@ -61,8 +62,8 @@ fn a_page_is_due_once_the_cell_rests() {
     let (_sender, queue) = request_queue();
     let (tell, pages) = mpsc::channel();
     let mut handler = RequestHandler::new(queue, None, parts(tell));
-    handler.begun(CycleId(7), Begin::Boot);
-    handler.concluded(Verdict::Fail);
+    handler.hear(News::Begun(CycleId(7), Begin::Boot));
+    handler.hear(News::Concluded(Verdict::Fail));
     next(&mut handler, &at(At::Completing { verdict: Verdict::Fail }));
     assert!(pages.try_recv().is_err());
     for _ in 0..2 {
@@ -86,11 +87,11 @@ fn each_request_has_one_reply() {
     next(&mut handler, &busy);
     assert_eq!(taken.try_recv().expect("answered").answer, Exit::Done);
 
-    handler.noted(&[Reason::new("film", "it broke")]);
+    handler.hear(News::Noted(vec![Reason::new("film", "it broke")]));
     for request in [cycle::Request::Reset, cycle::Request::Hold] {
         let mut refused = send(&sender, 7, What::Table(request));
         assert_eq!(asked(&mut handler, &idle), Some(request));
-        handler.refused(request, Refusal::NotNow);
+        handler.hear(News::Refused(request, Refusal::NotNow));
         let reply = refused.try_recv().expect("answered");
         assert_eq!((reply.answer, &*reply.reasons[0].code), (Exit::Refused, "not_now"));
         assert_eq!(handler.noted.len(), 1, "a refusal changes nothing");
@@ -122,7 +123,7 @@ fn a_lost_thread_is_told_to_the_loop() {
     let idle = at(At::Idle);
     assert!(next(&mut handler, &idle).is_none());
     drop(thread);
-    assert!(matches!(handler.next(&idle), Err(fault) if fault.thread == "socket"));
+    assert!(matches!(handler.next_request(&idle), Err(fault) if fault.thread == "socket"));
 }
 
 /// Where a cycle is held, its phase is the one in which it goes on; a path tells its waypoints, a film its seconds.
@@ -130,7 +131,7 @@ fn a_lost_thread_is_told_to_the_loop() {
 fn the_state_tells_how_far_the_work_is() {
     let (_sender, mut handler) = handler();
     (handler.panel, handler.cycle) = (Some("wing".to_owned()), Some(CycleId(3)));
-    handler.filmed(12.5);
+    handler.hear(News::Filmed(12.5));
     let told = |handler: &RequestHandler, state: State| handler.reply(Exit::Done, vec![], &state);
     let films = told(&handler, at(At::Execute(Phase::Inspect)));
     assert_eq!((films.film_s, films.waypoint, films.panel.as_deref()), (Some(12.5), None, Some("wing")));

@@ -38,7 +38,7 @@ fn a_link_that_is_lost_in_contact_leaves_an_unknown_end() {
     let aborted = |state: &State| matches!(state.at, At::Aborted { .. }) && state.facts.robot == Condition::Ready;
     let mut script = Script::default().reset().start(&cell).when(aborted, What::Table(cycle::Request::Clear));
     script = script.leave_when(|state| state.at == At::Stopped && state.facts.standing);
-    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted]);
     let contact: Vec<_> = record.intents.iter().filter(|(motion, _)| motion.path == Path::Contact).collect();
     assert!(matches!(contact[..], [(_, Some((Outcome::Cleared, _)))]), "{contact:?}");

@@ -82,8 +82,9 @@ fn each_line_brings_its_feed_and_rounding() {
 #[test]
 fn no_plan_is_sent_that_its_gate_rejects() {
     let fake = Fake::new(Scene::Good);
-    let (cell, recipe, (panel, corners), calibrations) = fake.files();
-    let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+    let (cell, recipe, taught, calibrations) = fake.files();
+    let setup = fake::setup(&cell, &recipe, &taught, calibrations);
+    let (job, (panel, _)) = (setup.job(), taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
     let grids = ["r2c3".parse().expect("a grid")];
@@ -163,8 +164,9 @@ fn a_press_in_without_a_known_error_is_rejected_before_the_panel_is_wet() {
 #[test]
 fn the_arm_stands_where_its_own_corners_lead() {
     let fake = Fake::new(Scene::Good);
-    let (cell, recipe, (panel, corners), calibrations) = fake.files();
-    let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+    let (cell, recipe, taught, calibrations) = fake.files();
+    let setup = fake::setup(&cell, &recipe, &taught, calibrations);
+    let (job, (_, corners)) = (setup.job(), taught);
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
     let at = |corners: &[usize], obstacles: Option<&Arc<Obstacles>>| {
         job.tour().stand(&arm, &Approach { base_from_panel: place, corners, obstacles })
@@ -200,9 +202,10 @@ fn the_arm_stands_where_its_own_corners_lead() {
 #[test]
 fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
     let fake = Fake::new(Scene::Good);
-    let (cell, recipe, (panel, corners), calibrations) = fake.files();
+    let (cell, recipe, taught, calibrations) = fake.files();
+    let panel = &taught.0;
     let place = crate::panel::panel_from_base_at_teaching().inverse();
-    let fit = crate::surface::fit(&panel, recipe.surface()).expect("a surface");
+    let fit = crate::surface::fit(panel, recipe.surface()).expect("a surface");
     let grids = ["r2c3".parse().expect("a grid")];
     let plan = path::plan(&fit.surface, &panel.region, &grids, &panel.outline, recipe.path()).expect("a plan");
     for (half_mm, code) in [(600.0, None), (30.0, Some("outside_correction"))] {
@@ -212,7 +215,8 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
             numbers: [0.0; crate::cell::SMOOTH_NUMBERS],
         };
         let cell = cell.clone().corrected(smooth);
-        let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
+        let setup = fake::setup(&cell, &recipe, &taught, calibrations);
+        let job = setup.job();
         let arm = Kinematics::new(cell.arm());
         let flange_from_tool = calibrations.flange_from_tool;
         let stand = panel_reach::Stand { arm: &arm, flange_from_tool, base_from_panel: place, from: None };

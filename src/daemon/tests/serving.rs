@@ -1,14 +1,17 @@
 //! The service: computing aside, orders, self-tests.
 
-use super::fake::{Cell as Fake, FakeEyes};
+use super::fake::{Cell as Fake, FakeCameras};
 use super::*;
-use crate::cycle::{self, Act, Answer, Event, Hold, Refusal, Report, State, Trouble, Why};
-use crate::geometry::{ColorPicture, OrganizedCloud};
+use crate::cycle::{self, Act, Answer, Event, Hold, Id, Refusal, Report, State, Trouble, Why};
+use crate::daemon::abrasion::Abrasion;
+use crate::daemon::computing::{Found, Work, Worked};
+use crate::daemon::sight::Sight;
 use crate::record::{CycleId, Front, Kind, Who};
 use crate::supervision::ThreadFault;
 use crate::verdict::Reason;
 use std::collections::VecDeque;
 use std::ops::Range;
+use std::sync::Arc;
 use std::sync::mpsc::{self, Receiver};
 use std::time::Duration;
 
@@ -48,30 +51,21 @@ impl Script {
     }
 }
 
-impl Requests for Script {
-    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+impl Requester for Script {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         let next = self.steps.pop_front_if(|(when, _)| when(state));
         Ok(next.map(|(_, what)| Request::new(what, Who::by(Front::Socket))))
     }
 
-    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
-        self.refusals.push((request, refusal));
-    }
-
-    fn unable(&mut self, reasons: Vec<Reason>) {
-        self.unable.extend(reasons.iter().map(|reason| reason.code.to_string()));
-    }
-
-    fn begun(&mut self, cycle: CycleId, _: crate::tape::Begin) {
-        self.cycles.push(cycle);
-    }
-
-    fn concluded(&mut self, verdict: Verdict) {
-        self.verdicts.push(verdict);
-    }
-
-    fn noted(&mut self, reasons: &[Reason]) {
-        self.noted.extend_from_slice(reasons);
+    fn hear(&mut self, news: News) {
+        match news {
+            News::Refused(request, refusal) => self.refusals.push((request, refusal)),
+            News::Unable(reasons) => self.unable.extend(reasons.iter().map(|reason| reason.code.to_string())),
+            News::Begun(cycle, _) => self.cycles.push(cycle),
+            News::Concluded(verdict) => self.verdicts.push(verdict),
+            News::Noted(reasons) => self.noted.extend(reasons),
+            News::Filmed(_) | News::DiscMounted => {}
+        }
     }
 }
 
@@ -83,7 +77,7 @@ pub fn complete(state: &State) -> bool {
 fn cycles_come_one_after_the_other() {
     let cell = Fake::new(Scene::Good);
     let mut script = Script::default().reset().start(&cell).reset().start(&cell).leave_when(complete);
-    cell.serve(|eyes| eyes, vec![], &mut script);
+    cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Pass, Verdict::Pass]);
     assert_eq!(script.cycles, [CycleId(1), CycleId(2)]);
     assert_eq!(script.refusals, []);
@@ -102,7 +96,7 @@ fn a_new_disc_goes_on_after_a_review() {
         .when(held, What::NewDisc)
         .when(held, What::Table(cycle::Request::Accept))
         .leave_when(complete);
-    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Pass]);
     assert_eq!(script.unable, ["not_now"], "not while the cell works");
     assert!((1_000.0..900_000.0).contains(&record.worn_mm2), "{}", record.worn_mm2);
@@ -114,63 +108,96 @@ fn where_it_is_computed_does_not_matter() {
     let here = Fake::new(Scene::Good).run(super::fake::Asks::one_cycle()).events;
     let cell = Fake::new(Scene::Good);
     let mut script = Script::default().reset().start(&cell).leave_when(complete);
-    let aside = cell.serve(|eyes| eyes, vec![], &mut script).events;
+    let aside = cell.serve(|cameras| cameras, vec![], &mut script).events;
     assert_eq!(here, aside);
 }
 
-/// Eyes with something about them.
+/// Cameras with a fault of their own.
 struct Odd {
-    eyes: FakeEyes,
+    cameras: FakeCameras,
     /// The first scan takes until somebody lets it go on.
     go_on: Option<Receiver<()>>,
     /// What a check finds.
-    wrong: Vec<SightError>,
+    wrong: Vec<CameraFault>,
     /// Pictures of each film that nobody takes over in time.
     drops: Range<u64>,
     taken: u64,
 }
 
 impl Odd {
-    fn new(eyes: FakeEyes) -> Self {
-        Odd { eyes, go_on: None, wrong: vec![], drops: 0..0, taken: 0 }
+    fn new(cameras: FakeCameras) -> Self {
+        Odd { cameras, go_on: None, wrong: vec![], drops: 0..0, taken: 0 }
     }
 }
 
-impl Eyes for Odd {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        if let Some(go_on) = self.go_on.take() {
-            // Far longer than the test takes: where the loop waits for this scan, it is not let go on.
-            let why = |_| SightError { camera: "the scanner", why: "the loop waited for it".to_owned() };
-            go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
+impl Port<CameraCommand> for Odd {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        match command {
+            CameraCommand::Scan => {
+                if let Some(go_on) = self.go_on.take() {
+                    // Far longer than the test takes: where the loop waits for this scan, it is not let go on.
+                    let why = |_| CameraFault { camera: "the scanner", why: "the loop waited for it".to_owned() };
+                    go_on.recv_timeout(Duration::from_secs(30)).map_err(why)?;
+                }
+            }
+            CameraCommand::BeginFilm(_) => self.taken = 0,
+            CameraCommand::Check => return Ok(CameraAnswer::Checked(self.wrong.clone())),
+            _ => {}
         }
-        self.eyes.scan()
+        let answer = self.cameras.perform(command)?;
+        Ok(match (command, answer) {
+            (CameraCommand::NextOfFilm, CameraAnswer::Picture(picture)) => {
+                self.taken += 1;
+                if self.drops.contains(&self.taken) {
+                    CameraAnswer::NoneDue
+                } else {
+                    CameraAnswer::Picture(picture)
+                }
+            }
+            (_, CameraAnswer::FilmEnded(none)) => CameraAnswer::FilmEnded(none + self.drops.end - self.drops.start),
+            (_, answer) => answer,
+        })
     }
+}
 
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
-        self.eyes.picture()
+/// By the wall clock nobody asks for a film's next picture: it is looked at when the camera has it, whatever the robot does.
+#[test]
+fn a_film_goes_on_without_the_robot() {
+    let fake = Fake::new(Scene::Clean);
+    let (mut computing, setup) = (fake.computing(), Arc::new(fake.setup()));
+    let mut sight = Sight::default();
+    let mut seen_s = Vec::new();
+    for (id, act) in [(1, Act::Locate), (2, Act::DryPicture), (3, Act::Film)] {
+        fake.light(act != Act::Locate);
+        fake.time_passes(500);
+        let (abrasion, setup) = (Abrasion::default(), Some(setup.clone()));
+        let work = Work { id: Id(id), act, is_next_picture: false, sight, abrasion, tip: None, pass: 1, setup };
+        computing.submit(work);
+        let worked = worked(&mut computing).expect("in time");
+        seen_s.extend(watched_s(&worked));
+        sight = worked.artifacts.expect("not lost").0;
     }
-
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
-        self.taken = 0;
-        self.eyes.begin_film(pictures_per_second)
+    // The first picture is due at once, then one each two seconds.
+    for passes_ms in [0, 2_000, 2_000, 2_000] {
+        fake.time_passes(passes_ms);
+        seen_s.extend(watched_s(&worked(&mut computing).expect("in time")));
     }
+    assert_eq!(seen_s, [0.0, 0.0, 2.0, 4.0, 6.0]);
+    computing.abandon();
+    fake.time_passes(2_000);
+    assert!(computing.ready(Duration::from_millis(200)).is_none(), "nobody waits for it any more");
+}
 
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
-        let Some(picture) = self.eyes.next_of_film()? else { return Ok(None) };
-        self.taken += 1;
-        Ok(Some(picture).filter(|_| !self.drops.contains(&self.taken)))
-    }
+/// The next result, where one comes within a time that is long even on a busy machine.
+fn worked(computing: &mut Computing) -> Option<Worked> {
+    computing.ready(Duration::from_secs(60))?;
+    computing.take()
+}
 
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        self.eyes.end_film().map(|none| none + self.drops.end - self.drops.start)
-    }
-
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        self.eyes.corner_picture()
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        self.wrong.clone()
+fn watched_s(worked: &Worked) -> Option<f64> {
+    match worked.found {
+        Ok(Found::Watching { seen_s }) => Some(seen_s),
+        _ => None,
     }
 }
 
@@ -180,7 +207,7 @@ fn dropped_pictures_are_a_gap_in_time() {
     let cell = Fake::new(Scene::Clean);
     let held = |state: &State| matches!(state.at, At::Held(_) | At::Complete { .. });
     let mut script = Script::default().reset().start(&cell).leave_when(held);
-    let record = cell.serve(|eyes| Odd { drops: 5..11, ..Odd::new(eyes) }, vec![], &mut script);
+    let record = cell.serve(|cameras| Odd { drops: 5..11, ..Odd::new(cameras) }, vec![], &mut script);
     let film = record.findings.iter().find(|finding| finding.kind == Kind::Inspect).expect("watched");
     let codes: Vec<String> = film.judgement.reasons.iter().map(|reason| reason.code.to_string()).collect();
     assert!(film.judgement.verdict == Verdict::Invalid && codes.contains(&"gap".to_owned()), "{film:?}");
@@ -211,7 +238,7 @@ fn a_stop_does_not_wait_for_a_computation() {
         .when(stopped, What::Table(cycle::Request::Reset))
         .start(&cell)
         .leave_when(complete);
-    let record = cell.serve(|eyes| Odd { go_on: Some(go_on), ..Odd::new(eyes) }, vec![], &mut script);
+    let record = cell.serve(|cameras| Odd { go_on: Some(go_on), ..Odd::new(cameras) }, vec![], &mut script);
     assert_eq!(script.verdicts, [Verdict::Aborted, Verdict::Pass]);
     let told = script.noted.iter().filter(|reason| reason.code == "stopped").count();
     assert_eq!(told, 1, "a stop on request is told as one: {:?}", script.noted);
@@ -229,7 +256,7 @@ fn an_order_out_of_turn_begins_nothing() {
     let early = What::Begin(Box::new(cell.prepared()));
     let heard = |state: &State| state.facts.robot == crate::cycle::Robot::Ready;
     let mut script = Script::default().when(heard, early).leave_when(|_| true);
-    cell.serve(|eyes| eyes, vec![], &mut script);
+    cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!((script.cycles.len(), script.refusals.len()), (0, 1));
     assert_eq!(script.refusals[0].1, Refusal::NotNow);
 }
@@ -247,15 +274,15 @@ fn a_self_test_names_all_that_is_wrong() {
     };
     let cell = Fake::new(Scene::Clean);
     let unreadable = Reason::new("calibration", "scanner.toml: no such file");
-    let wrong = vec![SightError { camera: "the scanner", why: "its cable is out".to_owned() }];
+    let wrong = vec![CameraFault { camera: "the scanner", why: "its cable is out".to_owned() }];
     let mut script = Script::default().reset().leave_when(until(false));
-    cell.serve(|eyes| Odd { wrong, ..Odd::new(eyes) }, vec![unreadable], &mut script);
+    cell.serve(|cameras| Odd { wrong, ..Odd::new(cameras) }, vec![unreadable], &mut script);
     assert!(failed(&script), "{:?}", script.refusals);
     assert_eq!(codes(&script), ["camera", "calibration"]);
 
     let full = Fake::new(Scene::Clean).with_full_disk();
     let mut script = Script::default().reset().leave_when(until(false));
-    full.serve(|eyes| eyes, vec![], &mut script);
+    full.serve(|cameras| cameras, vec![], &mut script);
     assert!(failed(&script) && codes(&script) == ["disk_full"], "{:?}", script.noted);
 }
 
@@ -272,7 +299,7 @@ fn a_full_disk_holds_the_cell_until_there_is_room() {
         .when(held, What::Table(cycle::Request::Unhold { dried: true }))
         .when(|state| matches!(state.at, At::Unholding { .. } | At::Execute(_)), What::Table(cycle::Request::Stop))
         .leave_when(|state| state.at == At::Stopped);
-    let record = cell.serve(|eyes| eyes, vec![], &mut script);
+    let record = cell.serve(|cameras| cameras, vec![], &mut script);
     assert_eq!(
         (script.unable, script.refusals),
         (vec!["disk_full".to_owned()], vec![]),

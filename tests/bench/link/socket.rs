@@ -4,14 +4,14 @@ use super::peer::Peer;
 use crate::clients::harass;
 use panelprep::cell::Cell;
 use panelprep::daemon::{
-    self, Eyes, Gateway, LinkedRobot, Picture2d, RecordingSwitch, Request, RequestHandler, Service, ServiceParts,
-    SightError, Site, Socket, StoreRecord, WrittenPage,
+    self, CellSetup, Computing, Gateway, LinkedRobot, LoopStart, NoCameras, Ports, RecordingSwitch, Request,
+    RequestHandler, ServiceParts, Socket, StoreRecord, WrittenPage,
 };
 use panelprep::devices::robot::{Address, BlockingLink, link_limits};
 use panelprep::eki::Pace;
-use panelprep::geometry::{Camera, ColorPicture, OrganizedCloud};
 use panelprep::store::Store;
 use panelprep::supervision::Supervisor;
+use panelprep::tape::Begin;
 use std::io::{Read, Write};
 use std::os::unix::net::UnixStream;
 use std::path::Path;
@@ -26,37 +26,6 @@ const CELL: &str = "[poses]\npark = { a1_deg = 0, a2_deg = -90, a3_deg = 90, a4_
      [limits]\nbox_min_mm = [-2000, -2000, -2000]\nbox_max_mm = [2000, 2000, 2000]\n\
      [io.outputs]\nlight = 1\nspray = 2\nlens_shutter = 3\nextraction = 4\ntool = 5\n\
      [io.feedbacks]\nwater_off = 1\nlens_shut = 2\nextraction_flow = 3\ntool_running = 4\n";
-
-/// No camera is asked here.
-struct NoEyes;
-
-fn none<T>() -> Result<T, SightError> {
-    Err(SightError { camera: "the camera", why: "there is none".to_owned() })
-}
-
-impl Eyes for NoEyes {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        none()
-    }
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
-        none()
-    }
-    fn begin_film(&mut self, _: f64) -> Result<f64, SightError> {
-        none()
-    }
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
-        none()
-    }
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        none()
-    }
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
-        none()
-    }
-    fn check(&mut self) -> Vec<SightError> {
-        vec![]
-    }
-}
 
 /// What a request is answered; empty where it was not.
 fn ask(socket: &Path, word: &str) -> String {
@@ -106,16 +75,18 @@ pub fn aborts(trials: usize) -> (Vec<Duration>, usize) {
                 written: WrittenPage::default(),
                 cameras: None,
             };
-            let service = Service {
+            let parts_of_computing = (Box::new(NoCameras) as _, Box::new(Vec::new) as _, keep);
+            let computing = Computing::on_thread(parts_of_computing, false, &supervisor).expect("a thread");
+            let ports = Ports {
                 robot: &mut robot,
-                eyes: Box::new(NoEyes),
-                readable: Box::new(Vec::new),
-                keep,
                 record: &mut record,
                 requests: &mut RequestHandler::new(queue, None, parts),
-                supervisor,
+                computing,
+                lock_step: false,
             };
-            daemon::serve(Site::new(&cell).expect("whole"), service, panelprep::cycle::State::NEW).map(drop)
+            let cell = Arc::new(CellSetup::new(&cell).expect("whole"));
+            let state = panelprep::cycle::State::NEW;
+            daemon::run(LoopStart { cell, cycle: None, state, before: Begin::Boot }, ports).map(drop)
         })
     };
     let (ends, done) = (AtomicBool::new(false), AtomicUsize::new(0));

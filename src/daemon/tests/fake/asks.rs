@@ -28,8 +28,8 @@ impl Asks {
     }
 }
 
-impl Requests for Asks {
-    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+impl Requester for Asks {
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
         let what = match self.script.pop_front_if(|(when, _)| when(state)) {
             Some((_, request)) => Some(What::Table(request)),
             None => match state.at {
@@ -41,7 +41,9 @@ impl Requests for Asks {
         Ok(what.map(|what| Request::new(what, Who::by(Front::Command))))
     }
 
-    fn refused(&mut self, request: cycle::Request, refusal: Refusal) {
-        self.refusals.push((request, refusal));
+    fn hear(&mut self, news: News) {
+        if let News::Refused(request, refusal) = news {
+            self.refusals.push((request, refusal));
+        }
     }
 }

@@ -2,50 +2,61 @@
 
 use super::super::super::*;
 use super::Shared;
-use crate::geometry::{Base, ColorPicture, OrganizedCloud};
+use crate::geometry::{Base, ColorPicture};
 use crate::sim::WET_FROM_S;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
 
-pub struct FakeEyes {
+pub struct FakeCameras {
     world: Shared,
     /// When the film began, and how many of its pictures were taken.
     film: Option<(u64, f64, u32)>,
 }
 
-impl FakeEyes {
+impl FakeCameras {
     pub(super) fn new(world: Shared) -> Self {
-        FakeEyes { world, film: None }
+        FakeCameras { world, film: None }
     }
 }
 
-impl Eyes for FakeEyes {
-    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, SightError> {
-        assert!(self.world.borrow().outputs.get(&1) != Some(&true), "the light is off");
-        Ok(self.world.borrow().sim.scan())
+impl Port<CameraCommand> for FakeCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        Ok(match command {
+            CameraCommand::Scan => {
+                let world = self.world.borrow();
+                assert!(world.outputs.get(&1) != Some(&true), "the light is off");
+                CameraAnswer::Scan(world.sim.scan())
+            }
+            CameraCommand::Picture => CameraAnswer::Picture(self.rendered()),
+            CameraCommand::BeginFilm(pictures_per_second) => {
+                let now_ms = self.world.borrow().time_ms;
+                self.film = Some((now_ms, pictures_per_second, 0));
+                CameraAnswer::FilmBegan(now_ms as f64 / 1e3)
+            }
+            CameraCommand::NextOfFilm => {
+                self.rendered_of_film().map_or(CameraAnswer::NoneDue, CameraAnswer::Picture)
+            }
+            CameraCommand::EndFilm => {
+                self.film.take().expect("begun");
+                CameraAnswer::FilmEnded(0)
+            }
+            CameraCommand::CornerPicture => CameraAnswer::Corner(self.rendered_corner()),
+            CameraCommand::Check => CameraAnswer::Checked(vec![]),
+        })
     }
+}
 
-    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, SightError> {
-        let now_ms = self.world.borrow().time_ms;
-        self.film = Some((now_ms, pictures_per_second, 0));
-        Ok(now_ms as f64 / 1e3)
-    }
-
-    fn next_of_film(&mut self) -> Result<Option<Picture2d>, SightError> {
+impl FakeCameras {
+    fn rendered_of_film(&mut self) -> Option<Picture2d> {
         let (began_ms, pictures_per_second, taken) = self.film.as_mut().expect("begun");
         let since_s = (self.world.borrow().time_ms - *began_ms) as f64 / 1e3;
         if since_s * *pictures_per_second < f64::from(*taken) {
-            return Ok(None);
+            return None;
         }
         *taken += 1;
-        self.picture().map(Some)
+        Some(self.rendered())
     }
 
-    fn end_film(&mut self) -> Result<u64, SightError> {
-        self.film.take().expect("begun");
-        Ok(0)
-    }
-
-    fn picture(&mut self) -> Result<Picture2d, SightError> {
+    fn rendered(&self) -> Picture2d {
         let world = self.world.borrow();
         assert_eq!(world.outputs.get(&1), Some(&true), "the light is on");
         let spots = if world.healed { Vec::new() } else { world.sim.spots().to_vec() };
@@ -54,10 +65,10 @@ impl Eyes for FakeEyes {
             off_ms => WET_FROM_S + (world.time_ms - off_ms) as f64 / 1_000.0,
         };
         let picture = world.sim.film_of(&spots).picture(film_s);
-        Ok(Picture2d { picture, time_s: world.time_ms as f64 / 1e3 })
+        Picture2d { picture, time_s: world.time_ms as f64 / 1e3 }
     }
 
-    fn corner_picture(&mut self) -> Result<ColorPicture, SightError> {
+    fn rendered_corner(&self) -> ColorPicture {
         let world = self.world.borrow();
         let stands = world.sim.truth().base_from_panel;
         let turn_deg = if world.water_off_ms > 0 { world.turns_when_wet_deg } else { 0.0 };
@@ -65,10 +76,6 @@ impl Eyes for FakeEyes {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::x() * turn_deg.to_radians());
         let turned: Rigid<Base, Base> =
             Rigid::claim(Isometry3::from_parts((about.coords - turn * about.coords).into(), turn));
-        Ok(world.sim.flange_picture_at(&world.base_from_flange, &(turned * stands)))
-    }
-
-    fn check(&mut self) -> Vec<SightError> {
-        Vec::new()
+        world.sim.flange_picture_at(&world.base_from_flange, &(turned * stands))
     }
 }

@@ -8,13 +8,13 @@ mod robot;
 pub use robot::standing_state;
 
 pub use asks::Asks;
-pub use cameras::FakeEyes;
+pub use cameras::FakeCameras;
 pub use record::Memory;
 use robot::FakeRobot;
 
 use super::super::*;
 use crate::cell;
-use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal};
+use crate::cycle::{self, Event, Motion, Outcome, Path, Refusal, State};
 use crate::devices::mock::Arm;
 use crate::eki::{Command, Report, SetTcp};
 use crate::geometry::{Base, KukaPose};
@@ -22,7 +22,7 @@ use crate::panel::{CornerTeaching, panel_from_base_at_teaching};
 use crate::record::{Asked, Budget, Clock, ContactPath, EarlierPass, Kind};
 use crate::sim::{self, PanelPosition, SEARCH_BOX_MM, Scene, Truth};
 use crate::store::CycleStart;
-use crate::tape::{Entries, check};
+use crate::tape::{Begin, Entries, check};
 use crate::verdict::Reason;
 use std::collections::{BTreeMap, VecDeque};
 use std::path::PathBuf;
@@ -116,7 +116,7 @@ pub struct Cell {
 
 /// What came of it.
 pub struct Story {
-    pub outcome: CycleOutcome,
+    pub outcome: LoopOutcome,
     pub truth: Truth,
     pub findings: Vec<Finding>,
     pub figures: Vec<String>,
@@ -282,12 +282,18 @@ impl Cell {
         self.world.borrow().sim.scan()
     }
 
-    /// Serves until `asks` leaves; `eyes` may stand before the cell's own.
-    pub fn serve<E: Eyes + Send + 'static>(
+    /// What a cycle of this cell works with.
+    pub fn setup(&self) -> CycleSetup {
+        let (cell, recipe, taught, calibrations) = self.files();
+        setup(&cell, &recipe, &taught, calibrations)
+    }
+
+    /// Serves until `asks` leaves; `cameras` may stand before the cell's own.
+    pub fn serve<E: CameraPort + Send + 'static>(
         &self,
-        eyes: impl FnOnce(FakeEyes) -> E,
+        cameras: impl FnOnce(FakeCameras) -> E,
         readable: Vec<Reason>,
-        asks: &mut dyn Requests,
+        asks: &mut dyn RequestPort,
     ) -> Memory {
         let mut record = Memory {
             fails_at: self.fails_at,
@@ -297,50 +303,61 @@ impl Cell {
             earlier: self.earlier.clone(),
             ..Memory::default_of(&self.world)
         };
-        let taping = RecordingSwitch::new("store".as_ref(), !self.by_the_wall);
+        let lock_step = !self.by_the_wall;
+        let recording = RecordingSwitch::new("store".as_ref(), lock_step);
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: self.by_the_wall };
-        let service = Service {
-            robot: &mut Taped::new(&mut robot, taping.clone()),
-            eyes: Box::new(Taped::new(Box::new(eyes(FakeEyes::new(self.world.clone()))), taping.clone())),
-            readable: Box::new(move || readable.clone()),
-            keep: Box::new(|_| {
-                // Never on the loop, whose deadlines and watchdog would wait for it.
-                assert_eq!(std::thread::current().name(), Some("computing"));
-                Ok(Some(String::new()))
-            }),
-            record: &mut Taped::new(&mut record, taping.clone()),
-            requests: &mut Taped::new(asks, taping.clone()),
-            supervisor: crate::supervision::Supervisor::default(),
+        let cameras = RecordedPort::new(Box::new(cameras(FakeCameras::new(self.world.clone()))), recording.clone());
+        let ports = Ports {
+            robot: &mut RecordedPort::new(&mut robot, recording.clone()),
+            record: &mut RecordedPort::new(&mut record, recording.clone()),
+            requests: &mut RecordedPort::new(asks, recording.clone()),
+            computing: computing(Box::new(cameras), readable, lock_step),
+            lock_step,
         };
-        let site = Site::new(&self.files().0).expect("complete");
-        serve(site, service, crate::cycle::State::NEW).unwrap_or_else(|error| panic!("{error}"));
-        if let Some(recorded) = taping.finish() {
+        let cell = Arc::new(CellSetup::new(&self.files().0).expect("complete"));
+        let start = LoopStart { cell, cycle: None, state: State::NEW, before: Begin::Boot };
+        run(start, ports).unwrap_or_else(|error| panic!("{error}"));
+        if let Some(recorded) = recording.finish() {
             assert_eq!(recorded.is, Stands::Whole, "{}", recorded.message);
         }
         record
     }
 
+    /// What computes for this cell by the wall clock.
+    pub fn computing(&self) -> Computing<'static> {
+        computing(Box::new(FakeCameras::new(self.world.clone())), vec![], false)
+    }
+
+    pub fn light(&self, on: bool) {
+        self.world.borrow_mut().outputs.insert(1, on);
+    }
+
+    pub fn time_passes(&self, ms: u64) {
+        self.world.borrow_mut().time_ms += ms;
+    }
+
     /// Runs what was recorded again.
-    pub fn replay(&self, file: &std::path::Path) -> (CycleOutcome, Played) {
+    pub fn replay(&self, file: &std::path::Path) -> (LoopOutcome, Played) {
         let bytes = std::fs::read(file).expect("a recording");
         let start = check(&bytes[..]).expect("whole").start;
-        let (cell, recipe, taught, calibrations) = self.files();
-        let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations).expect("complete");
+        let setup = Arc::new(self.setup());
         let player = Player::new(Entries::new(&bytes[..], start.unix_ns), start.lock_step);
         let ports = Ports {
             robot: &mut player.clone(),
-            eyes: &mut player.clone(),
             record: &mut player.clone(),
             requests: &mut player.clone(),
+            computing: Computing::inline(Box::new(player.clone()), start.lock_step),
+            lock_step: start.lock_step,
         };
-        let ended = run_cycle_from((start.state, start.begin), &job, ports);
+        let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state: start.state, before: start.begin };
+        let ended = run(start, ports);
         let played = player.played();
         (ended.unwrap_or_else(|error| panic!("{error}: {played:?}")), played)
     }
 
     /// A cycle to begin.
     pub fn prepared(&self) -> PreparedCycle {
-        let (_, recipe, taught, calibrations) = self.files();
+        let calibrations = calibrations(&self.world.borrow().sim);
         let start = CycleStart {
             panel: "p".to_owned(),
             taught_version: String::new(),
@@ -351,20 +368,25 @@ impl Cell {
         let request = cycle::Request::Start { max_passes: 2, max_moves: 3 };
         let recording =
             self.record.clone().map(|file| RecordingPlan { file: Some(file), files: vec![], calibrations });
-        let setup = CycleSetup::new(recipe, taught, calibrations).expect("a corner");
-        PreparedCycle { request, setup, start, recording }
+        PreparedCycle { request, setup: self.setup(), start, recording }
     }
 
     fn tried(self, mut asks: Asks) -> Result<Story, DaemonError> {
-        let (cell, recipe, taught, calibrations) = self.files();
-        let job = Job::new(&cell, &recipe, (&taught.0, &taught.1), calibrations)?;
+        let setup = Arc::new(self.setup());
         let mut robot = FakeRobot { world: self.world.clone(), by_the_wall: false };
-        let mut eyes = FakeEyes::new(self.world.clone());
+        let cameras = FakeCameras::new(self.world.clone());
         let (fails_at, worn_mm2) = (self.fails_at, self.worn_mm2);
         let earlier = self.earlier.clone();
         let mut record = Memory { fails_at, worn_mm2, earlier, ..Memory::default_of(&self.world) };
-        let ports = Ports { robot: &mut robot, eyes: &mut eyes, record: &mut record, requests: &mut asks };
-        let outcome = run_cycle(&job, ports, [])?;
+        let ports = Ports {
+            robot: &mut robot,
+            record: &mut record,
+            requests: &mut asks,
+            computing: Computing::inline(Box::new(cameras), true),
+            lock_step: true,
+        };
+        let start = LoopStart { cell: setup.cell(), cycle: Some(setup), state: State::NEW, before: Begin::Boot };
+        let outcome = run(start, ports)?;
         let world = self.world.borrow();
         Ok(Story {
             outcome,
@@ -389,7 +411,23 @@ impl Cell {
     }
 }
 
-type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
+fn computing(cameras: Box<dyn CameraPort + Send>, readable: Vec<Reason>, lock_step: bool) -> Computing<'static> {
+    let keep = Box::new(|_: &crate::geometry::ColorPicture| {
+        // Never on the loop, whose deadlines and watchdog would wait for it.
+        assert_eq!(std::thread::current().name(), Some("computing"));
+        Ok(Some(String::new()))
+    });
+    let parts = (cameras, Box::new(move || readable.clone()) as _, keep as _);
+    Computing::on_thread(parts, lock_step, &crate::supervision::Supervisor::default()).expect("a thread")
+}
+
+/// What a cycle of this cell works with.
+pub fn setup(cell: &cell::Cell, recipe: &Recipe, taught: &TaughtHere, calibrations: Calibrations) -> CycleSetup {
+    let cell = Arc::new(CellSetup::new(cell).expect("complete"));
+    CycleSetup::new(cell, recipe.clone(), taught.clone(), calibrations).expect("a corner")
+}
+
+pub type TaughtHere = (TaughtPanel, Vec<TaughtCorner>);
 
 fn taught(sim: &sim::Cell, more_recipe: &str) -> (TaughtHere, Recipe) {
     let region = sim.region();

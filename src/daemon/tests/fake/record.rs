@@ -3,12 +3,8 @@
 use super::super::super::*;
 use super::Shared;
 use crate::cycle::{Event, Motion, Outcome};
-use crate::geometry::ColorPicture;
-use crate::phase::Phase;
-use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass};
-use crate::store::CycleStart;
-use crate::verdict::{Reason, Verdict};
-use std::sync::Arc;
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Picture};
+use crate::verdict::Reason;
 
 pub struct Memory {
     pub(super) world: Shared,
@@ -64,129 +60,76 @@ impl Memory {
     }
 }
 
-impl Record for Memory {
-    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
-        self.findings.push(finding.clone());
-        self.written()
-    }
-
-    fn picture(&mut self, _: &str, _: &ColorPicture) -> Result<(), RecordError> {
-        self.written()
-    }
-
-    fn frame(&mut self, _: &Arc<ColorPicture>, _: f64, _: Phase) -> Result<(), RecordError> {
-        self.written()
-    }
-
-    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
-        self.figures.push(figure.name.clone());
-        self.written()
-    }
-
-    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
-        self.budget = self.budget.renewed(*measured);
-        self.written()
+impl Port<RecordCommand> for Memory {
+    fn perform(&mut self, command: RecordCommand) -> Result<RecordAnswer, RecordError> {
+        match command {
+            RecordCommand::Note(Note::Finding(finding)) => self.findings.push(finding),
+            RecordCommand::Note(Note::Figure(Figure { name, .. }))
+            | RecordCommand::Note(Note::Kept(Kept::Figure(Picture { name, .. }))) => self.figures.push(name),
+            RecordCommand::Note(Note::Budget(measured)) => self.budget = self.budget.renewed(measured),
+            RecordCommand::Note(Note::Picture(..) | Note::Frame(..) | Note::Kept(_)) => {}
+            RecordCommand::Event(event) => self.events.push(event),
+            RecordCommand::OpenIntent(motion) => self.open_intent(motion),
+            RecordCommand::OpenContact { motion, path, permitted } => {
+                self.contacts.push((path, vec![permitted]));
+                {
+                    let mut world = self.world.borrow_mut();
+                    (world.permitted, world.in_contact) = (permitted, 0);
+                }
+                self.open_intent(motion);
+            }
+            RecordCommand::Permit(waypoints) => {
+                self.contacts.last_mut().expect("a contact path").1.push(waypoints);
+                self.world.borrow_mut().permitted = waypoints;
+            }
+            RecordCommand::CloseIntent { motion, outcome, done } => {
+                self.world.borrow_mut().intent = None;
+                let open = self.intents.last_mut().expect("open");
+                assert_eq!((open.0, open.1), (motion, None));
+                open.1 = Some((outcome, done));
+            }
+            RecordCommand::AbradedBefore => return Ok(RecordAnswer::Earlier(self.earlier.clone())),
+            RecordCommand::Asked(asked) => self.asked.push(asked),
+            RecordCommand::Clock(clock) => self.clocks.push(clock),
+            RecordCommand::Conclude(_) => {}
+            RecordCommand::Begin(_) => {
+                self.cycles += 1;
+                // Another panel, dry and as greasy as the last one.
+                let mut world = self.world.borrow_mut();
+                (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
+                drop(world);
+                return self.written().map(|()| RecordAnswer::Cycle(CycleId(self.cycles)));
+            }
+            RecordCommand::BetweenCycles => return Ok(RecordAnswer::Done),
+            RecordCommand::DiscWorn => return Ok(RecordAnswer::Worn(self.worn_mm2)),
+            RecordCommand::WearDisc(swept_mm2) => {
+                self.worn_mm2 += swept_mm2;
+                self.wears.push((swept_mm2, self.world.borrow().intent.is_some()));
+            }
+            RecordCommand::MountDisc => self.worn_mm2 = 0.0,
+            RecordCommand::Check => {
+                // Somebody makes room as soon as a check has said that there is none.
+                let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
+                let full = || vec![Reason::new("disk_full", "no room")];
+                return Ok(RecordAnswer::Wrong(if lacks_room { full() } else { vec![] }));
+            }
+            RecordCommand::Filled => {
+                let fills = self.fills_at.take_if(|at| self.writes >= *at).is_some();
+                self.lacks_room |= fills;
+                let full = || Reason::new("disk_full", "the disk is full; delete recordings");
+                return Ok(RecordAnswer::Full(fills.then(full)));
+            }
+        }
+        self.written().map(|()| RecordAnswer::Done)
     }
 }
 
-impl Journal for Memory {
-    fn kept(&mut self, kept: Kept) -> Result<(), RecordError> {
-        if let Kept::Figure(figure) = kept {
-            self.figures.push(figure.name);
-        }
-        self.written()
-    }
-
-    fn event(&mut self, event: &Event) -> Result<(), RecordError> {
-        self.events.push(*event);
-        self.written()
-    }
-
-    fn open_intent(&mut self, motion: &Motion) -> Result<(), RecordError> {
+impl Memory {
+    fn open_intent(&mut self, motion: Motion) {
         let mut world = self.world.borrow_mut();
         assert!(world.open && motion.epoch == world.epoch);
-        world.intent = Some(*motion);
+        world.intent = Some(motion);
         drop(world);
-        self.intents.push((*motion, None));
-        self.written()
-    }
-
-    fn open_contact(&mut self, motion: &Motion, path: &ContactPath, permitted: u32) -> Result<(), RecordError> {
-        self.contacts.push((path.clone(), vec![permitted]));
-        {
-            let mut world = self.world.borrow_mut();
-            (world.permitted, world.in_contact) = (permitted, 0);
-        }
-        self.open_intent(motion)
-    }
-
-    fn permit(&mut self, waypoints: u32) -> Result<(), RecordError> {
-        self.contacts.last_mut().expect("a contact path").1.push(waypoints);
-        self.world.borrow_mut().permitted = waypoints;
-        self.written()
-    }
-
-    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
-        Ok(self.earlier.clone())
-    }
-
-    fn asked(&mut self, asked: &Asked) -> Result<(), RecordError> {
-        self.asked.push(asked.clone());
-        self.written()
-    }
-
-    fn clock(&mut self, clock: Clock) -> Result<(), RecordError> {
-        self.clocks.push(clock);
-        self.written()
-    }
-
-    fn close_intent(&mut self, motion: &Motion, outcome: Outcome, done: u32) -> Result<(), RecordError> {
-        self.world.borrow_mut().intent = None;
-        let open = self.intents.last_mut().expect("open");
-        assert_eq!((open.0, open.1), (*motion, None));
-        open.1 = Some((outcome, done));
-        self.written()
-    }
-
-    fn conclude(&mut self, _: Verdict) -> Result<(), RecordError> {
-        self.written()
-    }
-
-    fn begin(&mut self, _: &CycleStart) -> Result<CycleId, RecordError> {
-        self.cycles += 1;
-        // Another panel, dry and as greasy as the last one.
-        let mut world = self.world.borrow_mut();
-        (world.water_off_ms, world.rubbed, world.healed) = (0, 0, false);
-        drop(world);
-        self.written().map(|()| CycleId(self.cycles))
-    }
-
-    fn between_cycles(&mut self) {}
-
-    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
-        Ok(self.worn_mm2)
-    }
-
-    fn wear_disc(&mut self, swept_mm2: f64) -> Result<(), RecordError> {
-        self.worn_mm2 += swept_mm2;
-        self.wears.push((swept_mm2, self.world.borrow().intent.is_some()));
-        self.written()
-    }
-
-    fn mount_disc(&mut self) -> Result<(), RecordError> {
-        self.worn_mm2 = 0.0;
-        self.written()
-    }
-
-    fn check(&mut self) -> Vec<Reason> {
-        // Somebody makes room as soon as a check has said that there is none.
-        let lacks_room = self.is_full || std::mem::take(&mut self.lacks_room);
-        if lacks_room { vec![Reason::new("disk_full", "no room")] } else { vec![] }
-    }
-
-    fn filled(&mut self) -> Option<Reason> {
-        self.fills_at.take_if(|at| self.writes >= *at)?;
-        self.lacks_room = true;
-        Some(Reason::new("disk_full", "the disk is full; delete recordings"))
+        self.intents.push((motion, None));
     }
 }

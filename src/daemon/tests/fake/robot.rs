@@ -94,96 +94,92 @@ pub struct FakeRobot {
     pub(super) by_the_wall: bool,
 }
 
-impl Robot for FakeRobot {
-    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
-        self.world.borrow_mut().queue(command)
-    }
-
-    fn send_path(&mut self, points: Vec<MoveLin>) -> Result<CommandId, QueueError> {
-        let mut world = self.world.borrow_mut();
-        points.into_iter().try_fold(CommandId(0), |_, point| world.queue(Command::MoveLin(point)))
-    }
-
-    fn send_path_within(&mut self, points: Vec<MoveLin>, permitted: u32) -> Result<CommandId, QueueError> {
-        let count = points.len() as u32;
-        let last = self.send_path(points)?;
-        self.permit(Some(CommandId(last.0 - count + permitted)))?;
-        Ok(last)
-    }
-
-    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
-        let mut world = self.world.borrow_mut();
-        if !world.open {
-            return Err(QueueError::NoEpoch);
-        }
-        world.let_go = last.map(|last| last.0);
-        Ok(())
-    }
-
-    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
-        let mut world = self.world.borrow_mut();
-        world.end_epoch();
-        world.epoch = world.epoch.max(above.0 + 1);
-        world.open = true;
-        let epoch = Epoch(world.epoch);
-        world.reports.push_back(Report::EpochOpened { epoch });
-        Ok(epoch)
-    }
-
-    fn abort(&mut self) -> Result<(), QueueError> {
-        let mut world = self.world.borrow_mut();
-        if world.is_lost {
-            return Err(QueueError::NotConnected);
-        }
-        let done = CommandId(world.end_epoch());
-        // The end of an epoch shuts the water.
-        if world.outputs.insert(2, false) == Some(true) {
-            world.water_off_ms = world.time_ms;
-        }
-        world.reports.push_back(Report::Standstill { done });
-        Ok(())
-    }
-
-    fn next(&mut self) -> Option<Report> {
-        if self.by_the_wall {
+impl Port<RobotCommand> for FakeRobot {
+    fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+        if let (RobotCommand::Next, true) = (&command, self.by_the_wall) {
             // Ten times as fast as it says: what is computed aside takes some of these rounds, and is not late on a busy machine.
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
         let mut world = self.world.borrow_mut();
-        if let Some(report) = world.reports.pop_front() {
-            world.is_lost &= !matches!(report, Report::State(_));
+        match command {
+            RobotCommand::Send(command) => RobotAnswer::Queued(world.queue(command)),
+            RobotCommand::Path { points, permitted } => RobotAnswer::Queued(world.queue_path(points, permitted)),
+            RobotCommand::Permit(last) => RobotAnswer::Done(world.permit(last)),
+            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(Ok(world.open_epoch(above))),
+            RobotCommand::Abort => RobotAnswer::Done(world.abort()),
+            RobotCommand::Next => RobotAnswer::Report(Ok(world.next_report())),
+            RobotCommand::Now => RobotAnswer::Time(Time::at_ms(world.time_ms)),
+        }
+    }
+}
+
+impl World {
+    fn queue_path(&mut self, points: Vec<MoveLin>, permitted: Option<u32>) -> Result<CommandId, QueueError> {
+        let count = points.len() as u32;
+        let last = points.into_iter().try_fold(CommandId(0), |_, point| self.queue(Command::MoveLin(point)))?;
+        if let Some(permitted) = permitted {
+            self.permit(Some(CommandId(last.0 - count + permitted)))?;
+        }
+        Ok(last)
+    }
+
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        if !self.open {
+            return Err(QueueError::NoEpoch);
+        }
+        self.let_go = last.map(|last| last.0);
+        Ok(())
+    }
+
+    fn open_epoch(&mut self, above: Epoch) -> Epoch {
+        self.end_epoch();
+        self.epoch = self.epoch.max(above.0 + 1);
+        self.open = true;
+        let epoch = Epoch(self.epoch);
+        self.reports.push_back(Report::EpochOpened { epoch });
+        epoch
+    }
+
+    fn abort(&mut self) -> Result<(), QueueError> {
+        if self.is_lost {
+            return Err(QueueError::NotConnected);
+        }
+        let done = CommandId(self.end_epoch());
+        // The end of an epoch shuts the water.
+        if self.outputs.insert(2, false) == Some(true) {
+            self.water_off_ms = self.time_ms;
+        }
+        self.reports.push_back(Report::Standstill { done });
+        Ok(())
+    }
+
+    fn next_report(&mut self) -> Option<Report> {
+        if let Some(report) = self.reports.pop_front() {
+            self.is_lost &= !matches!(report, Report::State(_));
             return Some(report);
         }
-        world.time_ms += 100;
-        let before = world.done;
-        for _ in 0..world.pace {
-            let let_go = world.let_go;
+        self.time_ms += 100;
+        let before = self.done;
+        for _ in 0..self.pace {
+            let let_go = self.let_go;
             let is_free = |(id, _): &mut (u32, Command)| let_go.is_none_or(|last| *id <= last);
-            let Some((id, command)) = world.queue.pop_front_if(is_free) else { break };
-            world.execute(command);
-            world.done = id;
+            let Some((id, command)) = self.queue.pop_front_if(is_free) else { break };
+            self.execute(command);
+            self.done = id;
         }
-        if world.done > before {
-            let done = CommandId(world.done);
-            world.reports.push_back(Report::Progress { done });
+        if self.done > before {
+            let done = CommandId(self.done);
+            self.reports.push_back(Report::Progress { done });
         }
-        if world.loses_link && world.in_contact > 12 {
-            (world.loses_link, world.is_lost) = (false, true);
-            world.end_epoch();
+        if self.loses_link && self.in_contact > 12 {
+            (self.loses_link, self.is_lost) = (false, true);
+            self.end_epoch();
             let why = eki::LinkLoss::Closed { channel: eki::Channel::State };
-            world.reports.push_back(Report::LinkLost { why });
+            self.reports.push_back(Report::LinkLost { why });
         }
-        let state = Report::State(Box::new(world.state()));
-        world.reports.push_back(state);
-        world.reports.pop_front()
-    }
-
-    fn now(&self) -> Time {
-        Time::at_ms(self.world.borrow().time_ms)
-    }
-
-    fn is_lock_step(&self) -> bool {
-        !self.by_the_wall
+        let state = Report::State(Box::new(self.state()));
+        self.reports.push_back(state);
+        self.reports.pop_front()
     }
 }
 

@@ -1,4 +1,4 @@
-//! The service while its store cannot be opened, such as on a full disk: it answers, does nothing, and tries again.
+//! The service while its store cannot be opened, as on a full disk: it answers requests, does nothing else, and tries again.
 
 use super::protocol::{Exit, Reply};
 use super::request::{Request, What};
@@ -10,8 +10,8 @@ use std::time::Duration;
 /// From one attempt to the next.
 const EVERY: Duration = Duration::from_secs(1);
 
-/// Answers who asks with why nothing can be done, until `attempt` opens what is waited for; `None` where a signal ends it.
-/// The state is told as aborted: nothing moves, and what the cell did last cannot be read.
+/// Answers each request with the reason why nothing can be done, until `attempt` succeeds; `None` where a signal ends the wait.
+/// The state in the reply is aborted: nothing moves, and what the cell did last cannot be read.
 pub fn wait_for<T>(queue: &RequestQueue, mut attempt: impl FnMut() -> Result<T, Reason>) -> Option<T> {
     let mut told = false;
     loop {

@@ -1,5 +1,6 @@
-//! What was asked, on the record: by whom, and what came of it.
+//! Requests on the record: what was requested, by whom, and what came of it.
 
+use super::ports::{News, RecordCommand, RobotPort};
 use super::run::Running;
 use super::{DaemonError, words};
 use crate::cycle::{Event, Refusal, Request};
@@ -43,31 +44,31 @@ impl Running<'_> {
         (answer, reasons): (Answer, Vec<Reason>),
     ) -> Result<(), DaemonError> {
         let asked = Asked { unix_ms: 0, wanted, who: Some(who), answer: Some(answer), reasons };
-        Ok(self.ports.record.asked(&asked)?)
+        Ok(self.ports.record.keep(RecordCommand::Asked(asked))?)
     }
 
     /// Keeps that a new disc was mounted, where the cell rests.
     pub(super) fn new_disc(&mut self) -> Result<(), DaemonError> {
         if self.state.at.rests() {
-            self.ports.record.mount_disc()?;
-            self.ports.requests.disc_mounted();
+            self.ports.record.keep(RecordCommand::MountDisc)?;
+            self.ports.requests.tell(News::DiscMounted);
             return self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Done, vec![]));
         }
         let message = "a disc is changed where the cell rests, held, idle or stopped";
         let reasons = vec![Reason::new("not_now", message)];
-        self.ports.requests.unable(reasons.clone());
+        self.ports.requests.tell(News::Unable(reasons.clone()));
         self.keep_asked(Wanted::NewDisc, self.requester.clone(), (Answer::Refused, reasons))
     }
 
     /// Keeps what the clock says: where a cycle begins, and where it is concluded.
     pub(super) fn keep_clock(&mut self) -> Result<(), DaemonError> {
-        let clock = match self.ports.robot.is_lock_step() {
+        let clock = match self.lock_step {
             true => {
                 let since = self.ports.robot.now().since_start();
                 Clock::Simulated { at_ms: u64::try_from(since.as_millis()).unwrap_or(u64::MAX) }
             }
             false => Clock::Wall,
         };
-        Ok(self.ports.record.clock(clock)?)
+        Ok(self.ports.record.keep(RecordCommand::Clock(clock))?)
     }
 }

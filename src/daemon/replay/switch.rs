@@ -1,4 +1,4 @@
-//! Which cycle is recorded, and where: the one switch behind all taped ports.
+//! Which cycle is recorded, and where: the one switch behind all recorded ports.
 //!
 //! The command that runs one cycle records from its start on. The service goes on for months, so it records single
 //! cycles: from the moment at which the loop takes the order until it rests again, with what the loop remembered before.
@@ -41,7 +41,9 @@ pub struct RecordingSwitch(Arc<Mutex<Inside>>);
 struct Inside {
     store: PathBuf,
     lock_step: bool,
-    /// What the order that is being taken asks for, how the table is asked, and where that was.
+    /// The state in which the loop last asked for a request.
+    state: State,
+    /// How the cycle that is being begun is to be recorded, how the table is asked, and in which state.
     wanted: Option<(RecordingPlan, Request, State)>,
     recorder: Option<Recorder>,
     /// The cycle is over; what still waits to be heard belongs to it.
@@ -70,6 +72,7 @@ impl RecordingSwitch {
         RecordingSwitch(Arc::new(Mutex::new(Inside {
             store: store.to_owned(),
             lock_step,
+            state: State::NEW,
             wanted: None,
             recorder: None,
             is_over: false,
@@ -120,10 +123,11 @@ impl RecordingSwitch {
     }
 
     /// An order comes to the loop.
-    pub(super) fn wants(&self, to: Option<RecordingPlan>, request: Request, state: &State) {
+    pub(super) fn wants(&self, plan: Option<RecordingPlan>, request: Request) {
         let mut inside = self.lock();
+        let state = inside.state;
         if inside.recorder.is_none() {
-            inside.wanted = to.map(|to| (to, request, *state));
+            inside.wanted = plan.map(|plan| (plan, request, state));
         }
     }
 
@@ -151,8 +155,9 @@ impl RecordingSwitch {
     }
 
     /// The loop listens for what is asked: what the cycle left behind has been heard, and who recorded it leaves.
-    pub(super) fn listens(&self) {
+    pub(super) fn listens(&self, state: &State) {
         let mut inside = self.lock();
+        inside.state = *state;
         if std::mem::take(&mut inside.is_over) {
             inside.heard_request(json!("leave"));
             if let Some(recorder) = inside.recorder.take() {

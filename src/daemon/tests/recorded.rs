@@ -15,7 +15,7 @@ fn recorded(mut fake: Fake, script: impl FnOnce(Script, &Fake, &Fake) -> Script)
     (plain.more_recipe, plain.more_cell) = (fake.more_recipe, fake.more_cell);
     fake.record = Some(file.clone());
     let mut script = script(Script::default(), &plain, &fake);
-    fake.serve(|eyes| eyes, vec![], &mut script);
+    fake.serve(|cameras| cameras, vec![], &mut script);
     let (ended, played) = fake.replay(&file);
     assert!(played.differences.is_empty() && played.to_the_end && played.error.is_none(), "{played:?}");
     assert_eq!(ended.verdict.as_ref(), script.verdicts.last());

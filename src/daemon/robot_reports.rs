@@ -1,7 +1,8 @@
-//! What the robot tells: as events of the table, and as answers to what is pending.
+//! Reports of the robot: each becomes an event of the table, the answer to the pending act, or both.
 
 use super::DaemonError;
 use super::acts::{Pending, Waits};
+use super::ports::News;
 use super::run::Running;
 use super::sight::reason;
 use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
@@ -11,7 +12,7 @@ use crate::record::Kind;
 use crate::verdict::Reason;
 
 impl Running<'_> {
-    /// What the robot tells, as events and as answers to what is pending.
+    /// Turns a report into events of the table and into the answer of the pending act.
     pub(super) fn hear(&mut self, report: eki::Report) -> Result<(), DaemonError> {
         use eki::Report as R;
         match report {
@@ -55,7 +56,7 @@ impl Running<'_> {
                     self.epoch_over(Trouble::Slow, Reason::new("slow", words))?;
                 } else {
                     tracing::warn!("{words}");
-                    self.ports.requests.noted(&[Reason::new("slow", words)]);
+                    self.ports.requests.tell(News::Noted(vec![Reason::new("slow", words)]));
                     self.events.push_back(Event::Told(Report::Trouble(Trouble::Slow)));
                 }
             }
@@ -75,7 +76,7 @@ impl Running<'_> {
         let facts = &self.state.facts;
         // While the cell works the acts themselves prove it.
         let asks = self.state.at.rests() && (facts.tool_may_run || facts.water_may_run);
-        if asks && self.site.wiring.tool_is_off(state) && self.site.wiring.water_is_off(state) {
+        if asks && self.cell.wiring.tool_is_off(state) && self.cell.wiring.water_is_off(state) {
             self.events.push_back(Event::Told(Report::OutputsOff));
         }
         self.look(state)
@@ -95,14 +96,14 @@ impl Running<'_> {
         }
     }
 
-    /// The link has ended the epoch for this.
+    /// The link has ended the epoch for this reason.
     fn epoch_over(&mut self, trouble: Trouble, words: Reason) -> Result<(), DaemonError> {
         self.note(Kind::Robot, vec![words])?;
         self.events.push_back(Event::Told(Report::EpochOver { trouble: Some(trouble) }));
         Ok(())
     }
 
-    /// Where the tool is on a contact path.
+    /// Keeps where the tool is on a contact path.
     fn follow(&mut self, state: &eki::State) {
         let contact = |pending: &Pending| match (pending.act, &pending.waits) {
             (Act::Move(motion), Waits::PathEnd) => motion.path == Path::Contact,

@@ -10,10 +10,11 @@ use super::zivid;
 use crate::calib::{CalibError, budget, health};
 use crate::cell::LensExtent;
 use crate::cycle::Request;
-use crate::daemon::{Calibrations, CycleSetup, Job, PartNames, PreparedCycle};
+use crate::daemon::{Calibrations, CellSetup, CycleSetup, PartNames, PreparedCycle};
 use crate::recipe::Recipe;
 use crate::store::CycleStart;
 use std::path::Path;
+use std::sync::Arc;
 
 /// The cell's calibrations with the texts that they and the cell were read from, by name.
 pub struct Calibrated {
@@ -60,7 +61,7 @@ impl Calibrated {
 }
 
 /// A recipe with what was taught of its panel.
-pub struct Assignment {
+pub struct TaughtRecipe {
     /// The recipe.
     pub recipe: Recipe,
     recipe_text: String,
@@ -69,7 +70,7 @@ pub struct Assignment {
     part: Option<(&'static str, String)>,
 }
 
-impl Assignment {
+impl TaughtRecipe {
     /// Reads the recipe and loads what was taught of its panel.
     ///
     /// # Errors
@@ -81,11 +82,11 @@ impl Assignment {
     /// The same from the recipe's text.
     ///
     /// # Errors
-    /// As [`Assignment::read`].
+    /// As [`TaughtRecipe::read`].
     pub fn of(files: &CellFiles, recipe_file: &Path, recipe_text: String) -> Result<Self, Fault> {
         let recipe = Recipe::check(&recipe_file.display().to_string(), &recipe_text)?;
         let taught = load::taught(files, recipe_file, &recipe)?;
-        Ok(Assignment { recipe, recipe_text, taught, part: None })
+        Ok(TaughtRecipe { recipe, recipe_text, taught, part: None })
     }
 
     /// The same for this part, whose names are kept with the cycle.
@@ -95,29 +96,30 @@ impl Assignment {
     pub fn about(self, part: Option<PartNames>) -> Result<Self, Fault> {
         let part = part::checked(part.unwrap_or_default())?;
         let part = part.map(|part| Ok::<_, Fault>((part::PART, part::text(&part)?))).transpose()?;
-        Ok(Assignment { part, ..self })
+        Ok(TaughtRecipe { part, ..self })
     }
 
     /// A cycle for the service to begin.
     ///
     /// # Errors
     /// Where no corner was taught.
-    pub fn prepared(self, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
+    pub fn prepared(self, cell: Arc<CellSetup>, calibrated: &Calibrated) -> Result<PreparedCycle, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
         let (request, start) = (self.request(), self.start(calibrated));
-        let Assignment { recipe, taught: Taught { panel, corners, .. }, .. } = self;
-        let setup = CycleSetup::new(recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
+        let TaughtRecipe { recipe, taught: Taught { panel, corners, .. }, .. } = self;
+        let setup = CycleSetup::new(cell, recipe, (panel, corners), calibrated.values).map_err(Fault::stage)?;
         Ok(PreparedCycle { request, setup, start, recording: None })
     }
 
-    /// What the loop works by.
+    /// What the one cycle of a command works with.
     ///
     /// # Errors
     /// Where the cell does not name what a cycle needs, or no corner was taught.
-    pub fn job<'a>(&'a self, files: &'a CellFiles, calibrated: &Calibrated) -> Result<Job<'a>, Fault> {
+    pub fn setup(&self, files: &CellFiles, calibrated: &Calibrated) -> Result<CycleSetup, Fault> {
         self.seen_where_the_lens_is_known(calibrated)?;
-        let taught = (&self.taught.panel, self.taught.corners.as_slice());
-        Job::new(&files.cell, &self.recipe, taught, calibrated.values).map_err(Fault::stage)
+        let cell = Arc::new(CellSetup::new(&files.cell).map_err(Fault::stage)?);
+        let taught = (self.taught.panel.clone(), self.taught.corners.clone());
+        CycleSetup::new(cell, self.recipe.clone(), taught, calibrated.values).map_err(Fault::stage)
     }
 
     /// A taught corner must lie where the lens of the flange camera is known: it is looked at there again.

@@ -1,0 +1,137 @@
+//! Who does the work: it has the cameras and the film under way, and calls the phases.
+
+use super::{Found, Readable, Work, Worked};
+use crate::cycle::{Act, Answer, Grade, Trouble};
+use crate::daemon::ports::{CameraPort, Keeper, Kept, Note, Record, RecordError};
+use crate::daemon::sight::{Filming, MISSING};
+use crate::daemon::{CycleSetup, DaemonError, Job};
+use crate::files::ClipEntry;
+use crate::geometry::{Frame, Rigid};
+use crate::record::{KeptFile, Picture};
+use crate::verdict::Reason;
+
+/// Notes instead of a record. On its own thread the worker packs and writes pictures at once: on the loop that would take
+/// longer than its deadlines and its watchdog bear.
+struct Notes<'k> {
+    notes: Vec<Note>,
+    keep: Option<&'k mut Keeper>,
+}
+
+impl Record for Notes<'_> {
+    fn note(&mut self, note: Note) -> Result<(), RecordError> {
+        let Some(keep) = &mut self.keep else {
+            self.notes.push(note);
+            return Ok(());
+        };
+        let kept = match note {
+            Note::Picture(name, picture) => keep(&picture)?.map(|hash| Kept::Shot(KeptFile { name, hash })),
+            Note::Frame(picture, time_s, phase) => {
+                keep(&picture)?.map(|file| Kept::Frame(ClipEntry { file, time_s, phase }))
+            }
+            Note::Figure(figure) => {
+                let (name, caption) = (figure.name, figure.caption);
+                keep(&figure.picture)?.map(|hash| Kept::Figure(Picture { name, caption, hash }))
+            }
+            note @ (Note::Finding(_) | Note::Kept(_) | Note::Budget(_)) => {
+                self.notes.push(note);
+                None
+            }
+        };
+        self.notes.extend(kept.map(Note::Kept));
+        Ok(())
+    }
+}
+
+/// Does the work: it has the cameras, and the film under way.
+pub(super) struct Worker<'p> {
+    cameras: Box<dyn CameraPort + Send + 'p>,
+    /// Looks at the calibrations, for a self-test.
+    readable: Readable,
+    keep: Option<Keeper>,
+    filming: Option<Filming>,
+}
+
+impl<'p> Worker<'p> {
+    /// Keeps pictures at once where there is a keeper; else it leaves them to the record.
+    pub fn new(cameras: Box<dyn CameraPort + Send + 'p>, readable: Readable, keep: Option<Keeper>) -> Self {
+        Worker { cameras, readable, keep, filming: None }
+    }
+
+    /// Does one piece of work.
+    pub fn perform(&mut self, mut work: Work) -> Worked {
+        let mut keep = self.keep.take();
+        let mut notes = Notes { notes: Vec::new(), keep: keep.as_mut() };
+        let setup = work.setup.take();
+        let found = match (work.act, setup.as_deref().map(CycleSetup::job)) {
+            (Act::SelfTest, _) => Ok(Found::Wrong(self.test())),
+            (_, Some(job)) => self.phase(&mut work, &job, &mut notes),
+            (_, None) => Ok(Found::Answer(MISSING)),
+        };
+        let notes = notes.notes;
+        self.keep = keep;
+        let is_of_film = work.act == Act::Film;
+        Worked { id: work.id, found, artifacts: Some((work.sight, work.abrasion)), notes, is_of_film }
+    }
+
+    fn phase(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+        let (pass, cameras) = (work.pass, &mut *self.cameras);
+        let answer = match work.act {
+            Act::Film => return self.film(work, job, notes),
+            Act::Locate => work.sight.locate(job, cameras, notes)?,
+            Act::DryPicture => work.sight.dry_picture(cameras, notes)?,
+            Act::Plan { pass } => work.abrasion.make(job, (pass, &work.sight), notes)?,
+            Act::Refine { view } => match work.tip() {
+                Some(tip) => {
+                    let answer = work.sight.refine(job, (view, tip), cameras, notes)?;
+                    work.surveyed(job, answer, notes)?
+                }
+                None => MISSING,
+            },
+            Act::Verify { view } => match work.tip() {
+                Some(tip) => work.sight.verify(job, (pass, view, tip), cameras, notes)?,
+                None => MISSING,
+            },
+            _ => MISSING,
+        };
+        Ok(Found::Answer(answer))
+    }
+
+    /// Begins the film, or watches it for one more picture.
+    fn film(&mut self, work: &mut Work, job: &Job<'_>, notes: &mut Notes<'_>) -> Result<Found, DaemonError> {
+        let cameras = &mut *self.cameras;
+        let watched = match (work.is_next_picture, self.filming.take()) {
+            (true, Some(filming)) => work.sight.watch(job, filming, work.pass, cameras, notes)?,
+            (true, None) => Err(MISSING),
+            // It only looks: nothing of it is new.
+            (false, _) => std::mem::take(&mut work.sight).film(job, work.pass, cameras, notes)?,
+        };
+        Ok(match watched {
+            Ok(filming) => Found::Watching { seen_s: self.filming.insert(filming).seen_s },
+            Err(answer) => Found::Answer(answer),
+        })
+    }
+
+    fn test(&mut self) -> Vec<(Trouble, Reason)> {
+        let faults = self.cameras.check().into_iter();
+        let faults = faults.map(|fault| (Trouble::Camera, Reason::new("camera", fault.to_string())));
+        let unreadable = (self.readable)().into_iter().map(|reason| (Trouble::Computing, reason));
+        faults.chain(unreadable).collect()
+    }
+}
+
+impl Work {
+    /// Where the corner says that the panel's place is good: whether the arm reaches it, before it is wetted.
+    fn surveyed(&mut self, job: &Job<'_>, answer: Answer, notes: &mut Notes<'_>) -> Result<Answer, DaemonError> {
+        match (answer, self.sight.approach()) {
+            (Answer::Graded(grade @ (Grade::Accept | Grade::Review)), Some(panel)) => {
+                self.abrasion.survey(job, (self.pass, grade, &panel), notes)
+            }
+            (answer, _) => Ok(answer),
+        }
+    }
+
+    /// Where the flange camera stands, while it is the tool and the base the robot's own.
+    fn tip<To: Frame, From: Frame>(&self) -> Option<Rigid<To, From>> {
+        self.tip.map(|pose| pose.to_rigid())
+    }
+}

@@ -1,0 +1,137 @@
+//! The cameras as the loop sees them. Each command exposes once, now.
+
+use super::{Command, Port};
+use crate::geometry::{Camera, ColorPicture, OrganizedCloud};
+use serde::Serialize;
+
+pub use crate::devices::cameras::Picture as Picture2d;
+
+/// What is asked of the cameras.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CameraCommand {
+    /// Takes a 3D shot.
+    Scan,
+    /// Takes a picture with the 3D camera's colour sensor.
+    Picture,
+    /// Begins a film: such pictures one after the other, at most so many a second. A film that is left ends by itself.
+    BeginFilm(f64),
+    /// Takes the film's next picture. What was dropped on the way is a gap in the times.
+    NextOfFilm,
+    /// Ends the film.
+    EndFilm,
+    /// Takes a picture with the flange camera.
+    CornerPicture,
+    /// Asks whether the cameras would deliver. It exposes nothing that a cycle needs.
+    Check,
+}
+
+/// What the cameras answer.
+#[derive(Debug)]
+pub enum CameraAnswer {
+    /// To `Scan`.
+    Scan(OrganizedCloud<Camera>),
+    /// To `Picture` and `NextOfFilm`, with the time on the camera's own clock.
+    Picture(Picture2d),
+    /// To `NextOfFilm` where no picture is due yet.
+    NoneDue,
+    /// To `BeginFilm`: the time on the clock of the pictures, s.
+    FilmBegan(f64),
+    /// To `EndFilm`: how many pictures were dropped.
+    FilmEnded(u64),
+    /// To `CornerPicture`.
+    Corner(ColorPicture),
+    /// To `Check`: each camera that would not deliver, with the reason.
+    Checked(Vec<CameraFault>),
+}
+
+impl Command for CameraCommand {
+    type Answer = Result<CameraAnswer, CameraFault>;
+}
+
+/// A camera that gave no picture.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{camera} gave no picture: {why}")]
+pub struct CameraFault {
+    /// Which camera.
+    pub camera: &'static str,
+    /// What it says.
+    pub why: String,
+}
+
+impl CameraFault {
+    /// An answer to another command than the one that was given; no port gives one.
+    fn mismatch<T>() -> Result<T, Self> {
+        Err(CameraFault { camera: "a camera", why: "it answered something else than was asked".to_owned() })
+    }
+}
+
+/// The cameras' commands as functions. They fail where the camera gives nothing.
+pub trait CameraPort: Port<CameraCommand> {
+    /// Takes a 3D shot.
+    fn scan(&mut self) -> Result<OrganizedCloud<Camera>, CameraFault> {
+        let CameraAnswer::Scan(cloud) = self.perform(CameraCommand::Scan)? else { return CameraFault::mismatch() };
+        Ok(cloud)
+    }
+
+    /// Takes a picture with the 3D camera's colour sensor.
+    fn picture(&mut self) -> Result<Picture2d, CameraFault> {
+        let taken = self.perform(CameraCommand::Picture)?;
+        let CameraAnswer::Picture(picture) = taken else { return CameraFault::mismatch() };
+        Ok(picture)
+    }
+
+    /// Begins a film with at most so many pictures a second; gives the time on the clock of the pictures, s.
+    fn begin_film(&mut self, pictures_per_second: f64) -> Result<f64, CameraFault> {
+        let begun = self.perform(CameraCommand::BeginFilm(pictures_per_second))?;
+        let CameraAnswer::FilmBegan(time_s) = begun else { return CameraFault::mismatch() };
+        Ok(time_s)
+    }
+
+    /// Takes the film's next picture; none where none is due yet.
+    fn next_of_film(&mut self) -> Result<Option<Picture2d>, CameraFault> {
+        match self.perform(CameraCommand::NextOfFilm)? {
+            CameraAnswer::Picture(picture) => Ok(Some(picture)),
+            CameraAnswer::NoneDue => Ok(None),
+            _ => CameraFault::mismatch(),
+        }
+    }
+
+    /// Ends the film; how many of its pictures were dropped.
+    fn end_film(&mut self) -> Result<u64, CameraFault> {
+        let ended = self.perform(CameraCommand::EndFilm)?;
+        let CameraAnswer::FilmEnded(dropped) = ended else { return CameraFault::mismatch() };
+        Ok(dropped)
+    }
+
+    /// Takes a picture with the flange camera.
+    fn corner_picture(&mut self) -> Result<ColorPicture, CameraFault> {
+        let taken = self.perform(CameraCommand::CornerPicture)?;
+        let CameraAnswer::Corner(picture) = taken else { return CameraFault::mismatch() };
+        Ok(picture)
+    }
+
+    /// Which cameras would not deliver, and why.
+    fn check(&mut self) -> Vec<CameraFault> {
+        match self.perform(CameraCommand::Check) {
+            Ok(CameraAnswer::Checked(faults)) => faults,
+            Ok(_) => vec![],
+            Err(fault) => vec![fault],
+        }
+    }
+}
+
+impl<P: Port<CameraCommand> + ?Sized> CameraPort for P {}
+
+/// Where no picture is ever taken, as where an abort is cleared.
+#[derive(Debug)]
+pub struct NoCameras;
+
+impl Port<CameraCommand> for NoCameras {
+    fn perform(&mut self, command: CameraCommand) -> Result<CameraAnswer, CameraFault> {
+        match command {
+            CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
+            _ => Err(CameraFault { camera: "the camera", why: "this command takes no pictures".to_owned() }),
+        }
+    }
+}

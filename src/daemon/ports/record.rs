@@ -1,0 +1,214 @@
+//! What is remembered. Each command returns when it is on disk.
+
+use super::{Command, Port};
+use crate::cycle::{Event, Motion, Outcome};
+use crate::files::ClipEntry;
+use crate::geometry::ColorPicture;
+use crate::phase::Phase;
+use crate::record::{Asked, Budget, Clock, ContactPath, CycleId, EarlierPass, Finding, KeptFile, Picture};
+use crate::store::CycleStart;
+use crate::verdict::{Reason, Verdict};
+use std::sync::Arc;
+
+/// A picture that is drawn for people.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// Its short name, `corner_before`.
+    pub name: String,
+    /// What it shows.
+    pub caption: String,
+    /// The picture.
+    pub picture: ColorPicture,
+}
+
+/// What a phase leaves. Pictures and figures that came since the last finding are the finding's own.
+#[derive(Debug)]
+pub enum Note {
+    /// What a stage found.
+    Finding(Finding),
+    /// A picture as a camera gave it, with its name.
+    Picture(String, ColorPicture),
+    /// The next picture of a clip, with its time, s; the next finding names the clip.
+    Frame(Arc<ColorPicture>, f64, Phase),
+    /// A picture that is drawn for people.
+    Figure(Figure),
+    /// A picture that is in the store already.
+    Kept(Kept),
+    /// Parts of the error at the tool that were measured now; the others stay as they are known.
+    Budget(Budget),
+}
+
+/// A picture that is in the store already; what follows is to name it.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Kept {
+    /// As a camera gave it.
+    Shot(KeptFile),
+    /// The next picture of a clip, named by its hash.
+    Frame(ClipEntry),
+    /// Drawn for people.
+    Figure(Picture),
+}
+
+/// What is asked of the record.
+#[derive(Debug)]
+pub enum RecordCommand {
+    /// Keeps what a phase leaves.
+    Note(Note),
+    /// Writes one line of the journal.
+    Event(Event),
+    /// Opens a motion.
+    OpenIntent(Motion),
+    /// Opens a contact path, of which so many waypoints may be sent.
+    OpenContact {
+        /// The motion.
+        motion: Motion,
+        /// What it will touch and wear.
+        path: ContactPath,
+        /// How many waypoints may be sent for now.
+        permitted: u32,
+    },
+    /// So many waypoints of the contact path under way may be sent.
+    Permit(u32),
+    /// Closes a motion: the robot stands.
+    CloseIntent {
+        /// The motion.
+        motion: Motion,
+        /// How it ended.
+        outcome: Outcome,
+        /// Waypoints executed.
+        done: u32,
+    },
+    /// Where the tool was on this panel in earlier cycles, or may have been, as far as the part is still the same.
+    AbradedBefore,
+    /// What somebody requested, with its answer. What the table was asked follows its event.
+    Asked(Asked),
+    /// What the clock says: where a cycle begins, and where it is concluded.
+    Clock(Clock),
+    /// The cycle's result.
+    Conclude(Verdict),
+    /// Begins a cycle; what follows is its.
+    Begin(CycleStart),
+    /// What follows belongs to no cycle.
+    BetweenCycles,
+    /// What the disc in use has swept, mm².
+    DiscWorn,
+    /// The disc in use swept so much more, mm².
+    WearDisc(f64),
+    /// A new disc was mounted.
+    MountDisc,
+    /// Whether a cycle's record would find its place; else why not.
+    Check,
+    /// Whether the disk has filled since this was last asked: why, and what to delete. Pictures are dropped from then on; the
+    /// journal goes on until the cell rests.
+    Filled,
+}
+
+/// What the record answers.
+#[derive(Debug)]
+pub enum RecordAnswer {
+    /// It is kept.
+    Done,
+    /// To `Begin`.
+    Cycle(CycleId),
+    /// To `DiscWorn`, mm².
+    Worn(f64),
+    /// To `AbradedBefore`.
+    Earlier(Vec<EarlierPass>),
+    /// To `Check`.
+    Wrong(Vec<Reason>),
+    /// To `Filled`.
+    Full(Option<Reason>),
+}
+
+impl Command for RecordCommand {
+    type Answer = Result<RecordAnswer, RecordError>;
+}
+
+/// The store does not write. Nothing moves without it.
+#[derive(Debug, thiserror::Error)]
+#[error("the record cannot be written: {0}")]
+pub struct RecordError(pub Box<dyn std::error::Error + Send + Sync>);
+
+impl RecordError {
+    /// An answer to another command than the one that was given; no port gives one.
+    fn mismatch<T>() -> Result<T, Self> {
+        Err(RecordError("it answered something else than was asked".into()))
+    }
+}
+
+/// The record's commands as functions. They fail where it cannot be written or read.
+pub trait RecordPort: Port<RecordCommand> {
+    /// A command that answers nothing else than that it is kept.
+    fn keep(&mut self, command: RecordCommand) -> Result<(), RecordError> {
+        self.perform(command).map(drop)
+    }
+
+    /// Where the tool was on this panel in earlier cycles.
+    fn abraded_before(&mut self) -> Result<Vec<EarlierPass>, RecordError> {
+        let known = self.perform(RecordCommand::AbradedBefore)?;
+        let RecordAnswer::Earlier(earlier) = known else { return RecordError::mismatch() };
+        Ok(earlier)
+    }
+
+    /// Begins a cycle.
+    fn begin(&mut self, start: CycleStart) -> Result<CycleId, RecordError> {
+        let begun = self.perform(RecordCommand::Begin(start))?;
+        let RecordAnswer::Cycle(cycle) = begun else { return RecordError::mismatch() };
+        Ok(cycle)
+    }
+
+    /// What the disc in use has swept, mm².
+    fn disc_worn_mm2(&mut self) -> Result<f64, RecordError> {
+        let worn = self.perform(RecordCommand::DiscWorn)?;
+        let RecordAnswer::Worn(worn_mm2) = worn else { return RecordError::mismatch() };
+        Ok(worn_mm2)
+    }
+
+    /// Why a cycle's record would not find its place.
+    fn check(&mut self) -> Vec<Reason> {
+        match self.perform(RecordCommand::Check) {
+            Ok(RecordAnswer::Wrong(reasons)) => reasons,
+            Ok(_) => vec![],
+            Err(error) => vec![Reason::new("store", error.to_string())],
+        }
+    }
+
+    /// That the disk has filled since this was last asked.
+    fn filled(&mut self) -> Option<Reason> {
+        let Ok(RecordAnswer::Full(why)) = self.perform(RecordCommand::Filled) else { return None };
+        why
+    }
+}
+
+impl<P: Port<RecordCommand> + ?Sized> RecordPort for P {}
+
+/// Where a phase leaves what it found. Each function returns when it is kept, and fails where it cannot be kept.
+pub trait Record {
+    /// Keeps it.
+    fn note(&mut self, note: Note) -> Result<(), RecordError>;
+
+    /// See [`Note::Finding`].
+    fn finding(&mut self, finding: &Finding) -> Result<(), RecordError> {
+        self.note(Note::Finding(finding.clone()))
+    }
+
+    /// See [`Note::Picture`].
+    fn picture(&mut self, name: &str, picture: &ColorPicture) -> Result<(), RecordError> {
+        self.note(Note::Picture(name.to_owned(), picture.clone()))
+    }
+
+    /// See [`Note::Frame`].
+    fn frame(&mut self, picture: &Arc<ColorPicture>, time_s: f64, phase: Phase) -> Result<(), RecordError> {
+        self.note(Note::Frame(picture.clone(), time_s, phase))
+    }
+
+    /// See [`Note::Figure`].
+    fn figure(&mut self, figure: &Figure) -> Result<(), RecordError> {
+        self.note(Note::Figure(figure.clone()))
+    }
+
+    /// See [`Note::Budget`].
+    fn budget(&mut self, measured: &Budget) -> Result<(), RecordError> {
+        self.note(Note::Budget(*measured))
+    }
+}

@@ -1,0 +1,104 @@
+//! Where requests come from, and what is told of them.
+
+use super::{Command, Port};
+use crate::cycle::{self, Id, Refusal, State};
+use crate::daemon::request::Request;
+use crate::record::CycleId;
+use crate::supervision::ThreadFault;
+use crate::tape::Begin;
+use crate::verdict::{Reason, Verdict};
+
+/// What the loop asks and tells.
+#[derive(Debug)]
+pub enum RequestCommand {
+    /// Asks for the next request, in this state. The answer comes within milliseconds, whatever the loop is doing.
+    Next(State),
+    /// Asks whether the result of this piece of work comes to the loop, now that it is there. A replay lets it in when it came.
+    LetsIn(Id),
+    /// Tells something that needs no answer.
+    Tell(News),
+}
+
+/// What the loop tells.
+#[derive(Debug)]
+pub enum News {
+    /// The table refused this request; a reset may fail later.
+    Refused(cycle::Request, Refusal),
+    /// What was requested cannot be begun.
+    Unable(Vec<Reason>),
+    /// A cycle began; with what the loop remembers from before it.
+    Begun(CycleId, Begin),
+    /// The cycle has its verdict.
+    Concluded(Verdict),
+    /// A film is under way: so many seconds of it were seen.
+    Filmed(f64),
+    /// It is recorded that a new disc was mounted.
+    DiscMounted,
+    /// What was found last is not as it should be, for these reasons, or for none.
+    Noted(Vec<Reason>),
+}
+
+/// What is answered.
+#[derive(Debug)]
+pub enum RequestAnswer {
+    /// To `Next`: a request, or none. An error says that a thread of the program failed: the loop stops the robot and ends.
+    Next(Result<Option<Request>, ThreadFault>),
+    /// To `LetsIn`: the same piece of work, where its result comes in now.
+    LetsIn(Option<Id>),
+    /// To `Tell`.
+    Told,
+}
+
+impl Command for RequestCommand {
+    type Answer = RequestAnswer;
+}
+
+/// The commands as functions.
+pub trait RequestPort: Port<RequestCommand> {
+    /// See [`RequestCommand::Next`].
+    ///
+    /// # Errors
+    /// Where a thread of the program failed.
+    fn next(&mut self, state: &State) -> Result<Option<Request>, ThreadFault> {
+        match self.perform(RequestCommand::Next(*state)) {
+            RequestAnswer::Next(next) => next,
+            _ => Ok(None),
+        }
+    }
+
+    /// See [`RequestCommand::LetsIn`].
+    fn lets_in(&mut self, result: Id) -> bool {
+        matches!(self.perform(RequestCommand::LetsIn(result)), RequestAnswer::LetsIn(Some(_)))
+    }
+
+    /// See [`RequestCommand::Tell`].
+    fn tell(&mut self, news: News) {
+        self.perform(RequestCommand::Tell(news));
+    }
+}
+
+impl<P: Port<RequestCommand> + ?Sized> RequestPort for P {}
+
+/// Where requests come from, for all that needs no more than this.
+pub trait Requester {
+    /// What is requested now, in this state.
+    ///
+    /// # Errors
+    /// Where a thread of the program failed.
+    fn next_request(&mut self, state: &State) -> Result<Option<Request>, ThreadFault>;
+    /// What the loop tells. Who does not care for news leaves it.
+    fn hear(&mut self, _news: News) {}
+}
+
+impl<R: Requester> Port<RequestCommand> for R {
+    fn perform(&mut self, command: RequestCommand) -> RequestAnswer {
+        match command {
+            RequestCommand::Next(state) => RequestAnswer::Next(self.next_request(&state)),
+            RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(result)),
+            RequestCommand::Tell(news) => {
+                self.hear(news);
+                RequestAnswer::Told
+            }
+        }
+    }
+}

@@ -1,0 +1,198 @@
+//! The robot as the loop sees it: commands in, reports out, and the clock by which its motions run.
+
+use super::{Command as PortCommand, Port};
+use crate::daemon::lending::LastState;
+use crate::devices::robot::BlockingLink;
+use crate::devices::world::Follower;
+use crate::eki::{Channel, Command, CommandId, Epoch, LinkLoss, MoveLin, Pace, QueueError, Report, Time};
+use crate::supervision::{ThreadFault, Watched};
+use std::time::{Duration, Instant};
+
+/// What is asked of the robot.
+#[derive(Debug)]
+pub enum RobotCommand {
+    /// Queues one command.
+    Send(Command),
+    /// Queues a path whole, in the active base. Where `permitted` is given, only so many points are sent before more are
+    /// permitted.
+    Path {
+        /// The points.
+        points: Vec<MoveLin>,
+        /// How many of them may be sent for now.
+        permitted: Option<u32>,
+    },
+    /// Permits commands up to this one to be sent; all of them where it is `None`.
+    Permit(Option<CommandId>),
+    /// Asks for a new epoch with a number above this one.
+    OpenEpoch(Epoch),
+    /// Ends the epoch.
+    Abort,
+    /// Waits for the next report. In lock step time passes only here.
+    Next,
+    /// Reads the clock: virtual in lock step.
+    Now,
+}
+
+/// What the robot answers.
+#[derive(Debug)]
+pub enum RobotAnswer {
+    /// To `Send` and `Path`: the number of the command, or of the path's last point.
+    Queued(Result<CommandId, QueueError>),
+    /// To `OpenEpoch`: the epoch that was asked for.
+    Epoch(Result<Epoch, QueueError>),
+    /// To `Permit` and `Abort`.
+    Done(Result<(), QueueError>),
+    /// To `Next`: a report, or none after a while without one. An error says that the link's thread failed, so that no
+    /// report will ever come.
+    Report(Result<Option<Report>, ThreadFault>),
+    /// To `Now`.
+    Time(Time),
+}
+
+impl PortCommand for RobotCommand {
+    type Answer = RobotAnswer;
+}
+
+/// An answer to another command than the one that was given; no port gives one.
+const MISMATCH: QueueError = QueueError::NotConnected;
+
+/// The robot's commands as functions. What is queued fails where there is no controller, no open epoch, or the command cannot be
+/// executed.
+pub trait RobotPort: Port<RobotCommand> {
+    /// Queues one command.
+    fn send(&mut self, command: Command) -> Result<CommandId, QueueError> {
+        let RobotAnswer::Queued(id) = self.perform(RobotCommand::Send(command)) else { return Err(MISMATCH) };
+        id
+    }
+
+    /// Queues a path whole; see [`RobotCommand::Path`].
+    fn send_path(&mut self, points: Vec<MoveLin>, permitted: Option<u32>) -> Result<CommandId, QueueError> {
+        let path = RobotCommand::Path { points, permitted };
+        let RobotAnswer::Queued(last) = self.perform(path) else { return Err(MISMATCH) };
+        last
+    }
+
+    /// Permits commands up to this one to be sent; all of them where it is `None`.
+    fn permit(&mut self, last: Option<CommandId>) -> Result<(), QueueError> {
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Permit(last)) else { return Err(MISMATCH) };
+        done
+    }
+
+    /// Asks for a new epoch with a number above this one, and gives its number.
+    fn open_epoch(&mut self, above: Epoch) -> Result<Epoch, QueueError> {
+        let RobotAnswer::Epoch(asked) = self.perform(RobotCommand::OpenEpoch(above)) else { return Err(MISMATCH) };
+        asked
+    }
+
+    /// Ends the epoch.
+    fn abort(&mut self) -> Result<(), QueueError> {
+        let RobotAnswer::Done(done) = self.perform(RobotCommand::Abort) else { return Err(MISMATCH) };
+        done
+    }
+
+    /// Waits a while for the next report. It fails where the link's thread failed.
+    fn next(&mut self) -> Result<Option<Report>, ThreadFault> {
+        let RobotAnswer::Report(report) = self.perform(RobotCommand::Next) else { return Ok(None) };
+        report
+    }
+
+    /// Reads the clock.
+    fn now(&mut self) -> Time {
+        let RobotAnswer::Time(now) = self.perform(RobotCommand::Now) else { return Time::default() };
+        now
+    }
+}
+
+impl<P: Port<RobotCommand> + ?Sized> RobotPort for P {}
+
+/// A robot at the end of a link.
+pub struct LinkedRobot {
+    link: BlockingLink,
+    pace: Pace,
+    started: Instant,
+    virtual_now: Time,
+    follower: Option<Follower>,
+    last: LastState,
+}
+
+impl LinkedRobot {
+    /// The robot behind this link, which runs at this pace.
+    pub fn new(link: BlockingLink, pace: Pace) -> Self {
+        LinkedRobot {
+            link,
+            pace,
+            started: Instant::now(),
+            virtual_now: Time::default(),
+            follower: None,
+            last: LastState::default(),
+        }
+    }
+
+    /// Where the robot's last state can be read, now and later.
+    pub fn last_state(&self) -> LastState {
+        self.last.clone()
+    }
+
+    /// The same with a simulated world around it, which follows what the controller reports. A controller that is no mock is
+    /// reported as lost: nothing that is simulated may decide how a real arm moves.
+    pub fn followed(self, follower: Follower) -> Self {
+        LinkedRobot { follower: Some(follower), ..self }
+    }
+
+    /// The link's thread, for its supervisor.
+    pub fn watched(&self) -> Watched {
+        self.link.watched()
+    }
+
+    /// Whether time passes only while the loop waits for a report.
+    pub fn is_lock_step(&self) -> bool {
+        self.pace == Pace::LockStep
+    }
+
+    fn hear(&mut self) -> Result<Option<Report>, ThreadFault> {
+        let report = self.link.next(PATIENCE);
+        match &report {
+            Some(Report::State(state) | Report::Connected { state }) => {
+                self.last.is(Some(state));
+                self.virtual_now = Time::at_ms(u64::from(state.time_ms));
+                if let Some(follower) = &self.follower {
+                    if !Follower::may_follow(state) {
+                        let problem =
+                            "the cameras are simulated, and this is not a mock controller; nothing is sent to it";
+                        let (channel, problem) = (Channel::State, problem.to_owned());
+                        return Ok(Some(Report::LinkLost { why: LinkLoss::System { channel, problem } }));
+                    }
+                    follower.hear(state);
+                }
+            }
+            Some(Report::LinkLost { .. }) => self.last.is(None),
+            Some(_) => {}
+            None => self.link.watched().check()?,
+        }
+        Ok(report)
+    }
+}
+
+/// How long the loop waits for the robot before it looks elsewhere, by the wall clock. In lock step time does not pass
+/// by looking elsewhere.
+const PATIENCE: Duration = Duration::from_millis(20);
+
+impl Port<RobotCommand> for LinkedRobot {
+    fn perform(&mut self, command: RobotCommand) -> RobotAnswer {
+        match command {
+            RobotCommand::Send(command) => RobotAnswer::Queued(self.link.send(command)),
+            RobotCommand::Path { points, permitted: None } => RobotAnswer::Queued(self.link.send_path(points)),
+            RobotCommand::Path { points, permitted: Some(permitted) } => {
+                RobotAnswer::Queued(self.link.send_path_within(points, permitted))
+            }
+            RobotCommand::Permit(last) => RobotAnswer::Done(self.link.permit(last)),
+            RobotCommand::OpenEpoch(above) => RobotAnswer::Epoch(self.link.open_epoch_above(above)),
+            RobotCommand::Abort => RobotAnswer::Done(self.link.abort()),
+            RobotCommand::Next => RobotAnswer::Report(self.hear()),
+            RobotCommand::Now => RobotAnswer::Time(match self.pace {
+                Pace::LockStep => self.virtual_now,
+                Pace::Wall => Time::after_start(self.started.elapsed()),
+            }),
+        }
+    }
+}

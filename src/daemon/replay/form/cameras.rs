@@ -1,0 +1,126 @@
+//! The cameras' commands and answers in a recording.
+
+use super::{Heard, Recordable, read, told, value};
+use crate::daemon::ports::{CameraAnswer, CameraCommand, CameraFault, Picture2d};
+use crate::daemon::replay::queue::Recorder;
+use crate::eki::Time;
+use crate::tape::{Shot, Topic};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+use std::sync::Arc;
+
+/// What a camera answers, as it is written down: of a picture its size, and when it was taken.
+#[derive(Debug, Serialize, Deserialize)]
+struct ShotForm {
+    size_px: [usize; 2],
+    /// By the camera's own clock; none of a shot that is not timed.
+    time_s: Option<f64>,
+}
+
+/// A camera's fault, as it is written down.
+#[derive(Debug, Serialize, Deserialize)]
+struct FaultForm {
+    camera: String,
+    why: String,
+}
+
+impl From<&CameraFault> for FaultForm {
+    fn from(fault: &CameraFault) -> Self {
+        FaultForm { camera: fault.camera.to_owned(), why: fault.why.clone() }
+    }
+}
+
+impl From<FaultForm> for CameraFault {
+    fn from(FaultForm { camera, why }: FaultForm) -> Self {
+        let known = ["the scanner", "the flange camera"];
+        CameraFault { camera: known.into_iter().find(|name| *name == camera).unwrap_or("a camera"), why }
+    }
+}
+
+/// Whether these words begin a film, and whether they watch it or end it.
+pub fn of_film(said: &Value) -> (bool, bool) {
+    (said.get("begin_film").is_some(), said == "next_of_film" || said == "end_film")
+}
+
+impl Recordable for CameraCommand {
+    fn said(&self) -> Option<(Topic, Value)> {
+        Some((Topic::Camera, told(self)))
+    }
+
+    fn heard(answer: &Self::Answer, recorder: &Recorder) -> Option<Heard> {
+        let ok = |heard: Value| value(json!({ "Ok": heard }));
+        let taken = |shot: Shot, time_s| {
+            let form = ShotForm { size_px: shot.size_px(), time_s };
+            Some(Heard { value: json!({ "Ok": form }), shot: Some(shot) })
+        };
+        match answer {
+            Ok(CameraAnswer::Scan(cloud)) => taken(Shot::Points(Arc::new(cloud.clone())), None),
+            Ok(CameraAnswer::Picture(taken_now)) => {
+                taken(Shot::Scanner(Arc::new(taken_now.picture.clone())), Some(taken_now.time_s))
+            }
+            Ok(CameraAnswer::Corner(picture)) => taken(Shot::Flange(Arc::new(picture.clone())), None),
+            // By the wall clock a film is watched until its next picture is there; how often it was looked for does not matter.
+            Ok(CameraAnswer::NoneDue) => ok(Value::Null).filter(|_| recorder.is_lock_step()),
+            Ok(CameraAnswer::FilmBegan(time_s)) => ok(json!(time_s)),
+            Ok(CameraAnswer::FilmEnded(dropped)) => ok(json!(dropped)),
+            Ok(CameraAnswer::Checked(faults)) => {
+                value(told(&faults.iter().map(FaultForm::from).collect::<Vec<_>>()))
+            }
+            Err(fault) => value(json!({ "Err": FaultForm::from(fault) })),
+        }
+    }
+
+    fn answer(&self, mut heard: Heard) -> Result<Self::Answer, serde_json::Error> {
+        let shot = heard.shot.take();
+        let fault = CameraFault::from;
+        Ok(match self {
+            CameraCommand::Check => {
+                let faults: Vec<FaultForm> = read(heard)?;
+                Ok(CameraAnswer::Checked(faults.into_iter().map(fault).collect()))
+            }
+            CameraCommand::BeginFilm(_) => read::<Result<_, _>>(heard)?.map(CameraAnswer::FilmBegan).map_err(fault),
+            CameraCommand::EndFilm => read::<Result<_, _>>(heard)?.map(CameraAnswer::FilmEnded).map_err(fault),
+            CameraCommand::Scan
+            | CameraCommand::Picture
+            | CameraCommand::NextOfFilm
+            | CameraCommand::CornerPicture => {
+                let seen: Result<Option<ShotForm>, FaultForm> = read(heard)?;
+                seen.map_err(fault).and_then(|seen| self.taken(seen, shot))
+            }
+        })
+    }
+
+    fn otherwise(&self, _: Time, _: bool) -> Self::Answer {
+        match self {
+            CameraCommand::Check => Ok(CameraAnswer::Checked(vec![])),
+            _ => Err(missing()),
+        }
+    }
+}
+
+impl CameraCommand {
+    /// The shot that the recording has for this.
+    fn taken(&self, seen: Option<ShotForm>, shot: Option<Shot>) -> Result<CameraAnswer, CameraFault> {
+        let time_s = seen.as_ref().and_then(|seen| seen.time_s);
+        Ok(match (self, shot) {
+            (CameraCommand::NextOfFilm, _) if seen.is_none() => CameraAnswer::NoneDue,
+            (CameraCommand::Scan, Some(Shot::Points(cloud))) => CameraAnswer::Scan(Arc::unwrap_or_clone(cloud)),
+            (CameraCommand::CornerPicture, Some(Shot::Flange(picture))) => {
+                CameraAnswer::Corner(Arc::unwrap_or_clone(picture))
+            }
+            (CameraCommand::Picture | CameraCommand::NextOfFilm, Some(Shot::Scanner(picture))) => {
+                let picture = Arc::unwrap_or_clone(picture);
+                CameraAnswer::Picture(Picture2d { picture, time_s: time_s.ok_or_else(missing)? })
+            }
+            (_, None) => return Err(missing()),
+            (_, Some(_)) => {
+                let why = "the recording has something else where another picture was due".to_owned();
+                return Err(CameraFault { camera: "a camera", why });
+            }
+        })
+    }
+}
+
+fn missing() -> CameraFault {
+    CameraFault { camera: "a camera", why: "the recording has no more pictures".to_owned() }
+}

@@ -1,0 +1,114 @@
+//! The record's commands and answers in a recording.
+
+use super::{Heard, Recordable, read, told, value};
+use crate::daemon::ports::{Kept, Note, RecordAnswer, RecordCommand, RecordError};
+use crate::daemon::replay::queue::Recorder;
+use crate::daemon::replay::switch::RecordingSwitch;
+use crate::eki::Time;
+use crate::phase::Phase;
+use crate::tape::Topic;
+use serde::de::DeserializeOwned;
+use serde_json::{Value, json};
+
+/// The question what of the panel was abraded in earlier cycles.
+const ABRADED_BEFORE: &str = "abraded_before";
+
+impl Recordable for RecordCommand {
+    fn said(&self) -> Option<(Topic, Value)> {
+        let said = match self {
+            RecordCommand::Note(Note::Finding(finding)) => return Some((Topic::Finding, told(finding))),
+            RecordCommand::Event(event) => return Some((Topic::Event, told(event))),
+            RecordCommand::Note(note) => note_form(note),
+            // How many waypoints are permitted follows from what the robot reports.
+            RecordCommand::OpenIntent(motion) | RecordCommand::OpenContact { motion, .. } => {
+                json!({ "open_intent": motion })
+            }
+            RecordCommand::CloseIntent { motion, outcome, done } => {
+                json!({ "close_intent": { "motion": motion, "outcome": outcome, "done": done } })
+            }
+            RecordCommand::AbradedBefore => json!(ABRADED_BEFORE),
+            RecordCommand::Conclude(verdict) => json!({ "conclude": verdict }),
+            RecordCommand::Begin(_) => json!("begin"),
+            RecordCommand::DiscWorn => json!("disc_worn_mm2"),
+            RecordCommand::WearDisc(swept_mm2) => json!({ "wear_disc_mm2": swept_mm2 }),
+            RecordCommand::MountDisc => json!("mount_disc"),
+            RecordCommand::Check => json!("check"),
+            RecordCommand::Filled => Value::Null,
+            // Who requested something and what the clock says is no part of what a cycle decides.
+            RecordCommand::Permit(_)
+            | RecordCommand::Asked(_)
+            | RecordCommand::Clock(_)
+            | RecordCommand::BetweenCycles => return None,
+        };
+        Some((Topic::Store, said))
+    }
+
+    fn heard(answer: &Self::Answer, _: &Recorder) -> Option<Heard> {
+        let ok = |heard: Value| value(json!({ "Ok": heard }));
+        match answer {
+            Ok(RecordAnswer::Done) => ok(Value::Null),
+            Ok(RecordAnswer::Cycle(cycle)) => ok(json!(cycle)),
+            Ok(RecordAnswer::Worn(worn_mm2)) => ok(json!(worn_mm2)),
+            // Where nothing was, nothing is written down: a replay then hears of nothing.
+            Ok(RecordAnswer::Earlier(earlier)) => ok(json!(earlier)).filter(|_| !earlier.is_empty()),
+            Ok(RecordAnswer::Wrong(reasons)) => value(json!(reasons)),
+            Ok(RecordAnswer::Full(why)) => why.as_ref().and_then(|why| value(json!(why))),
+            Err(error) => value(json!({ "Err": error.0.to_string() })),
+        }
+    }
+
+    fn answer(&self, heard: Heard) -> Result<Self::Answer, serde_json::Error> {
+        fn kept<T: DeserializeOwned>(heard: Heard) -> Result<Result<T, RecordError>, serde_json::Error> {
+            let kept: Result<T, String> = read(heard)?;
+            Ok(kept.map_err(|words| RecordError(words.into())))
+        }
+        Ok(match self {
+            RecordCommand::Begin(_) => kept(heard)?.map(RecordAnswer::Cycle),
+            RecordCommand::DiscWorn => kept(heard)?.map(RecordAnswer::Worn),
+            RecordCommand::AbradedBefore => kept(heard)?.map(RecordAnswer::Earlier),
+            RecordCommand::Check => Ok(RecordAnswer::Wrong(read(heard)?)),
+            RecordCommand::Filled => Ok(RecordAnswer::Full(Some(read(heard)?))),
+            _ => kept::<()>(heard)?.map(|()| RecordAnswer::Done),
+        })
+    }
+
+    fn otherwise(&self, _: Time, _: bool) -> Self::Answer {
+        match self {
+            RecordCommand::Permit(_)
+            | RecordCommand::Asked(_)
+            | RecordCommand::Clock(_)
+            | RecordCommand::BetweenCycles => Ok(RecordAnswer::Done),
+            RecordCommand::AbradedBefore => Ok(RecordAnswer::Earlier(vec![])),
+            RecordCommand::Check => Ok(RecordAnswer::Wrong(vec![])),
+            RecordCommand::Filled => Ok(RecordAnswer::Full(None)),
+            _ => Err(RecordError("the replay has parted from the recording".into())),
+        }
+    }
+
+    fn is_optional(&self) -> bool {
+        matches!(self, RecordCommand::AbradedBefore)
+    }
+
+    fn before(&self, switch: &RecordingSwitch) {
+        if matches!(self, RecordCommand::BetweenCycles) {
+            switch.is_over();
+        }
+    }
+}
+
+/// What a phase leaves, as it is written down. A picture that is in the store already has the form of one that is put there
+/// now.
+fn note_form(note: &Note) -> Value {
+    let frame = |time_s: f64, phase: Phase| json!({ "frame": { "time_s": time_s, "phase": phase.word() } });
+    let figure = |name: &str, caption: &str| json!({ "figure": { "name": name, "caption": caption } });
+    match note {
+        Note::Finding(finding) => told(finding),
+        Note::Picture(name, _) => json!({ "picture": name }),
+        Note::Kept(Kept::Shot(shot)) => json!({ "picture": shot.name }),
+        Note::Frame(_, time_s, phase) => frame(*time_s, *phase),
+        Note::Kept(Kept::Frame(kept)) => frame(kept.time_s, kept.phase),
+        Note::Figure(drawn) => figure(&drawn.name, &drawn.caption),
+        Note::Kept(Kept::Figure(drawn)) => figure(&drawn.name, &drawn.caption),
+        Note::Budget(measured) => json!({ "budget": measured }),
+    }
+}

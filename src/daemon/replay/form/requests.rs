@@ -1,0 +1,95 @@
+//! Requests, and what is told of them, in a recording.
+
+use super::{Heard, Recordable, value};
+use crate::cycle;
+use crate::daemon::ports::{News, RequestAnswer, RequestCommand};
+use crate::daemon::replay::queue::Recorder;
+use crate::daemon::replay::switch::RecordingSwitch;
+use crate::daemon::request::{Request, What};
+use crate::eki::Time;
+use crate::record::{Front, Who};
+use crate::tape::Topic;
+use serde_json::{Value, json};
+
+impl Recordable for RequestCommand {
+    fn said(&self) -> Option<(Topic, Value)> {
+        Some(match self {
+            RequestCommand::Next(_) => (Topic::Request, Value::Null),
+            RequestCommand::LetsIn(_) => (Topic::Result, Value::Null),
+            RequestCommand::Tell(News::Refused(request, refusal)) => {
+                (Topic::Request, json!({ "refused": [request, refusal] }))
+            }
+            RequestCommand::Tell(News::Unable(reasons)) => (Topic::Request, json!({ "unable": reasons })),
+            RequestCommand::Tell(_) => return None,
+        })
+    }
+
+    fn heard(answer: &RequestAnswer, _: &Recorder) -> Option<Heard> {
+        match answer {
+            RequestAnswer::Next(Ok(Some(Request { what, .. }))) => value(match what {
+                What::Table(request) => json!({ "for": request }),
+                // What the table refuses is a request like any other; what it takes begins a recording of its own.
+                What::Begin(prepared) => json!({ "for": prepared.request }),
+                What::NewDisc => json!("new_disc"),
+                What::Leave => json!("leave"),
+                What::Unprepared { .. } | What::State | What::Start(_) | What::Shoot(_) => return None,
+            }),
+            RequestAnswer::Next(_) | RequestAnswer::LetsIn(None) => None,
+            RequestAnswer::LetsIn(Some(result)) => value(json!(result)),
+            RequestAnswer::Told => value(Value::Null),
+        }
+    }
+
+    fn answer(&self, heard: Heard) -> Result<RequestAnswer, serde_json::Error> {
+        Ok(match self {
+            RequestCommand::LetsIn(result) => RequestAnswer::LetsIn(Some(*result)),
+            RequestCommand::Tell(_) => RequestAnswer::Told,
+            RequestCommand::Next(_) => {
+                let what = match heard.value {
+                    Value::String(word) if word == "leave" => What::Leave,
+                    Value::String(word) if word == "new_disc" => What::NewDisc,
+                    mut asked => {
+                        let request = asked.get_mut("for").map(Value::take).unwrap_or_default();
+                        What::Table(serde_json::from_value(request)?)
+                    }
+                };
+                next(what)
+            }
+        })
+    }
+
+    fn otherwise(&self, _: Time, has_parted: bool) -> RequestAnswer {
+        match self {
+            // The player's record refuses it, and so ends the loop.
+            RequestCommand::Next(_) if has_parted => next(What::Table(cycle::Request::Abort)),
+            RequestCommand::Next(_) => RequestAnswer::Next(Ok(None)),
+            RequestCommand::LetsIn(_) => RequestAnswer::LetsIn(None),
+            RequestCommand::Tell(_) => RequestAnswer::Told,
+        }
+    }
+
+    fn fits(&self, heard: &Value) -> bool {
+        match self {
+            RequestCommand::LetsIn(result) => *heard == json!(result),
+            _ => true,
+        }
+    }
+
+    fn before(&self, switch: &RecordingSwitch) {
+        match self {
+            RequestCommand::Next(state) => switch.listens(state),
+            RequestCommand::Tell(News::Begun(cycle, before)) => switch.begins(*cycle, before.clone()),
+            _ => {}
+        }
+    }
+
+    fn after(answer: &mut RequestAnswer, switch: &RecordingSwitch) {
+        if let RequestAnswer::Next(Ok(Some(Request { what: What::Begin(prepared), .. }))) = answer {
+            switch.wants(prepared.recording.take(), prepared.request);
+        }
+    }
+}
+
+fn next(what: What) -> RequestAnswer {
+    RequestAnswer::Next(Ok(Some(Request::new(what, Who::by(Front::Program)))))
+}

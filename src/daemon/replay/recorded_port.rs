@@ -1,0 +1,37 @@
+//! A port whose commands and answers are recorded: each command goes through as it is, and is written down while the switch
+//! is on.
+
+use super::form::{Heard, Recordable};
+use super::switch::RecordingSwitch;
+use crate::daemon::ports::Port;
+use crate::tape::Entry;
+use std::ops::DerefMut;
+
+/// A port that can be recorded.
+pub struct RecordedPort<P> {
+    port: P,
+    switch: RecordingSwitch,
+}
+
+impl<P> RecordedPort<P> {
+    /// This port, recorded while the switch is on.
+    pub fn new(port: P, switch: RecordingSwitch) -> Self {
+        RecordedPort { port, switch }
+    }
+}
+
+impl<C: Recordable, P: DerefMut<Target: Port<C>>> Port<C> for RecordedPort<P> {
+    fn perform(&mut self, command: C) -> C::Answer {
+        command.before(&self.switch);
+        let recorder = self.switch.recorder();
+        let said = recorder.as_ref().and_then(|_| command.said());
+        let mut answer = self.port.perform(command);
+        C::after(&mut answer, &self.switch);
+        if let (Some(recorder), Some((topic, said))) = (recorder, said)
+            && let Some(Heard { value: heard, shot }) = C::heard(&answer, &recorder)
+        {
+            recorder.put(Entry { topic, at_ns: 0, said, heard, shot });
+        }
+        answer
+    }
+}
