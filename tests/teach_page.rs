@@ -43,7 +43,7 @@ pub fn browsed(url: &str, folder: &Path) -> Option<String> {
             "--no-sandbox",
             "--disable-gpu",
             "--window-size=1400,900",
-            "--virtual-time-budget=5000",
+            "--virtual-time-budget=20000",
         ])
         .arg(format!("--user-data-dir={}", folder.join("browser").display()))
         .args(["--dump-dom", url])
