@@ -5,7 +5,6 @@
 //! at the panel's centre and never at the base's origin: a small rotation moves a distant origin far, which says nothing about
 //! the panel. Evidence against the panel itself leads to reject; what a person can judge better leads to review.
 
-use super::CompetingPose;
 use super::LocateError;
 use super::evidence::Fit;
 use super::fit::CONVERGED_MM;
