@@ -67,9 +67,8 @@ impl Kind {
 
 /// Names of numbers that are read again by their name.
 pub mod name {
-    use crate::inspect::name as film;
-    pub use crate::inspect::name::WATCHED;
-
+    /// How long a film was watched, s.
+    pub const WATCHED: &str = "watched";
     /// The water, as the recipe states it.
     pub const WATER: &str = "water, as the recipe states it";
     /// The lamp, as the recipe states it.
@@ -88,20 +87,6 @@ pub mod name {
     pub const WORN_BY_A_GRID: &str = "worn of the disc after the largest grid";
     /// Grids that were begun and not covered as planned.
     pub const BEGUN: &str = "grids that were not covered as planned";
-    /// How the names of those numbers begin that programs did not tell before a finding's numbers were its gate's checks.
-    pub const SINCE_CHECKS: [&str; 11] = [
-        crate::locate::refine::FARTHEST,
-        film::DRY_PICTURE,
-        film::FILM_CHANGE,
-        film::FIRST_SHARPNESS,
-        film::WET_GRIDS,
-        film::UNSEEN_GRIDS,
-        film::MASKED_GRIDS,
-        crate::path::TOOL_ERROR,
-        crate::path::OF_GRID,
-        WORN_BY_A_GRID,
-        BEGUN,
-    ];
     /// Moves of the corner loop.
     pub const MOVES: &str = "moves after the first picture";
 }

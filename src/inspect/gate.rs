@@ -170,8 +170,8 @@ impl Observation {
 
 /// Names of the checks that tell what no number of a film says alone.
 pub mod name {
-    /// How long a film was watched, s.
-    pub const WATCHED: &str = "watched";
+    pub use crate::record::name::WATCHED;
+
     /// Whether the dry panel was seen.
     pub const DRY_PICTURE: &str = "a picture of the dry panel";
     /// By how much the film changes the panel.

@@ -2,7 +2,7 @@
 //!
 //! A gate lists its checks; the verdict, the page, the JSON and the recording are all made from that one list.
 
-use super::{Judgement, Reason};
+use super::judgement::{Judgement, Reason};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 

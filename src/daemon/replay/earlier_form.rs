@@ -4,9 +4,25 @@
 //! decides. What this program finds is brought into that form before the two are compared: of each number what such a
 //! recording has of it, in the recording's order. Nothing that a recording holds is left out of the comparison.
 
+use crate::inspect::name as film;
 use crate::record::name;
 use crate::verdict::SINCE_CHECKS;
 use serde_json::Value;
+
+/// How the names of those numbers begin that programs did not keep before a finding's numbers were its gate's checks.
+const NAMES_SINCE_CHECKS: [&str; 11] = [
+    crate::locate::refine::FARTHEST,
+    film::DRY_PICTURE,
+    film::FILM_CHANGE,
+    film::FIRST_SHARPNESS,
+    film::WET_GRIDS,
+    film::UNSEEN_GRIDS,
+    film::MASKED_GRIDS,
+    crate::path::TOOL_ERROR,
+    crate::path::OF_GRID,
+    name::WORN_BY_A_GRID,
+    name::BEGUN,
+];
 
 /// A finding of this program in the form that the recorded one has.
 pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
@@ -22,7 +38,7 @@ pub(super) fn in_form_of(recorded: &Value, mut now: Value) -> Value {
     // What an earlier program did not tell at all.
     found.retain(|number| {
         let is_new =
-            number["name"].as_str().is_some_and(|name| name::SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
+            number["name"].as_str().is_some_and(|name| NAMES_SINCE_CHECKS.iter().any(|new| name.starts_with(new)));
         !is_new || kept.iter().any(|other| other["name"] == number["name"])
     });
     let place = |number: &Value| kept.iter().position(|other| other["name"] == number["name"]);
@@ -70,7 +86,7 @@ mod tests {
 
     #[test]
     fn what_is_the_same_is_the_same_in_an_earlier_form() {
-        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
+        let dry = Check::new(NAMES_SINCE_CHECKS[0], "", 1.0);
         assert_eq!(differing(&earlier(), found([rms(0.1, 0.25), dry, shift()])), Vec::<String>::new());
     }
 
@@ -95,7 +111,7 @@ mod tests {
         assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift()])), Vec::<String>::new());
         let other_code = rms(0.1, 0.25).reviews("poor_fit", String::new);
         assert_eq!(differing(&recorded, found([other_code, shift()])), ["numbers.residual.severity"]);
-        let dry = Check::new(name::SINCE_CHECKS[0], "", 1.0);
+        let dry = Check::new(NAMES_SINCE_CHECKS[0], "", 1.0);
         assert_eq!(differing(&recorded, found([rms(0.1, 0.25), shift(), dry])), ["numbers"]);
         assert_ne!(differing(&recorded, found([shift(), rms(0.1, 0.25)])), Vec::<String>::new(), "another order");
     }

@@ -1,0 +1,120 @@
+//! Verdicts and their reasons.
+
+use serde::{Deserialize, Serialize, Serializer};
+use std::borrow::Cow;
+
+/// What a stage or a cycle ends with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The evidence supports going on.
+    Accept,
+    /// A person must decide.
+    Review,
+    /// Not to be used.
+    Reject,
+    /// The test was passed.
+    Pass,
+    /// The test was not passed.
+    Fail,
+    /// The test says nothing; repeat it.
+    Invalid,
+    /// A fault of the cell ended the work.
+    Aborted,
+}
+
+impl Verdict {
+    /// The word that users script against.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Accept => "accept",
+            Verdict::Review => "review",
+            Verdict::Reject => "reject",
+            Verdict::Pass => "pass",
+            Verdict::Fail => "fail",
+            Verdict::Invalid => "invalid",
+            Verdict::Aborted => "aborted",
+        }
+    }
+
+    /// The process's exit code: 0 good, 1 a verdict that is not, 3 a fault.
+    pub fn exit_code(self) -> u8 {
+        match self {
+            Verdict::Accept | Verdict::Pass => 0,
+            Verdict::Review | Verdict::Reject | Verdict::Fail | Verdict::Invalid => 1,
+            Verdict::Aborted => 3,
+        }
+    }
+}
+
+impl Serialize for Verdict {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.word())
+    }
+}
+
+/// One reason for a verdict.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Reason {
+    /// A stable lower-case word, `shift_limit`; owned where it was read back from a store.
+    pub code: Cow<'static, str>,
+    /// What was measured, what is allowed, what to do.
+    pub message: String,
+}
+
+impl Reason {
+    /// A reason from its code and words.
+    pub fn new(code: &'static str, message: impl Into<String>) -> Self {
+        Reason { code: Cow::Borrowed(code), message: message.into() }
+    }
+}
+
+/// A verdict with its reasons; an accepted thing needs none.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// The verdict.
+    pub verdict: Verdict,
+    /// Why.
+    pub reasons: Vec<Reason>,
+}
+
+impl Judgement {
+    /// Reject where there is a reason to, else review where there is one, else accept.
+    pub fn of(reject: Vec<Reason>, review: Vec<Reason>) -> Self {
+        let verdict = match (reject.is_empty(), review.is_empty()) {
+            (true, true) => Verdict::Accept,
+            (true, false) => Verdict::Review,
+            (false, _) => Verdict::Reject,
+        };
+        Judgement { verdict, reasons: reject.into_iter().chain(review).collect() }
+    }
+
+    /// Two gates' words on one thing: the worse verdict, its reasons first.
+    pub fn and(self, other: Judgement) -> Self {
+        let badness = |judgement: &Judgement| match judgement.verdict {
+            Verdict::Accept | Verdict::Pass => 0,
+            Verdict::Review => 1,
+            _ => 2,
+        };
+        let (worse, better) = if badness(&other) > badness(&self) { (other, self) } else { (self, other) };
+        Judgement { verdict: worse.verdict, reasons: [worse.reasons, better.reasons].concat() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_reason_to_reject_outweighs_the_rest() {
+        let reason = |code| Reason::new(code, "measured 2 mm, allowed 1 mm");
+        assert_eq!(Judgement::of(vec![], vec![]).verdict, Verdict::Accept);
+        assert_eq!(Judgement::of(vec![], vec![reason("a")]).verdict, Verdict::Review);
+        let both = Judgement::of(vec![reason("b")], vec![reason("a")]);
+        assert_eq!((both.verdict, &*both.reasons[0].code, both.reasons.len()), (Verdict::Reject, "b", 2));
+        let (accept, review) = (Judgement::of(vec![], vec![]), Judgement::of(vec![], vec![reason("a")]));
+        assert_eq!(accept.clone().and(accept.clone()), accept);
+        assert_eq!(accept.and(review.clone()), review);
+        assert_eq!(review.and(Judgement::of(vec![reason("b")], vec![])), both);
+    }
+}
