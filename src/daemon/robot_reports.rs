@@ -7,7 +7,7 @@ use super::run::Running;
 use super::sight::reason;
 use crate::cycle::{self, Act, Answer, Event, Id, Path, Report, Trouble};
 use crate::eki::{self, Mode, StopCause};
-use crate::path::trace::Told;
+use crate::path::trace::PoseReport;
 use crate::record::Kind;
 use crate::verdict::Reason;
 
@@ -112,7 +112,7 @@ impl Running<'_> {
         if self.pending.as_ref().is_some_and(contact)
             && let Some(sent) = self.sent
         {
-            self.trace.push(Told {
+            self.trace.push(PoseReport {
                 time_ms: state.time_ms,
                 tip: state.base_from_tcp,
                 done: sent.waypoints(state.done),

@@ -14,7 +14,7 @@ use crate::panel::{GridId, Region};
 use crate::recipe;
 use crate::surface::dwell::foot;
 use crate::surface::{BSplineSurface, Parameter};
-use crate::verdict::{Judgement, Reason, Verdict};
+use crate::verdict::{Check, Judgement, Reason, Severity, Verdict};
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use rayon::prelude::*;
 
@@ -216,18 +216,24 @@ pub fn judge_grids(grids: &[GridReach]) -> Judgement {
     refused.and(reach)
 }
 
-/// Accepts a plan that the arm can follow, or rejects it in words: grid and waypoint, axis, how far, what helps.
-pub fn judge_plan(
+/// The room that is left where the arm follows a plan; where it does not, the plan is rejected in words: grid and waypoint,
+/// axis, how far, what helps.
+pub fn check_plan(
     reached: &Result<Reached, Box<Unreached>>,
     (surface, region): (&BSplineSurface, &Region),
-) -> Judgement {
+) -> Check {
     let reason = |unreached: &Unreached| {
         let grid = grid_below(surface, region, unreached.at);
         let grid = grid.map_or_else(|| "beside the region".to_owned(), |id| format!("grid {id}"));
         Reason::new(unreached.fault.obstacle.code(), format!("{grid}, {}", words(unreached)))
     };
-    Judgement::of(reached.as_ref().err().map(|unreached| reason(unreached)).into_iter().collect(), vec![])
+    let room_deg = reached.as_ref().ok().map(|reached| reached.travel.room_deg);
+    let refused = reached.as_ref().err().map(|unreached| reason(unreached));
+    Check::new(ROOM, "°", room_deg).gives(refused, Severity::Reject)
 }
+
+/// The number that [`check_plan`] tells.
+pub const ROOM: &str = "room beyond the arm's margins";
 
 /// The grid below a point; `None` beside the region.
 pub fn grid_below(surface: &BSplineSurface, region: &Region, point: Point<Panel>) -> Option<GridId> {

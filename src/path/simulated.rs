@@ -7,7 +7,7 @@ use crate::panel::{GridId, TaughtPanel};
 use crate::recipe::Recipe;
 use crate::sim::{Cell, SEARCH_BOX_MM, Scene};
 use crate::surface::{Fit, fit};
-use crate::verdict::Verdict;
+use crate::verdict::{Judgement, Verdict};
 use nalgebra::{Isometry3, Rotation3, Translation3, Vector3};
 use std::f64::consts::FRAC_PI_2;
 
@@ -139,7 +139,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let nearer =
         Stand { base_from_panel: truth.base_from_panel.displaced(Vector::new(Vector3::x() * -100.0)), ..stand };
     let refused = panel_reach::of_plan(&plan, &nearer, recipe.path());
-    let judgement = panel_reach::judge_plan(&refused, (&surface, &panel.region));
+    let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;
     println!("{message}");
     assert_eq!(&*judgement.reasons[0].code, "retract_out_of_reach");
@@ -151,7 +151,7 @@ fn the_simulated_arm_follows_and_says_where_it_cannot() {
     let farther = truth.base_from_panel.displaced(Vector::new(Vector3::x() * 400.0));
     let stand = Stand { base_from_panel: farther, ..stand };
     let refused = panel_reach::of_plan(&plan, &stand, recipe.path());
-    let judgement = panel_reach::judge_plan(&refused, (&surface, &panel.region));
+    let judgement = Judgement::of_checks([&panel_reach::check_plan(&refused, (&surface, &panel.region))]);
     let message = &judgement.reasons[0].message;
     println!("{message}");
     assert_eq!((judgement.verdict, &*judgement.reasons[0].code), (Verdict::Reject, "out_of_reach"));

@@ -10,7 +10,7 @@ use crate::geometry::{KukaPose, Panel, Point, Rigid, Tool};
 
 /// One report.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Told {
+pub struct PoseReport {
     /// By the controller's clock, ms.
     pub time_ms: u32,
     /// The tool in the panel's frame, the base that was set.
@@ -21,11 +21,11 @@ pub struct Told {
 
 /// All reports of one contact path.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Trace(Vec<Told>);
+pub struct Trace(Vec<PoseReport>);
 
 /// What was executed.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Walked {
+pub struct ExecutedPath {
     /// Poses in the order of time.
     pub poses: Vec<Executed>,
     /// Reports of the robot among them.
@@ -38,16 +38,17 @@ pub struct Walked {
 
 impl Trace {
     /// Adds a report.
-    pub fn push(&mut self, told: Told) {
+    pub fn push(&mut self, told: PoseReport) {
         self.0.push(told);
     }
 
     /// The executed path; `done` waypoints of all were executed in the end.
-    pub fn walked(&self, all: &[Waypoint], done: u32) -> Walked {
-        let mut walked = Walked { reports: self.0.len(), ..Walked::default() };
+    pub fn executed(&self, all: &[Waypoint], done: u32) -> ExecutedPath {
+        let mut walked = ExecutedPath { reports: self.0.len(), ..ExecutedPath::default() };
         // The arm begins at the first waypoint.
         let (mut passed, mut time_ms) = (0_usize, self.0.first().map_or(0, |told| told.time_ms));
-        let last = Told { time_ms: self.0.last().map_or(0, |told| told.time_ms), tip: KukaPose::default(), done };
+        let last =
+            PoseReport { time_ms: self.0.last().map_or(0, |told| told.time_ms), tip: KukaPose::default(), done };
         for (told, is_report) in self.0.iter().map(|told| (*told, true)).chain([(last, false)]) {
             let reached = (told.done as usize).min(all.len().saturating_sub(1));
             let missed = reached.saturating_sub(passed);
@@ -107,11 +108,11 @@ mod tests {
         Waypoint { pose, contact, feed_mm_s: 60.0, blend_mm: 2.0 }
     }
 
-    fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> Told {
-        Told { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done }
+    fn told(time_ms: u32, x_mm: f64, y_mm: f64, done: u32) -> PoseReport {
+        PoseReport { time_ms, tip: KukaPose { x_mm, y_mm, ..KukaPose::default() }, done }
     }
 
-    fn ways(walked: &Walked) -> Vec<(f64, f64, bool)> {
+    fn ways(walked: &ExecutedPath) -> Vec<(f64, f64, bool)> {
         let way = |pose: &Executed| (pose.panel_from_tool.origin().mm.x, pose.seconds, pose.contact);
         walked.poses.iter().map(way).collect()
     }
@@ -127,7 +128,7 @@ mod tests {
         trace.push(told(1_000, 0.0, 0.0, 1));
         trace.push(told(1_100, 6.0, 0.5, 1));
         trace.push(told(1_200, 12.0, 0.0, 2));
-        let walked = trace.walked(&all, 2);
+        let walked = trace.executed(&all, 2);
         assert_eq!(ways(&walked), [(0.0, 0.0, true), (6.0, 0.1, true), (12.0, 0.1, true)]);
         assert_eq!((walked.reports, walked.off_mm), (3, 0.5));
         assert!((walked.contact_mm - 2.0 * 36.25f64.sqrt()).abs() < 1e-9, "{}", walked.contact_mm);
@@ -148,10 +149,10 @@ mod tests {
             (50.0, 0.2, true),
             (55.0, 0.2, true),
         ];
-        assert_eq!(ways(&trace.walked(&all, 5)), expected);
+        assert_eq!(ways(&trace.executed(&all, 5)), expected);
         // The rest is told with the path's end; the way up is not contact.
-        let whole = trace.walked(&all, 7);
+        let whole = trace.executed(&all, 7);
         assert_eq!(ways(&whole)[6..], [(60.0, 0.0, true), (70.0, 0.0, false)]);
-        assert_eq!(Trace::default().walked(&all, 0), Walked::default(), "nothing moved");
+        assert_eq!(Trace::default().executed(&all, 0), ExecutedPath::default(), "nothing moved");
     }
 }

@@ -5,7 +5,7 @@ use crate::panel::{GridId, Region};
 use crate::path::Plan;
 use crate::path::dwell::{self, Dwell};
 use crate::path::routes::waypoints;
-use crate::path::trace::{Trace, Walked};
+use crate::path::trace::{ExecutedPath, Trace};
 use crate::recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::{dwell_map, overlap_map};
@@ -37,7 +37,7 @@ pub struct Abraded {
     /// What the disc swept, mm².
     pub swept_mm2: f64,
     progress: Progress,
-    walked: Walked,
+    walked: ExecutedPath,
     off_limit_mm: f64,
     dwell: Dwell,
 }
@@ -50,7 +50,7 @@ pub fn abraded(
     (trace, progress): (&Trace, Progress),
 ) -> Abraded {
     let disc_mm = settings.disc_diameter_mm();
-    let walked = trace.walked(&waypoints(plan), progress.done);
+    let walked = trace.executed(&waypoints(plan), progress.done);
     let planned: Vec<GridId> = plan.grids.iter().map(|grid| grid.id).collect();
     let dwell = dwell::simulate(surface, region, &planned, &walked.poses, disc_mm / 2.0);
     let (whole, begun) = covered(plan, &dwell, progress.done);

@@ -113,10 +113,10 @@ impl Taught<'_> {
         unseen: Option<Reason>,
     ) -> Result<Verification, RefineError> {
         let seen = self.seen(place, sightings)?;
-        let unseen = Judgement::of(unseen.into_iter().collect(), vec![]);
+        let count = Check::new(name::CORNERS, "", seen.corners.len() as f64).gives(unseen, Severity::Reject);
         let checks = refine::checks_of_stand(&seen, self.limits);
-        let judgement = Judgement::of_checks(&checks).and(unseen);
-        Ok(Verification { seen, checks, judgement })
+        let judgement = Judgement::of_checks(&checks).and(Judgement::of_checks([&count]));
+        Ok(Verification { checks, count, judgement })
     }
 
     /// The corner in its picture, with where it was found and where a place puts it; none where that is not before the
@@ -269,9 +269,9 @@ fn of_motion(refined: &Refined) -> [Check; 3] {
 #[derive(Debug, Clone)]
 pub struct Verification {
     /// How far each corner is from where the localization puts it.
-    pub seen: Refined,
-    /// Every number that was judged.
     pub checks: Vec<Check>,
+    /// How many corners were seen.
+    count: Check,
     /// The verdict.
     pub judgement: Judgement,
 }
@@ -279,12 +279,11 @@ pub struct Verification {
 impl Verification {
     /// The result for the record; after the last view so many corners must have been seen.
     pub fn finding(&self, pass: u8, needed: Option<usize>) -> Finding {
-        let seen = Check::new(name::CORNERS, "", self.seen.corners.len() as f64);
-        let seen = match needed {
-            Some(needed) => seen.at_least(needed as f64, SetBy::Program),
-            None => seen,
+        let count = match needed {
+            Some(needed) => self.count.clone().at_least(needed as f64, SetBy::Program),
+            None => self.count.clone(),
         };
-        Finding::new(Kind::Verify, pass, self.judgement.clone()).with(self.checks.iter().cloned()).with([seen])
+        Finding::new(Kind::Verify, pass, self.judgement.clone()).with(self.checks.iter().cloned()).with([count])
     }
 }
 
@@ -358,9 +357,11 @@ mod tests {
         let judged = |views| Correction::judged(unlike(), Some([0.1; 2]), views, recipe.corner());
         let (command, done) = (judged(None), judged(Some(views(false, false, 0.1))));
         assert_eq!(command.judgement, done.judgement);
-        let numbers = |correction: &Correction| correction.checks.clone();
-        let of_loop = ["corner from where it was looked for", name::MOVES];
-        let without_loop = numbers(&done).into_iter().filter(|number| !of_loop.contains(&&*number.name));
-        assert_eq!(numbers(&command), without_loop.collect::<Vec<_>>());
+        let numbers = |correction: &Correction| -> Vec<(String, Option<f64>)> {
+            let of_loop = ["corner from where it was looked for", name::MOVES];
+            let checks = correction.checks.iter().filter(|check| !of_loop.contains(&&*check.name));
+            checks.map(|check| (check.name.clone(), check.value)).collect()
+        };
+        assert_eq!(numbers(&command), numbers(&done));
     }
 }

@@ -12,7 +12,7 @@ use crate::recipe::Recipe;
 use crate::record::{Check, Finding, Kind, name};
 use crate::report::View;
 use crate::surface::Fit;
-use crate::verdict::{Judgement, Reason};
+use crate::verdict::{Judgement, Reason, Severity};
 
 /// Where the arm follows a plan from.
 #[derive(Debug)]
@@ -58,21 +58,28 @@ pub fn judge(
     tool: ToolState,
 ) -> Planned {
     let settings = recipe.path();
-    let (reached, of_reach) = match reach {
-        Reach::Unknown => (None, Judgement::of(vec![], vec![])),
-        Reach::Refused(reason) => (None, Judgement::of(vec![reason], vec![])),
+    let unknown = || Check::new(panel_reach::ROOM, "°", None);
+    let (reached, room) = match reach {
+        Reach::Unknown => (None, unknown()),
+        Reach::Refused(reason) => (None, unknown().gives(Some(reason), Severity::Reject)),
         Reach::From(stand) => {
             let reached = panel_reach::of_plan(&plan, &stand, settings);
-            let judgement = panel_reach::judge_plan(&reached, (&fit.surface, &panel.region));
-            (reached.ok(), judgement)
+            let room = panel_reach::check_plan(&reached, (&fit.surface, &panel.region));
+            (reached.ok(), room)
         }
     };
     let disc = DiscUse::of(&plan, settings, tool.worn_mm2);
     let (of_path, path_judgement) = path::judged(&plan, settings);
     let (pad, worn) = (check_pad(settings, tool.error_mm), disc.check("worn of the disc afterwards", "this path"));
-    let judgement = of_reach.and(path_judgement).and(Judgement::of_checks(&pad)).and(Judgement::of_checks([&worn]));
-    let checks = [of_path, sizes(&plan), of_travel(reached.as_ref()), pad.into_iter().collect()].concat();
-    let checks = checks.into_iter().chain([Check::new("swept by the disc", "mm²", disc.swept_mm2), worn]).collect();
+    let judgement = Judgement::of_checks([&room])
+        .and(path_judgement)
+        .and(Judgement::of_checks(&pad))
+        .and(Judgement::of_checks([&worn]));
+    let spin_deg = reached.as_ref().map(|reached| reached.spin.0);
+    let spin = Check::new("turn of the tool about its axis, for reach", "°", spin_deg);
+    let swept = Check::new("swept by the disc", "mm²", disc.swept_mm2);
+    let of_arm = [spin, room].into_iter().chain(pad).chain([swept, worn]);
+    let checks = of_path.into_iter().chain(sizes(&plan)).chain(of_arm).collect();
     let plan = match &reached {
         Some(reached) => panel_reach::turned(&plan, reached.spin),
         None => plan,
@@ -104,20 +111,12 @@ impl Planned {
 }
 
 /// How large a plan is.
-fn sizes(plan: &Plan) -> Vec<Check> {
+fn sizes(plan: &Plan) -> [Check; 4] {
     let waypoints: usize = plan.paths.iter().map(|path| path.waypoints.len()).sum();
-    vec![
+    [
         Check::new("paths", "", plan.paths.len() as f64),
         Check::new(name::PLANNED, "", waypoints as f64),
         Check::new("length", "mm", plan.length_mm),
         Check::new("time at the recipe's feed", "s", plan.duration_s),
-    ]
-}
-
-/// How the arm follows it.
-fn of_travel(reached: Option<&Reached>) -> Vec<Check> {
-    vec![
-        Check::new("turn of the tool about its axis, for reach", "°", reached.map(|reached| reached.spin.0)),
-        Check::new("room beyond the arm's margins", "°", reached.map(|reached| reached.travel.room_deg)),
     ]
 }

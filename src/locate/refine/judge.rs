@@ -99,8 +99,10 @@ pub fn disagreement(refined: &Refined, claims_mm: &[f64]) -> Option<Check> {
     // Twice what 95 % stay below: one in ten thousand is beyond it by chance.
     let allowed_mm = 2.0 * claimed_mm;
     let (corner, asked_mm) = by_size(refined, CornerReport::asked_mm).into_iter().next()?;
-    let check = Check::new(FARTHEST, "mm", asked_mm).at_most(allowed_mm, SetBy::Program);
-    Some(check.reviews("corner_disagrees", || {
+    let check = Check::new(FARTHEST, "mm", asked_mm);
+    // A place that is not known at all limits nothing.
+    let check = if allowed_mm.is_finite() { check.at_most(allowed_mm, SetBy::Program) } else { check };
+    Some(check.broken(exceeds(asked_mm, allowed_mm), Severity::Review, "corner_disagrees", || {
         let [asked, allowed] = apart(asked_mm, allowed_mm, 2);
         format!(
             "{} stands {asked} mm from where the 3D scan puts it; scan, corner and calibrations together claim {} mm (95 %), \
