@@ -14,7 +14,6 @@
 
 mod advice;
 mod conclude;
-mod connected;
 mod doubt;
 mod film;
 mod film_advice;
@@ -36,7 +35,6 @@ mod watch;
 
 pub use advice::{Advice, Channel, Sampler, best_threshold};
 pub use conclude::Inspection;
-pub use connected::pieces_of;
 pub use film_advice::{Flashes, GridContrast};
 pub use footprint::{Footprint, GridFootprint};
 pub use gate::{Demands, GridInspection, Observation};
