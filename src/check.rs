@@ -6,6 +6,7 @@
 
 mod eki;
 mod krl;
+mod report;
 mod text;
 
 use crate::cell::{
@@ -20,20 +21,8 @@ use crate::requirements::{Purpose, Unmet, unmet};
 use crate::words::{fixed, list};
 use std::collections::BTreeMap;
 
+pub use report::FileReport;
 pub use text::{NotText, decode};
-
-/// What was found in one file.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FileReport {
-    /// What the file is; `None` where that is not clear.
-    pub kind: Option<&'static str>,
-    /// What is wrong, in the order of the lines.
-    pub problems: Vec<Problem>,
-    /// What is allowed and a trap, in the order of the lines.
-    pub warnings: Vec<Problem>,
-    /// What was understood, a sentence each; empty where a file of ours cannot be understood.
-    pub says: Vec<String>,
-}
 
 /// A kind of file: its name, the keys at its top, how it is checked.
 struct Kind {

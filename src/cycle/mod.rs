@@ -35,6 +35,7 @@ mod event;
 mod execute;
 mod facts;
 mod interlocks;
+mod rest;
 mod rules;
 mod state;
 mod step;

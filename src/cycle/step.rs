@@ -253,7 +253,7 @@ impl Turn {
     fn boot(&mut self) {
         self.conclude(Verdict::Aborted);
         if self.rules.keep(Rule::BootRests) {
-            self.state = super::boot::booted(self.state);
+            self.state = super::rest::booted(self.state);
         }
     }
 }

@@ -2,9 +2,9 @@
 
 use super::ack::Refusal;
 use super::framer::FrameError;
+use super::ids::{CommandId, Epoch};
 use super::schema::DecodeError;
 use super::state::State;
-use super::wire::{CommandId, Epoch};
 use super::word::{Word, word};
 use crate::geometry::KukaPose;
 use crate::words::apart;

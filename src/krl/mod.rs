@@ -3,7 +3,7 @@
 //!
 //! - the text: `lex` (a line to tokens), `parse`, `statement` and `expression` (lines to a tree), `syntax` (the tree)
 //! - the meaning: `types` (and how much memory each takes), `system` (the controller's own variables and routines),
-//!   `compile` (names, types, steps), `code` (the steps), `condense` (several of them as one), `machine` (executes them)
+//!   `compile` (names, types, steps), `code` (the steps), `program` (all of them), `condense` (several of them as one), `machine` (executes them)
 //!
 //! Left out, and told as such with file and line: GOTO, CIRC and spline motions, relative motions, PULSE, SIGNAL,
 //! analog inputs and outputs, CREAD and its kin.
@@ -15,6 +15,7 @@ mod expression;
 mod lex;
 mod machine;
 mod parse;
+mod program;
 mod statement;
 mod syntax;
 mod system;
@@ -22,9 +23,10 @@ mod system;
 mod tests;
 mod types;
 
-pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Program, Shared, Space};
-pub use compile::{Analysis, analyse};
+pub use code::{Address, Cell, Entry, LocalVariable, Location, Op, Shared, Space};
+pub use compile::{Analysis, RESERVED, analyse};
 pub use machine::{Caller, EkiAnswer, Host, INTERRUPT_DEPTH, Interpreter, Meaning, Memory, MotionRequest, Pause};
 pub use parse::parse;
+pub use program::Program;
 pub use syntax::{Approximation, Binary, File, Motion};
 pub use system::{Builtin, Kss, LOWEST_KSS, SYSTEM_VARIABLES, SystemVariable};

@@ -4,8 +4,8 @@
 //! that was set, in this epoch. Rotations are compared, not angles: near B = ±90° angles are noise. The controller
 //! keeps single-precision numbers: below 8 m that is half the tolerance at most, and angles are far finer.
 
+use crate::eki::ids::CommandId;
 use crate::eki::report::EchoMismatch;
-use crate::eki::wire::CommandId;
 use crate::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 

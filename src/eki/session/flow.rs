@@ -6,13 +6,14 @@
 //! below what its buffer holds, commands below the free places that it last told.
 
 use super::echo::FrameEcho;
-use super::{LinkLimits, QueueError};
+use super::limits::{LinkLimits, QueueError};
 use crate::eki::ack::Ack;
 use crate::eki::command::{Command, MoveLin, SetTcp};
+use crate::eki::ids::{CommandId, Epoch, LAST_NUMBER};
 use crate::eki::report::{Report, SequenceError};
 use crate::eki::state::State;
 use crate::eki::time::Time;
-use crate::eki::wire::{CommandId, Epoch, LAST_NUMBER, Wire};
+use crate::eki::wire::Wire;
 use crate::geometry::{Base, KukaPose, Tool};
 use std::collections::VecDeque;
 use std::time::Duration;

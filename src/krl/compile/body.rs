@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Op};
 use super::super::syntax::{Action, Binary, Call, Case, Expression, Motion, Place, Statement};
 use super::super::types::Type;
-use super::{Compiler, cells_u32};
+use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     pub(super) fn block(&mut self, statements: &[Statement]) {

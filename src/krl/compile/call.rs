@@ -4,7 +4,7 @@ use super::super::code::Op;
 use super::super::syntax::{Call, Expression};
 use super::super::system::{BUILTINS, Row, Wants, wanted_type};
 use super::super::types::Type;
-use super::{Argument, Compiler, cells_u32};
+use super::compiler::{Argument, Compiler, cells_u32};
 
 impl Compiler<'_> {
     /// Calls a routine; the type of what it gives back, `None` where it gives back nothing.

@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Shared};
 use super::super::syntax::{Action, Data, Declaration, Declared, Expression, Item, Step, Unary};
 use super::super::types::{Type, Types};
-use super::{Compiler, Home, Variable, cells_u32};
+use super::compiler::{Compiler, Home, Variable, cells_u32};
 
 impl Compiler<'_> {
     /// STRUC and ENUM of all files. A structure may use one that stands behind it.

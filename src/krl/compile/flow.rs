@@ -5,7 +5,7 @@
 
 use super::super::syntax::{Action, Call, Declared, Expression, Place, Routine, Statement, Step};
 use super::super::system::{BUILTINS, Wants};
-use super::{Compiler, Signature};
+use super::compiler::{Compiler, Signature};
 use std::collections::BTreeSet;
 
 /// The names that are assigned; `None` where this place is never reached.

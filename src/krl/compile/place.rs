@@ -5,7 +5,7 @@ use super::super::code::Op;
 use super::super::syntax::{Expression, Place, Step};
 use super::super::system::{self, SYSTEM_VARIABLES};
 use super::super::types::Type;
-use super::{Compiler, Home, Variable, cells_u32};
+use super::compiler::{Compiler, Home, Variable, cells_u32};
 
 /// A variable or part of one, whose address the steps have put on the stack.
 pub(super) struct Found {

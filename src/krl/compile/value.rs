@@ -3,7 +3,7 @@
 use super::super::code::{Cell, Op};
 use super::super::syntax::{Expression, Place, Unary};
 use super::super::types::Type;
-use super::{Compiler, cells_u32};
+use super::compiler::{Compiler, cells_u32};
 
 impl Compiler<'_> {
     /// Puts the value of an expression on the stack and says its type. `wanted` tells which enumeration a word is of,
