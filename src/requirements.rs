@@ -7,7 +7,7 @@
 use crate::cell::{Camera, Cell, Output, RobotKind};
 use crate::geometry::{Joints, Rigid};
 use crate::path::Kinematics;
-use crate::path::reach::swing;
+use crate::path::reach::joint_motion;
 use crate::words::plain;
 use nalgebra::Isometry3;
 
@@ -110,7 +110,7 @@ fn poses(cell: &Cell) -> Vec<Unmet> {
     let both = named.first().zip(named.get(1)).into_iter();
     let ways = first.into_iter().chain(both.flat_map(|(park, ready)| [(*park, *ready), (*ready, *park)]));
     let met = |((from, start), (to, end)): ((&str, Joints), (&str, Joints))| {
-        let obstacle = swing(&arm, no_tool, &start, &end).err()?;
+        let obstacle = joint_motion(&arm, no_tool, &start, &end).err()?;
         let way = if from == to { "there".to_owned() } else { format!("on the way from [poses] {from} to it") };
         Some(Unmet::new(format!("poses.{to}"), format!("the arm cannot go: {way} {obstacle}")))
     };

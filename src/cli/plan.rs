@@ -13,7 +13,7 @@ use crate::panel::{Grid, GridId};
 use crate::path::disc::DiscUse;
 use crate::path::dwell::{self, Dwell, GridDwell};
 use crate::path::panel_reach::{self, Reached, Stand};
-use crate::path::{self, Kinematics, Program, ProgramName, Spread, WaypointLimits};
+use crate::path::{self, Kinematics, Program, ProgramName, Spread, Waypoint, WaypointLimits};
 use crate::recipe::Recipe;
 use crate::report::{View, dwell_map, overlap_map, surface_map};
 use crate::surface::{self, Deviation, Fit};
@@ -302,7 +302,7 @@ impl Planned {
     pub fn over(&self, view: &View<'_>, taught: &Taught) -> Result<ColorPicture, Fault> {
         let contact = |path: &path::ToolPath| -> Vec<Point<Panel>> {
             let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
-            on_panel.map(|waypoint| waypoint.pose.to_rigid::<Panel, Tool>().origin()).collect()
+            on_panel.map(|waypoint| waypoint.panel_from_tool.origin()).collect()
         };
         let paths: Vec<_> = self.plan.paths.iter().map(contact).collect();
         let planned = |grid: &Grid| self.plan.paths.iter().any(|path| path.grids.contains(&grid.id));
@@ -337,7 +337,7 @@ impl Planned {
             .map(|path| {
                 let grids: Vec<String> = path.grids.iter().map(ToString::to_string).collect();
                 let contact: Vec<bool> = path.waypoints.iter().map(|waypoint| waypoint.contact).collect();
-                let waypoints: Vec<KukaPose> = path.waypoints.iter().map(|waypoint| waypoint.pose).collect();
+                let waypoints: Vec<KukaPose> = path.waypoints.iter().map(Waypoint::pose).collect();
                 let feeds: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.feed_mm_s).collect();
                 let blends: Vec<f64> = path.waypoints.iter().map(|waypoint| waypoint.blend_mm).collect();
                 json!({

@@ -2,7 +2,7 @@
 
 use super::Job;
 use super::ports::Figure;
-use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Rigid, Tool};
+use crate::geometry::{Base, Camera, ColorPicture, FlangeCamera, Panel, Point, Rigid};
 use crate::imaging::ImagingError;
 use crate::inspect::{Inspection, Step};
 use crate::locate::{self, Fit, Prepared};
@@ -100,7 +100,7 @@ pub(super) fn no_corner(which: usize, picture: &ColorPicture) -> Figure {
 pub(super) fn planned(job: &Job<'_>, plan: &Plan, film: &ColorPicture, place: Rigid<Base, Panel>) -> Figure {
     let contact = |path: &ToolPath| -> Vec<Point<Panel>> {
         let on_panel = path.waypoints.iter().filter(|waypoint| waypoint.contact);
-        on_panel.map(|waypoint| waypoint.pose.to_rigid::<Panel, Tool>().origin()).collect()
+        on_panel.map(|waypoint| waypoint.panel_from_tool.origin()).collect()
     };
     let paths: Vec<_> = plan.paths.iter().map(contact).collect();
     let planned = |grid: &Grid| plan.paths.iter().any(|path| path.grids.contains(&grid.id));

@@ -8,7 +8,7 @@ use super::trace::Trace;
 use crate::cycle::{Act, Answer, Event, Id, Motion, Path, Report, Trouble};
 use crate::eki::{Command, CommandId, MoveJ, QueueError, State};
 use crate::geometry::{Base, Joints, Panel, Rigid, Tool};
-use crate::path::reach::{self, Things};
+use crate::path::reach::{self, Obstacles};
 use crate::path::{Kinematics, judge_joints, taught_axis};
 use crate::record::Kind;
 use crate::verdict::Reason;
@@ -82,7 +82,7 @@ impl Running<'_> {
     }
 
     /// Whether the axes may go to these poses, one after the other, from where they stand, and keep off things on their way.
-    fn joints_are_good(&mut self, poses: &[Joints], things: Option<Arc<Things>>) -> Result<bool, DaemonError> {
+    fn joints_are_good(&mut self, poses: &[Joints], things: Option<Arc<Obstacles>>) -> Result<bool, DaemonError> {
         let mut reasons: Vec<Reason> = poses.iter().flat_map(|pose| judge_joints(pose).reasons).collect();
         if let (Some(state), true) = (self.robot_state, reasons.is_empty()) {
             let (arm, tool) = (Kinematics::new(&self.site.arm), state.flange_from_tool.to_rigid());
@@ -91,7 +91,7 @@ impl Running<'_> {
                 None => arm,
             };
             let ways = std::iter::once(&state.joints).chain(poses).zip(poses);
-            let met = ways.filter_map(|(from, to)| reach::swing(&arm, tool, from, to).err());
+            let met = ways.filter_map(|(from, to)| reach::joint_motion(&arm, tool, from, to).err());
             reasons.extend(met.map(|obstacle| Reason::new("out_of_reach", format!("on the way there {obstacle}"))));
         }
         let good = reasons.is_empty();
@@ -186,7 +186,7 @@ impl Running<'_> {
                 Some(routes::view(standing, from, to))
             }
             Path::Approach => {
-                let to = routes::waypoints(self.abrasion.latest()?).first()?.pose.to_rigid();
+                let to = routes::waypoints(self.abrasion.latest()?).first()?.as_sent();
                 Some(routes::air(standing, place?, (pad, to), None))
             }
             Path::Contact => {

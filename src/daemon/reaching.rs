@@ -11,7 +11,7 @@ use crate::geometry::{Base, Flange, Joints, Panel, Rigid, Tool};
 use crate::path::Kinematics;
 use crate::path::disc::DiscUse;
 use crate::path::panel_reach::{self, GridReach, Stand};
-use crate::path::reach::{Things, swing};
+use crate::path::reach::{Obstacles, joint_motion};
 use crate::surface::Fit;
 use crate::verdict::{Judgement, Reason};
 use std::sync::Arc;
@@ -25,7 +25,7 @@ pub struct Approached<'a> {
     /// Numbers of taught corners, from 0.
     pub corners: &'a [usize],
     /// The panel and what else a scan showed; `None` where there is no scan.
-    pub things: Option<&'a Arc<Things>>,
+    pub things: Option<&'a Arc<Obstacles>>,
 }
 
 /// The panel before the arm as it will stand there, with its sanding tool.
@@ -80,7 +80,7 @@ fn camera(job: &Job<'_>) -> Rigid<Flange, Tool> {
 }
 
 /// How the axes stand where the first line begins.
-fn begin(job: &Job<'_>, arm: &Kinematics, things: Option<&Arc<Things>>) -> Result<Joints, Reason> {
+fn begin(job: &Job<'_>, arm: &Kinematics, things: Option<&Arc<Obstacles>>) -> Result<Joints, Reason> {
     let park_is_inside = job.limits.workspace().is_some_and(|workspace| {
         arm.base_from_flange(&job.park).is_some_and(|flange| workspace.holds((flange * camera(job)).origin()))
     });
@@ -91,7 +91,7 @@ fn begin(job: &Job<'_>, arm: &Kinematics, things: Option<&Arc<Things>>) -> Resul
     };
     let met =
         |obstacle| Reason::new("out_of_reach", format!("on the way from the park to the ready pose: {obstacle}"));
-    swing(&beside, camera(job), &job.park, &ready).map_err(met)?;
+    joint_motion(&beside, camera(job), &job.park, &ready).map_err(met)?;
     Ok(ready)
 }
 

@@ -10,7 +10,7 @@ use crate::cycle::{Answer, Film, Grade, Trouble};
 use crate::geometry::{Base, ColorPicture, FlangeCamera, Panel, Rigid, median};
 use crate::inspect::{Inspection, Watch};
 use crate::locate::{self, LocateError, Prepared, gate};
-use crate::path::reach::Things;
+use crate::path::reach::Obstacles;
 use crate::phase::Phase;
 use crate::record::{Budget, Finding, Kind};
 use crate::verdict::{Judgement, Reason, Verdict};
@@ -29,7 +29,7 @@ pub(super) struct Sight {
     /// Which of the taught corners are looked at, and what they said.
     pub corners: Corners,
     /// The panel where it was found and what else the scan showed, for the arm to keep off.
-    things: Option<Arc<Things>>,
+    things: Option<Arc<Obstacles>>,
     dry: Option<(Arc<ColorPicture>, f64)>,
     /// The films of this cycle, in order.
     pub inspections: Vec<Arc<Inspection>>,
@@ -74,7 +74,7 @@ impl Sight {
     }
 
     /// What the arm keeps off on its way to a corner.
-    pub fn things(&self) -> Option<&Arc<Things>> {
+    pub fn things(&self) -> Option<&Arc<Obstacles>> {
         self.things.as_ref()
     }
 
@@ -117,7 +117,7 @@ impl Sight {
         let things = place.filter(|_| grade != Grade::Reject).map(|place| {
             let of_panel = job.panel.points().map(|(_, point)| place * point);
             let of_scan = scan.valid().map(|(_, point)| base_from_camera * point);
-            Arc::new(Things::default().with("panel", of_panel).with("what the scan saw", of_scan))
+            Arc::new(Obstacles::default().with("panel", of_panel).with("what the scan saw", of_scan))
         });
         let elapsed_ms = elapsed_ms(begun);
         let located_mm = fit.as_ref().map(|fit| fit.uncertainty_mm);

@@ -130,7 +130,7 @@ impl<'r> Single<'r> {
         self.may_move()?;
         accepted(judge_joints(&joints))?;
         let (arm, tool) = (Kinematics::new(cell.arm()), self.state.flange_from_tool.to_rigid());
-        reach::swing(&arm, tool, &self.state.joints, &joints)
+        reach::joint_motion(&arm, tool, &self.state.joints, &joints)
             .map_err(|obstacle| gate(Reason::new("out_of_reach", obstacle.to_string())))?;
         self.open_epoch()?;
         self.held_to_interlocks("a motion of the axes", single_interlocks::motion(Path::Park), cell)?;

@@ -6,7 +6,7 @@
 //! in contact is so where its point lies no higher than a millimetre above the surface. The disc is taken as wholly in
 //! contact: a compliant pad.
 
-use super::plan::Plan;
+use super::planned::Plan;
 use super::spread::Spread;
 use crate::geometry::{Panel, Point, Rigid, Tool};
 use crate::panel::{GridId, Region};
@@ -116,7 +116,7 @@ pub fn planned(plan: &Plan) -> Vec<Executed> {
     let all: Vec<_> = plan.paths.iter().flat_map(|path| &path.waypoints).collect();
     let mut executed: Vec<Executed> = Vec::with_capacity(all.len());
     for (index, waypoint) in all.iter().enumerate() {
-        let panel_from_tool: Rigid<Panel, Tool> = waypoint.pose.to_rigid();
+        let panel_from_tool = waypoint.panel_from_tool;
         let before = executed.last().map_or(panel_from_tool, |last| last.panel_from_tool);
         let seconds = before.origin().distance_mm(panel_from_tool.origin()) / waypoint.feed_mm_s;
         let contact = waypoint.contact && index > 0 && all[index - 1].contact;

@@ -6,7 +6,7 @@
 //! knows only the drawing, is sent others: `sent_flange`. Knows nothing of limits of speed, paths or panels: see `reach`.
 //! Source: Brandstötter, Angerer, Hofbaur, Proc. Austrian Robotics Workshop 2014.
 
-use super::reach::Things;
+use super::obstacles::Obstacles;
 use crate::calib::robot::{ArmPose, Correction};
 use crate::cell::{Arm, ArmGeometry};
 use crate::geometry::{Base, Flange, Joints, Point, Rigid};
@@ -26,7 +26,7 @@ pub struct Kinematics {
     arm: Arm,
     solver: OPWKinematics,
     correction: Option<Correction>,
-    things: Option<Arc<Things>>,
+    obstacles: Option<Arc<Obstacles>>,
 }
 
 /// The axes settle to this, degrees, where a correction depends on them.
@@ -53,18 +53,18 @@ impl Kinematics {
             dof: 6,
         };
         let correction = arm.correction().map(|numbers| Correction::new(numbers, *arm.geometry()));
-        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, things: None }
+        Kinematics { arm: arm.clone(), solver: OPWKinematics::new(parameters), correction, obstacles: None }
     }
 
     /// The same arm beside what a scan showed.
     #[must_use]
-    pub fn beside(self, things: Arc<Things>) -> Self {
-        Kinematics { things: Some(things), ..self }
+    pub fn beside(self, obstacles: Arc<Obstacles>) -> Self {
+        Kinematics { obstacles: Some(obstacles), ..self }
     }
 
-    /// What it must keep off.
-    pub(super) fn things(&self) -> Option<&Things> {
-        self.things.as_deref()
+    /// What it must keep clear of.
+    pub(super) fn obstacles(&self) -> Option<&Obstacles> {
+        self.obstacles.as_deref()
     }
 
     /// The arm.

@@ -4,7 +4,7 @@
 use super::*;
 use crate::cell::CorrectionNumbers;
 use crate::daemon::routes::{self, Standing};
-use crate::path::reach::Things;
+use crate::path::reach::Obstacles;
 use crate::path::{self, Kinematics, Plan, panel_reach};
 use std::sync::Arc;
 
@@ -93,7 +93,7 @@ fn no_plan_is_sent_that_its_gate_rejects() {
     let plan = panel_reach::turned(&plan, reached.spin);
     let joints = reached.travel.joints[0];
     let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
-    let first = plan.paths[0].waypoints[0].pose.to_rigid();
+    let first = plan.paths[0].waypoints[0].as_sent();
     let gated = |plan: &Plan| routes::contact(&standing, place, (first, plan), recipe.path());
     assert!(gated(&plan).is_good(), "{:?}", gated(&plan).judgement);
     let mut doubtful = plan.clone();
@@ -165,7 +165,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
     let (cell, recipe, (panel, corners), calibrations) = fake.files();
     let job = Job::new(&cell, &recipe, (&panel, &corners), calibrations).expect("complete");
     let (arm, place) = (Kinematics::new(cell.arm()), crate::panel::panel_from_base_at_teaching().inverse());
-    let at = |corners: &[usize], things: Option<&Arc<Things>>| {
+    let at = |corners: &[usize], things: Option<&Arc<Obstacles>>| {
         stand(&job, &arm, &Approached { base_from_panel: place, corners, things })
     };
     assert_eq!(corners_in_reach(&job, &arm, place).expect("in reach"), [0, 1]);
@@ -184,7 +184,7 @@ fn the_arm_stands_where_its_own_corners_lead() {
     assert_eq!(at(&[], None).expect_err("no corner").code, "no_corner");
     // A thing where the camera would look from.
     let eye = (place * corners[1].teaching.panel_from_camera).origin();
-    let things = Arc::new(Things::default().with("what the scan saw", [eye]));
+    let things = Arc::new(Obstacles::default().with("what the scan saw", [eye]));
     let refused = at(&[0, 1], Some(&things)).expect_err("in the way");
     assert_eq!(refused.code, "out_of_reach");
     assert!(
@@ -219,9 +219,9 @@ fn nothing_is_measured_or_touched_where_the_correction_was_not_measured() {
         let plan = panel_reach::turned(&plan, reached.spin);
         let joints = reached.travel.joints[0];
         let standing = Standing { limits: job.limits, arm: job.arm, flange_from_tool, joints, things: None };
-        let from = plan.paths[0].waypoints[0].pose.to_rigid();
+        let from = plan.paths[0].waypoints[0].as_sent();
         let contact = routes::contact(&standing, place, (from, &plan), recipe.path());
-        let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].pose.to_rigid());
+        let [here, there] = [0, 1].map(|index| place * plan.paths[0].waypoints[index].as_sent());
         let view = routes::view(&standing, here, there);
         for gated in [contact, view] {
             assert_eq!(gated.is_good(), code.is_none(), "{:?}", gated.judgement);

@@ -1,0 +1,67 @@
+//! Whether the arm keeps clear of what a scan showed.
+
+use super::infeasible::Infeasibility;
+use super::margins::parts;
+use crate::geometry::{Base, Point};
+use crate::path::kinematics::{Angles, Kinematics};
+
+/// No part of the arm, nor the tool with its tip there, too near to any of the points.
+pub(super) fn keeps_clear(arm: &Kinematics, tip: Point<Base>, at: &Angles) -> Result<(), Infeasibility> {
+    let Some(obstacles) = arm.obstacles() else { return Ok(()) };
+    for (part, from, to, needed_mm) in parts(arm, tip, at) {
+        for (name, points) in obstacles.of_each() {
+            let distance_mm =
+                points.iter().map(|point| from_line_mm(*point, from, to)).fold(f64::INFINITY, f64::min);
+            if distance_mm < needed_mm {
+                return Err(Infeasibility::KeepOut { part, name: (*name).to_owned(), distance_mm, needed_mm });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// The distance of a point from the line between two others, mm.
+fn from_line_mm(point: Point<Base>, from: Point<Base>, to: Point<Base>) -> f64 {
+    let (way, arm) = ((to - from).mm, (point - from).mm);
+    let share = (arm.dot(&way) / way.norm_squared().max(1e-9)).clamp(0.0, 1.0);
+    (arm - way * share).norm()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::cell::Cell;
+    use crate::geometry::{Flange, Joints, KukaPose, Rigid, Tool, Vector};
+    use crate::path::obstacles::Obstacles;
+    use crate::path::reach::{Leg, follow};
+    use nalgebra::Vector3;
+    use std::sync::Arc;
+
+    /// By hand: (30, 40, 0) is 40 mm beside the line from the origin along X, (−30, 40, 0) 50 mm from its beginning.
+    #[test]
+    fn distances_from_a_line() {
+        let line =
+            |x: f64| from_line_mm(Point::at(x, 40.0, 0.0), Point::at(0.0, 0.0, 0.0), Point::at(100.0, 0.0, 0.0));
+        assert!((line(30.0) - 40.0).abs() < 1e-12 && (line(-30.0) - 50.0).abs() < 1e-12);
+    }
+
+    /// A tool of 120 mm goes 60 mm along its axis; what stands 30 mm before its end is too near for the 40 mm that it keeps,
+    /// what stands 60 mm before is not.
+    #[test]
+    fn a_line_that_comes_too_near_to_the_panel_is_refused() {
+        let cell = Cell::check("cell.toml", "").unwrap_or_else(|error| panic!("{error}"));
+        let bare = Kinematics::new(cell.arm());
+        let tool: Rigid<Flange, Tool> = KukaPose { z_mm: 120.0, ..KukaPose::default() }.to_rigid();
+        let at = Joints { a2_deg: -90.0, a3_deg: 90.0, a5_deg: 30.0, ..Joints::default() };
+        let start = bare.base_from_flange(&at).expect("finite") * tool;
+        let ahead = |mm: f64| start * Rigid::<Tool, Tool>::identity().displaced(Vector::new(Vector3::z() * mm));
+        let leg = Leg { base_from_tool: ahead(60.0), feed_mm_s: 50.0, blend_mm: 0.0 };
+        let follows = |before_mm: f64| {
+            let obstacles = Obstacles::default().with("panel", [ahead(60.0 + before_mm).origin()]);
+            follow(&bare.clone().beside(Arc::new(obstacles)), tool, Some(&at), &[leg])
+        };
+        let met = follows(30.0).expect_err("too near").cause;
+        assert!(matches!(&met, Infeasibility::KeepOut { part: "tool", name, .. } if name == "panel"), "{met}");
+        assert!(follows(60.0).is_ok());
+    }
+}
