@@ -1,7 +1,7 @@
 //! OpenCV's filters and contours over our own pictures.
 //!
-//! The one idea: foreign matrices are views or results, never values that travel. OpenCV computes; pictures are
-//! read and written elsewhere. Its filters give the same bits for any number of threads.
+//! OpenCV's matrices are views or results here and are never handed on. OpenCV computes; pictures are read and written
+//! elsewhere. Its filters give the same bits for any number of threads.
 
 use crate::geometry::{GrayPicture, Mask, Pixel};
 use opencv::core::{

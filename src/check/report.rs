@@ -1,4 +1,4 @@
-//! What is told of one file.
+//! The report on one file.
 
 use crate::config::Problem;
 

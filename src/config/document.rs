@@ -1,4 +1,4 @@
-//! A file as a whole: parsed, read, and all findings joined into problems.
+//! Checks a whole file: parses it, reads its keys, and turns all findings into a list of problems.
 
 use super::nearest::nearest;
 use super::problem::{Problem, Problems};

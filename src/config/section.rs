@@ -1,4 +1,4 @@
-//! One table of a file, from which keys are taken; what is left over is unknown.
+//! One table of a file. The reader takes keys from it; keys that nobody took are reported as unknown.
 
 use super::problem::Problem;
 use super::reading::{Document, Finding, path};

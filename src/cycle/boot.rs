@@ -1,4 +1,4 @@
-//! After the end of a process, however it came: the state to which its journal leads.
+//! Start of the program: folds the journal of the last process into a state, whichever way that process ended.
 
 use super::{Event, Report, State, step};
 

@@ -1,4 +1,4 @@
-//! What the loop does for the table, in this order and nothing else.
+//! The effects of a step. The loop performs them in their order, and does nothing else.
 
 use super::{Deadline, Id, Request, Robot, Trouble};
 use crate::verdict::Verdict;

@@ -1,4 +1,4 @@
-//! What is aimed at in each state, and what an act's answer leads to.
+//! The aim of each state, and the transition that the answer to an act causes.
 
 use super::interlocks::{CLEARING, COMPLETING, LEAVING, RESETTING, STARTING, UNHOLDING};
 use super::rules::Rule;

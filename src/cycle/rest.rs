@@ -1,4 +1,4 @@
-//! Where a state rests after the end of a process, however it came.
+//! The state at rest in which the cycle is after the end of a process.
 
 use super::{At, Cause, Job, State};
 

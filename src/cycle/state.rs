@@ -1,4 +1,4 @@
-//! Where the cycle is.
+//! The state of the cycle.
 
 use super::{Act, Facts, Id, Motion, Robot, Trouble};
 use crate::verdict::Verdict;

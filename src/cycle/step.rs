@@ -1,4 +1,4 @@
-//! One step of the table: what an event means where the cycle is.
+//! One step of the table: how an event changes the state.
 
 use super::rules::{Rule, Rules};
 use super::turn::Turn;

@@ -1,4 +1,4 @@
-//! One step under way: the state, the effects so far, and how an aim becomes the next act.
+//! A step while it is computed: the state, the effects so far, and the way from an aim to the next act.
 
 use super::interlocks::{Row, needs};
 use super::rules::{Rule, Rules};

@@ -1,4 +1,4 @@
-//! What the controller says about commands: how far they have come, and the first that it refused.
+//! Acknowledgements of the controller: which commands it has received and executed, and the first one that it refused.
 
 use super::ids::{CommandId, Epoch};
 use super::schema::{Field, int};

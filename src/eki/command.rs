@@ -1,7 +1,7 @@
-//! What the robot can be asked: the nine functions of thesis Table 3.1, as values of one type.
+//! Commands to the robot: the nine functions of thesis Table 3.1, as values of one type.
 //!
 //! Numbers carry their unit and are checked where a command is queued, against what any controller of this kind
-//! can do; the cell's own limits are the gate's business. Nothing is clamped.
+//! can do; the gate checks the cell's own limits. Nothing is clamped.
 
 use super::ids::Epoch;
 use super::word::{Word, word};

@@ -28,7 +28,7 @@ mod word;
 mod fixture;
 
 pub use ack::{Ack, Refusal};
-pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Order, Peer, Protocol};
+pub use channel::{ChannelError, ChannelFile, Element, Environment, Kind, Memory, Peer, Protocol, ReadOrder};
 pub use command::{
     Command, CommandError, MappedInputs, MoveJ, MoveLin, Request, SetAccSpeed, SetTcp, Signal, TcpKind,
 };

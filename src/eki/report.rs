@@ -1,4 +1,4 @@
-//! What a session tells: the whole of what the rest of the program learns of the robot.
+//! Reports of a session: everything that the rest of the program learns about the robot.
 
 use super::ack::Refusal;
 use super::framer::FrameError;

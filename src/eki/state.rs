@@ -1,4 +1,4 @@
-//! What the controller says about itself, all in one message and of one moment.
+//! The state of the controller: one message, all values of one instant.
 
 use super::command::{FARTHEST_MM, LARGEST_DEG};
 use super::ids::{CommandId, Epoch};

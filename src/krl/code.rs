@@ -1,6 +1,6 @@
-//! What a program becomes to be executed: one list of small steps for a machine with a stack, divided into statements.
+//! The compiled form of a program: one list of small steps for a stack machine, divided into statements.
 //!
-//! Between two statements another interpreter may run, an interrupt may come; within one nothing does.
+//! Between two statements another interpreter may run or an interrupt may occur; within a statement neither can.
 
 use super::syntax::{Approximation, Binary, Motion};
 use super::system::Builtin;

@@ -1,4 +1,4 @@
-//! Files of KRL to one program: names, types, places in memory, steps; all that is wrong with them on the way.
+//! Compiles KRL files to one program: names, types, memory, steps; and reports all their problems.
 //!
 //! `data` lays out the data lists, `place` finds variables, `value` and `operate` do expressions, `call` arguments,
 //! `body` statements; `flow` asks what may be read before it was assigned, and what ends without RETURN.

@@ -1,4 +1,4 @@
-//! How a path comes to the panel, stays on it and leaves it.
+//! How a path approaches the panel, stays in contact and retracts.
 //!
 //! Through the air to a place beside the first one in contact, down to the landing height, then along the surface to the
 //! first place while the last millimetres are lost: the disc touches while it moves. Leaving is the same backwards. The

@@ -1,4 +1,4 @@
-//! What the disc did to the surface: for each square millimetre how long it was under the disc, and how often.
+//! Dwell: how long and how often each square millimetre of the surface was under the disc.
 //!
 //! Every grid is sampled about 1 mm apart. A path is walked in steps of 1 mm; each step adds its time to the samples
 //! within the disc's radius of it, and a step that is not the one after the last there begins another pass. The path is

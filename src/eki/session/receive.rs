@@ -1,4 +1,4 @@
-//! What comes in: bytes to documents, documents to what they mean for the phase at hand.
+//! Receives: bytes to documents, documents to their meaning in the present phase of the session.
 
 use super::flow::{Flow, Late};
 use super::{Phase, Session, Stopping};

@@ -121,7 +121,7 @@ impl Compiler<'_> {
     }
 
     /// `NAME[1]=17` in a data list.
-    fn first_value(&mut self, to: &super::super::syntax::Place, value: &Expression) {
+    fn first_value(&mut self, to: &super::super::syntax::VariableRef, value: &Expression) {
         let module = self.files[self.file].module.clone();
         let of_module = self.of_module.get(&(module, to.name.clone()));
         let Some(variable) = of_module.or_else(|| self.globals.get(&to.name)).cloned() else {
@@ -243,7 +243,7 @@ impl Compiler<'_> {
             Expression::Int(number) => Some(Cell::Int(*number)),
             Expression::Real(number) => Some(Cell::Real(*number)),
             Expression::Bool(value) => Some(Cell::Bool(*value)),
-            Expression::Place(place) if place.steps.is_empty() => {
+            Expression::Variable(place) if place.steps.is_empty() => {
                 if self.locals.contains_key(&place.name) {
                     return None;
                 }

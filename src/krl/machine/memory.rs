@@ -1,4 +1,4 @@
-//! What an interpreter works on, and how it takes what documents leave open.
+//! The memory of an interpreter, and how it interprets what public documents leave open.
 
 use crate::krl::code::Cell;
 use crate::krl::program::Program;
